@@ -1,0 +1,102 @@
+"""What an estimator is: four verbs over beliefs that are passed in, left untouched and returned anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.random import Generator
+
+from .problem import Prior
+from .space import Array
+
+Belief = TypeVar("Belief")
+
+
+class Estimate(NamedTuple):
+    """What a belief comes down to.
+
+    mean: Posterior mean, (M, n); angles as circular means.
+    covariance: Conditional covariance P, (M, n, n), symmetric; angles in the tangent space at the mean.
+    log_evidence: Log density of all measurements since `init` under the estimator's own model, (M,), in nats.
+        -inf marks a run whose last measurements no hypothesis allows: mean and covariance are then those
+        from before them. NaN for an estimator that does not compute it.
+
+    A single run has the same three without the axis M.
+    """
+
+    mean: Array
+    covariance: Array
+    log_evidence: Array | float = np.nan
+
+
+class Estimator(Protocol[Belief]):
+    """Parameters and four verbs over M independent runs; it never changes, and run m draws from rngs[m] alone."""
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> Belief:
+        """The belief before any measurement, for M = len(rngs) runs."""
+        ...
+
+    def predict(self, belief: Belief, control: Array, rngs: Sequence[Generator]) -> Belief:
+        """The belief after a move; control (k,) shared by the runs, or (M, k)."""
+        ...
+
+    def update(self, belief: Belief, measurement: Array, rngs: Sequence[Generator]) -> Belief:
+        """The belief after a measurement (M, B) in metres; NaN = beam not measured, inf = no return."""
+        ...
+
+    def estimate(self, belief: Belief) -> Estimate:
+        """Mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
+        ...
+
+
+class SingleRunEstimator(Protocol[Belief]):
+    """The same four verbs for one run: no run axis, one random generator."""
+
+    def init(self, prior: Prior, rng: Generator) -> Belief:
+        """The belief before any measurement."""
+        ...
+
+    def predict(self, belief: Belief, control: Array, rng: Generator) -> Belief:
+        """The belief after a move; control (k,)."""
+        ...
+
+    def update(self, belief: Belief, measurement: Array, rng: Generator) -> Belief:
+        """The belief after a measurement (B,) in metres; NaN = beam not measured, inf = no return."""
+        ...
+
+    def estimate(self, belief: Belief) -> Estimate:
+        """Mean (n,), conditional covariance (n, n) and log evidence."""
+        ...
+
+
+@dataclass(frozen=True)
+class EachRun(Generic[Belief]):
+    """A single-run estimator lifted to a batch of independent runs, one after the other."""
+
+    single: SingleRunEstimator[Belief]
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> tuple[Belief, ...]:
+        """One belief for each run."""
+        return tuple(self.single.init(prior, rng) for rng in rngs)
+
+    def predict(
+        self, belief: tuple[Belief, ...], control: Array, rngs: Sequence[Generator]
+    ) -> tuple[Belief, ...]:
+        """Each run's belief after its move; control (k,) shared, or (M, k)."""
+        control = np.asarray(control, dtype=float)
+        controls = np.broadcast_to(control, (len(belief), control.shape[-1]))
+        return tuple(self.single.predict(*each) for each in zip(belief, controls, rngs, strict=True))
+
+    def update(
+        self, belief: tuple[Belief, ...], measurement: Array, rngs: Sequence[Generator]
+    ) -> tuple[Belief, ...]:
+        """Each run's belief after its measurement (M, B)."""
+        return tuple(self.single.update(*each) for each in zip(belief, measurement, rngs, strict=True))
+
+    def estimate(self, belief: tuple[Belief, ...]) -> Estimate:
+        """The runs' estimates, stacked along the first axis."""
+        means, covariances, evidences = zip(*map(self.single.estimate, belief), strict=True)
+        return Estimate(np.stack(means), np.stack(covariances), np.array(evidences, dtype=float))

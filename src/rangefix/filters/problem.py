@@ -1,0 +1,143 @@
+"""All that an estimator may know of a problem, never the truth: the parts and the shapes they must have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from numpy.random import Generator
+
+from .space import Array, BoolArray, StateSpace
+
+
+class RangeMap(Protocol):
+    """What a rangefinder would measure from any pose; the maps of `rangefix.maps` have this shape."""
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner in metres, each (2,)."""
+        ...
+
+    def ranges(self, poses: Array, bearings: Array) -> Array:
+        """Distance to the first wall along each beam: (..., 3), (B,) -> (..., B) m; inf = no wall."""
+        ...
+
+    def gradients(self, poses: Array, bearings: Array) -> Array:
+        """d range / d (x1, x2, heading): (..., 3), (B,) -> (..., B, 3); 0 where no wall is met."""
+        ...
+
+    def is_free(self, points: Array) -> BoolArray:
+        """Whether an object can stand there: (..., 2) -> (...)."""
+        ...
+
+
+class Noise(Protocol):
+    """How a reading scatters about the expected range; arguments broadcast, the last axis holds beams."""
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """Log density (nats, per metre) of each finite reading given each expected range, elementwise."""
+        ...
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, same shape, m."""
+        ...
+
+    def variance(self, expected: Array) -> Array:
+        """Variance of a reading about each expected range, elementwise, m^2: what a Gaussian filter needs."""
+        ...
+
+
+class Sensor(Protocol):
+    """A rangefinder at a state: what it would read, and how probable a reading is."""
+
+    @property
+    def space(self) -> StateSpace:
+        """The space of the states it is asked about."""
+        ...
+
+    @property
+    def bearings(self) -> Array:
+        """Beam directions relative to the heading, rad clockwise, (B,)."""
+        ...
+
+    @property
+    def noise(self) -> Noise:
+        """How readings scatter."""
+        ...
+
+    def expected(self, states: Array) -> Array:
+        """Ranges without noise: (..., n) -> (..., B) m; inf = no wall."""
+        ...
+
+    def jacobian(self, states: Array) -> Array:
+        """d expected / d state: (..., n) -> (..., B, n); 0 where no wall is met."""
+        ...
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """Log density of a measurement given expected ranges, summed over the measured beams.
+
+        (..., B), (..., B) -> (...); the leading axes broadcast. A NaN reading is a beam not measured and says
+        nothing; an inf reading (no return) has probability one where no wall is expected, else zero.
+        """
+        ...
+
+    def sample(self, states: Array, rng: Generator) -> Array:
+        """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
+        ...
+
+
+class Motion(Protocol):
+    """How the state moves under a control; (..., n) states, (k,) or (..., k) controls."""
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """The states after a noise-free move, (..., n)."""
+        ...
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """d mean / d state, (..., n, n)."""
+        ...
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """Covariance of the move's noise, (..., n, n)."""
+        ...
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """The states after one noisy move each, (..., n)."""
+        ...
+
+
+class Prior(Protocol):
+    """Where the object may be before any measurement."""
+
+    @property
+    def mean(self) -> Array:
+        """Prior mean, (n,)."""
+        ...
+
+    @property
+    def covariance(self) -> Array:
+        """Prior covariance, (n, n)."""
+        ...
+
+    @property
+    def support(self) -> tuple[Array, Array]:
+        """Lower and upper corner of a box that holds the prior, each (n,)."""
+        ...
+
+    def sample(self, size: int, rng: Generator) -> Array:
+        """Independent draws, (size, n)."""
+        ...
+
+    def log_density(self, states: Array) -> Array:
+        """Normalised log density: (..., n) -> (...); -inf outside."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that an estimator may know: the space, the motion, the sensor with its map, and the prior."""
+
+    space: StateSpace
+    motion: Motion
+    sensor: Sensor
+    prior: Prior

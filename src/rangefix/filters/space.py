@@ -1,0 +1,114 @@
+"""The state space: names of the components, which of them are angles, and moments that respect them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+TURN = 2.0 * np.pi
+
+
+def wrap(angle: Array) -> Array:
+    """The same angle in [-pi, pi), rad."""
+    return (angle + np.pi) % TURN - np.pi
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Names of the state components, and the heading where it is known rather than estimated.
+
+    Args:
+        names: Component names; "x1" and "x2" (m) must be among them. "heading" (rad, clockwise from +x2)
+            is an angle; every other name is a point on a line.
+        heading: The known heading (rad) where "heading" is no component, else None.
+
+    Raises:
+        ValueError: If x1 or x2 is missing, a name stands twice, or the heading is both known and a
+            component, or neither.
+    """
+
+    names: tuple[str, ...]
+    heading: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(set(self.names)) != len(self.names) or not {"x1", "x2"} <= set(self.names):
+            raise ValueError(f"state names must be distinct and hold x1 and x2, got {self.names}")
+        if ("heading" in self.names) == (self.heading is not None):
+            raise ValueError("the heading is either a component or known: give exactly one of the two")
+        if self.heading is not None and not np.isfinite(self.heading):
+            raise ValueError(f"the known heading must be finite, got {self.heading}")
+
+    @property
+    def size(self) -> int:
+        """The number of components n."""
+        return len(self.names)
+
+    @property
+    def is_angle(self) -> BoolArray:
+        """Which components are angles, shape (n,)."""
+        return np.array([name == "heading" for name in self.names])
+
+    @property
+    def position_indices(self) -> list[int]:
+        """Where x1 and x2 stand among the components."""
+        return [self.names.index("x1"), self.names.index("x2")]
+
+    def poses(self, states: Array) -> Array:
+        """x1, x2 and heading of each state: (..., n) -> (..., 3)."""
+        states = np.asarray(states, dtype=float)
+        poses = np.empty((*states.shape[:-1], 3))
+        poses[..., :2] = states[..., self.position_indices]
+        poses[..., 2] = states[..., self.names.index("heading")] if self.heading is None else self.heading
+        return poses
+
+    def from_pose_gradients(self, gradients: Array) -> Array:
+        """Derivatives by x1, x2, heading turned into derivatives by the state: (..., 3) -> (..., n)."""
+        result = np.zeros((*gradients.shape[:-1], self.size))
+        for column, name in enumerate(("x1", "x2", "heading")):
+            if name in self.names:
+                result[..., self.names.index(name)] = gradients[..., column]
+        return result
+
+    def wrap(self, states: Array) -> Array:
+        """The same states with angles in [-pi, pi): (..., n) -> (..., n)."""
+        if not self.is_angle.any():
+            return states
+        return np.where(self.is_angle, wrap(states), states)
+
+    def difference(self, states: Array, reference: Array) -> Array:
+        """states - reference, angles the short way round: (..., n), (..., n) -> (..., n)."""
+        return self.wrap(np.asarray(states) - np.asarray(reference))
+
+    def moments(self, states: Array, weights: Array) -> tuple[Array, Array]:
+        """Weighted mean and covariance; for angles the circular mean, and the tangent space about it.
+
+        Args:
+            states: Points, shape (..., N, n).
+            weights: Non-negative weights that sum to one over N, shape (..., N).
+
+        Returns:
+            mean (..., n) and covariance (..., n, n), symmetric.
+        """
+        mean = np.einsum("...i,...ij->...j", weights, states)
+        for column in np.flatnonzero(self.is_angle):
+            angles = states[..., column]
+            sine, cosine = (weights * np.sin(angles)).sum(-1), (weights * np.cos(angles)).sum(-1)
+            mean[..., column] = np.arctan2(sine, cosine)
+        deviation = self.difference(states, mean[..., None, :])
+        covariance = np.swapaxes(deviation * weights[..., None], -1, -2) @ deviation
+        return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+
+
+def position_space(heading: float = 0.0) -> StateSpace:
+    """x1, x2 (m) under a known heading (rad, clockwise from +x2)."""
+    return StateSpace(("x1", "x2"), heading=heading)
+
+
+def pose_space() -> StateSpace:
+    """x1, x2 (m) and heading (rad, clockwise from +x2), all estimated."""
+    return StateSpace(("x1", "x2", "heading"))
