@@ -1,0 +1,158 @@
+"""The paper's room, a rectangle, in closed form: the oracle for every other map (Stepanov and Mansour)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .base import (
+    Array,
+    BoolArray,
+    Hits,
+    MapError,
+    beam_vectors,
+    check_bearings,
+    check_points,
+    check_poses,
+    range_gradients,
+)
+
+BLOCK = 8192  # poses at a time: the work arrays stay in the cache
+
+
+@dataclass(frozen=True)
+class RectangularRoom:
+    """The room 0 <= x1 <= width, 0 <= x2 <= length, with four walls and nothing in it.
+
+    Seen from outside, the walls are where the slab method (Kay and Kajiya, 1986) finds them, and beams that
+    pass the room by are infinite. float64 throughout: errors of a few 1e-16 of the range's size.
+
+    Args:
+        width: Size along x1, m.
+        length: Size along x2, m.
+
+    Raises:
+        MapError: If a size is not positive and finite.
+    """
+
+    width: float
+    length: float
+
+    def __post_init__(self) -> None:
+        wrong = []
+        for name in ("width", "length"):
+            value: object = getattr(self, name)
+            if not isinstance(value, (int, float, np.integer, np.floating)) or not 0 < value < np.inf:
+                wrong.append(f"{name} must be positive and finite, got {value!r}")
+            else:
+                object.__setattr__(self, name, float(value))
+        if wrong:
+            raise MapError("rectangular room: " + "; ".join(wrong))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner, m, each (2,)."""
+        return np.zeros(2), np.array([self.width, self.length])
+
+    @property
+    def segments(self) -> Array:
+        """The four walls as x1a, x2a, x1b, x2b, m, (4, 4)."""
+        corners = np.array(
+            [[0, 0], [self.width, 0], [self.width, self.length], [0, self.length]], dtype=float
+        )
+        return np.hstack([corners, np.roll(corners, -1, axis=0)])
+
+    def is_free(self, points: ArrayLike) -> BoolArray:
+        """Whether points are in the room; the walls' own lines count as in: (..., 2) -> (...)."""
+        points = check_points(points)
+        lower, upper = self.bounds
+        return np.asarray(((points >= lower) & (points <= upper)).all(-1), dtype=np.bool_)
+
+    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Distance from each pose to the first wall along each beam.
+
+        Args:
+            poses: x1, x2 (m) and heading (rad, clockwise from +x2); shape (..., 3).
+            bearings: Beam directions relative to the heading (rad, clockwise); shape (B,).
+
+        Returns:
+            Distances in metres, (..., B); inf where a beam meets no wall. On a wall, a beam that points out
+            reads 0 and a beam along the wall reads the distance to the corner.
+
+        Raises:
+            ValueError: If a pose or bearing is not finite, or a shape is wrong.
+        """
+        poses, bearings = check_poses(poses), check_bearings(bearings)
+        flat = poses.reshape(-1, 3)
+        out = np.empty((len(flat), len(bearings)))
+        with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0 on a wall along it: fmin passes over it
+            for start in range(0, len(flat), BLOCK):
+                rows = slice(start, start + BLOCK)
+                self._fill(flat[rows], bearings, out[rows])
+        return out.reshape(*poses.shape[:-1], len(bearings))
+
+    def _fill(self, poses: Array, bearings: Array, out: Array) -> None:
+        position = (poses[:, 0] - self.width / 2, poses[:, 1] - self.length / 2)
+        halves = (self.width / 2, self.length / 2)
+        inside = all(max(u.max(), -u.min()) <= half for u, half in zip(position, halves, strict=True))
+        vectors = beam_vectors(poses[:, 2], bearings)
+        inverses = (1.0 / vectors[0], 1.0 / vectors[1])
+        if not inside:
+            out[:] = _first_walls((position[0][:, None], position[1][:, None]), halves, inverses)[0]
+        elif len(poses) < len(bearings):  # few poses: all beams of a pose at once, else all poses of a beam
+            _exits((position[0][:, None], position[1][:, None]), halves, inverses, out)
+        else:
+            for j in range(len(bearings)):
+                one, two = (v[0, j] if len(v) == 1 else v[:, j] for v in inverses)
+                _exits(position, halves, (one, two), out[:, j])
+
+    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
+        """Ranges, normals of the walls met and gradients at once; arguments as for `ranges`.
+
+        In a corner, where two walls are met at once, the normal is that of the wall across x1.
+        """
+        poses, bearings = check_poses(poses), check_bearings(bearings)
+        shape = (*poses.shape[:-1], len(bearings))
+        flat = poses.reshape(-1, 3)
+        position = (flat[:, :1] - self.width / 2, flat[:, 1:2] - self.length / 2)
+        sines, cosines = beam_vectors(flat[:, 2], bearings)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverses = (1.0 / sines, 1.0 / cosines)
+            ranges, across = _first_walls(position, (self.width / 2, self.length / 2), inverses)
+        met = np.isfinite(ranges)
+        normals = np.stack(
+            [np.where(met & across, -np.sign(sines), 0.0), np.where(met & ~across, -np.sign(cosines), 0.0)],
+            -1,
+        )
+        gradients = range_gradients(ranges, sines, cosines, normals)
+        return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
+
+    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """D range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met. Arguments as for `ranges`."""
+        return self.cast(poses, bearings).gradients
+
+
+Pair = tuple[Array, Array]  # along x1 and along x2; of the position, from the room's centre
+
+
+def _exits(position: Pair, halves: tuple[float, float], inverses: Pair, out: Array) -> None:
+    """How far beams from inside run: to the nearer of the two walls ahead."""
+    t1 = np.copysign(halves[0], inverses[0]) - position[0]
+    t1 *= inverses[0]
+    t2 = np.copysign(halves[1], inverses[1]) - position[1]
+    t2 *= inverses[1]
+    np.fmin(t1, t2, out=out)
+
+
+def _first_walls(position: Pair, halves: tuple[float, float], inverses: Pair) -> tuple[Array, BoolArray]:
+    """How far beams from anywhere run, and whether the wall met is one across x1: the slab method."""
+    aheads = [np.copysign(half, inverse) for half, inverse in zip(halves, inverses, strict=True)]
+    enter1, enter2 = ((-a - u) * i for a, u, i in zip(aheads, position, inverses, strict=True))
+    exit1, exit2 = ((a - u) * i for a, u, i in zip(aheads, position, inverses, strict=True))
+    entered, left = np.fmax(enter1, enter2), np.fmin(exit1, exit2)
+    outside = entered > 0
+    ranges = np.where(outside, entered, left)
+    ranges = np.where((entered <= left) & (left >= 0), ranges, np.inf)
+    return ranges, np.where(outside, ranges == enter1, ranges == exit1)
