@@ -1,3 +1,3 @@
-"""How far an indoor position estimate can be trusted: claimed against true covariance of localisation filters."""
+"""rangefix: how far an indoor position estimate from a map and a rangefinder can be trusted."""
 
 __version__ = "0.1.0"

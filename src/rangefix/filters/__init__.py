@@ -6,6 +6,7 @@ from .noise import Gaussian
 from .priors import Uniform
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .rangefinder import Rangefinder, sweep
+from .registry import available, build
 from .space import StateSpace, pose_space, position_space
 
 __all__ = [
@@ -24,6 +25,8 @@ __all__ = [
     "StateSpace",
     "Stationary",
     "Uniform",
+    "available",
+    "build",
     "pose_space",
     "position_space",
     "sweep",

@@ -1,0 +1,99 @@
+"""A grid of cells over the free part of a prior's support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .problem import Prior
+from .space import Array, StateSpace
+
+TILE = 8  # cells along a side of the tiles in which cells are stored, so that neighbours lie together
+CHUNK = 1 << 18  # cells whose prior is asked for at once
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The cells of a regular grid that the prior allows, stored tile by tile.
+
+    shape: Cells along each axis, n numbers, the whole box counted.
+    lower: Lower corner of the box, (n,).
+    step: Cell size along each axis, (n,); m, or rad for an angle.
+    index: Place of each allowed cell in the box, row-major, (G,).
+    centres: Their centres, (G, n).
+    log_mass: Their log prior probabilities, (G,), which sum to one.
+    """
+
+    shape: tuple[int, ...]
+    lower: Array
+    step: Array
+    index: NDArray[np.int64]
+    centres: Array
+    log_mass: Array
+
+    def image(self, values: ArrayLike) -> Array:
+        """Values of the allowed cells (..., G) laid out as the whole box (..., *shape); NaN elsewhere."""
+        values = np.asarray(values, dtype=float)
+        box = np.full((*values.shape[:-1], int(np.prod(self.shape))), np.nan)
+        box[..., self.index] = values
+        return box.reshape(*values.shape[:-1], *self.shape)
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Lower and upper edge of each axis in turn, (lower1, upper1, lower2, upper2, ...)."""
+        upper = self.lower + self.step * self.shape
+        return tuple(float(edge) for pair in zip(self.lower, upper, strict=True) for edge in pair)
+
+
+def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Grid:
+    """Cover the prior's support with cells no larger than asked and keep those it allows.
+
+    Args:
+        prior: The prior; a cell's probability is its density at the centre, normalised over the cells.
+        space: The state space.
+        cell: Largest cell size, one number or one for each component; m, or rad for an angle.
+        most: The most cells the box may have.
+
+    Raises:
+        ValueError: If a size is not positive, the box has more cells than allowed, or no cell is allowed.
+    """
+    lower, upper = prior.support
+    try:
+        sizes = np.broadcast_to(np.asarray(cell, dtype=float), lower.shape)
+    except ValueError:
+        raise ValueError(f"need one cell size, or one for each of {', '.join(space.names)}") from None
+    if not (np.isfinite(sizes).all() and (sizes > 0).all()):
+        raise ValueError(f"the cell size must be positive and finite, got {cell!r}")
+    counts = np.maximum(1, np.ceil((upper - lower) / sizes * (1 - 1e-9)))
+    if counts.prod() > most:
+        raise ValueError(
+            f"{' x '.join(f'{count:.0f}' for count in counts)} cells are more than {most}: "
+            "take larger cells or a smaller prior"
+        )
+    shape = tuple(int(count) for count in counts)
+    step = (upper - lower) / counts
+    index = _tiled(shape)
+    kept, centres, densities = [], [], []
+    for start in range(0, len(index), CHUNK):
+        part = index[start : start + CHUNK]
+        points = lower + step * (np.stack(np.unravel_index(part, shape), -1) + 0.5)
+        density = prior.log_density(points)
+        allowed = density > -np.inf
+        kept.append(part[allowed])
+        centres.append(points[allowed])
+        densities.append(density[allowed])
+    log_mass = np.concatenate(densities)
+    if not log_mass.size:
+        raise ValueError("the prior allows the centre of no cell: take smaller cells")
+    log_mass -= log_mass.max()
+    log_mass -= np.log(np.exp(log_mass).sum())
+    return Grid(shape, lower, step, np.concatenate(kept), np.concatenate(centres), log_mass)
+
+
+def _tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Row-major places of all cells of a box, ordered tile by tile."""
+    places = np.indices(shape, dtype=np.int32).reshape(len(shape), -1)
+    keys = [*reversed(places % TILE), *reversed(places // TILE)]  # the last key sorts first
+    return np.lexsort(keys)

@@ -1,0 +1,195 @@
+"""The point-mass filter on a fixed grid (Bucy and Senne, 1971; for this problem Stepanov and Mansour)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from .estimator import Estimate
+from .grid import Grid, build_grid
+from .kernels import block_bounds, gaussian_moments
+from .motion import Stationary
+from .noise import LOG_TURN, Gaussian
+from .problem import Prior, Problem
+from .space import Array
+
+SLAB = 1 << 20  # log densities worked out at once where noise is not Gaussian
+
+
+@dataclass(frozen=True)
+class PointMassBelief:
+    """Cell probabilities, kept as what they were before the readings and what the readings said.
+
+    Readings of a beam with Gaussian noise enter a static object's posterior through their number and mean
+    alone, so no (M, G) array is kept for them; other noise goes into log_mass at once.
+
+    log_mass: Log probability of each cell before the readings below, (1, G) shared by the runs, or (M, G).
+    counts: How many readings of each beam, (M, B).
+    readings: Their mean, (M, B), m; inf = no return.
+    log_scale: Log of what the readings' densities have in common over all cells, (M,).
+    estimate: What it all comes down to.
+    """
+
+    log_mass: Array
+    counts: Array
+    readings: Array
+    log_scale: Array
+    estimate: Estimate
+
+
+@dataclass(frozen=True)
+class PointMassFilter:
+    """The exact posterior, up to cell size, for an object that stays where it is.
+
+    Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near zero,
+    while the centre it reports is off by up to half a cell; so each variance is raised by
+    (h^2 / 12) exp(-2 pi^2 s / h^2), with h the cell size and s the variance summed over cells: the mean squared
+    error of a lattice sum, to its leading term (docs/decisions/0002-cell-width.md). From s = (h / 2)^2 on it adds
+    less than 0.3 %.
+
+    Args:
+        problem: The problem; its motion must be `Stationary`.
+        cell: Largest cell size, one number or one for each component; m, or rad for a heading.
+        most_cells: The most cells that the prior's support may be divided into.
+
+    Raises:
+        ValueError: If the cell size is not positive, there are too many cells, or no cell is in free space.
+    """
+
+    problem: Problem
+    cell: ArrayLike = 0.05
+    most_cells: int = 20_000_000
+    grid: Grid = field(init=False, repr=False, compare=False)
+    ranges: Array = field(init=False, repr=False, compare=False)
+    bounds: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.problem.motion, Stationary):
+            raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
+        grid = build_grid(self.problem.prior, self.problem.space, self.cell, self.most_cells)
+        ranges = np.ascontiguousarray(self.problem.sensor.expected(grid.centres))
+        for name, value in (("grid", grid), ("ranges", ranges), ("bounds", block_bounds(ranges))):
+            object.__setattr__(self, name, value)
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> PointMassBelief:
+        """The prior's probability of each cell, the same for all runs.
+
+        Raises:
+            ValueError: If the prior is not the problem's and reaches beyond the grid.
+        """
+        runs, beams = len(rngs), self.ranges.shape[1]
+        grid = self.grid
+        log_mass = grid.log_mass
+        if prior is not self.problem.prior:
+            log_mass = prior.log_density(grid.centres)
+            if log_mass.max() == -np.inf:
+                raise ValueError("this prior allows no cell of the grid: build the estimator for it")
+            log_mass = log_mass - np.logaddexp.reduce(log_mass)
+        blank = Estimate(np.zeros((runs, 0)), np.zeros((runs, 0, 0)), np.zeros(runs))
+        counts = np.zeros((runs, beams))
+        belief = PointMassBelief(log_mass[None], counts, np.zeros((runs, beams)), np.zeros(runs), blank)
+        return self._finish(belief, None)
+
+    def predict(
+        self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]
+    ) -> PointMassBelief:
+        """The same belief: the object stays where it is."""
+        return belief
+
+    def update(
+        self, belief: PointMassBelief, measurement: Array, rngs: Sequence[Generator]
+    ) -> PointMassBelief:
+        """Bayes' rule for a measurement (M, B); NaN = beam not measured, inf = no return.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B).
+        """
+        measurement = np.asarray(measurement, dtype=float)
+        if measurement.shape != belief.counts.shape:
+            raise ValueError(f"need a measurement of shape {belief.counts.shape}, got {measurement.shape}")
+        if isinstance(self.problem.sensor.noise, Gaussian):
+            return self._finish(self._with_readings(belief, measurement), belief)
+        return self._finish(self._with_densities(belief, measurement), belief)
+
+    def estimate(self, belief: PointMassBelief) -> Estimate:
+        """Posterior mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
+        return belief.estimate
+
+    def posterior(self, belief: PointMassBelief) -> Array:
+        """Probability of each cell of `grid`, (M, G); every row sums to one."""
+        logs = np.broadcast_to(belief.log_mass, (len(belief.counts), self.ranges.shape[0])).copy()
+        for beam in range(self.ranges.shape[1]):
+            count, reading, precision = belief.counts[:, beam], belief.readings[:, beam], self._precision[beam]
+            for run in np.flatnonzero(count):
+                expected = self.ranges[:, beam]
+                if np.isinf(reading[run]):
+                    logs[run, np.isfinite(expected)] = -np.inf
+                else:
+                    logs[run] -= 0.5 * precision * count[run] * (reading[run] - expected) ** 2
+        weights: Array = np.exp(logs - logs.max(axis=1, keepdims=True))
+        weights /= weights.sum(axis=1, keepdims=True)
+        return weights
+
+    @property
+    def _precision(self) -> Array:
+        """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
+        noise = self.problem.sensor.noise
+        beams = self.ranges.shape[1]
+        return np.broadcast_to(1 / noise.stds**2, (beams,)) if isinstance(noise, Gaussian) else np.zeros(beams)
+
+    def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
+        """Gaussian noise: the readings join those of before as counts, means and a common factor."""
+        measured = ~np.isnan(measurement)
+        returned = np.isfinite(measurement)
+        counts = belief.counts + measured
+        fresh = np.where(measured, measurement, belief.readings)
+        finite = returned & np.isfinite(belief.readings)
+        step = np.subtract(fresh, belief.readings, out=np.zeros_like(fresh), where=finite)
+        readings = np.where(finite, belief.readings + step / np.maximum(counts, 1), fresh)
+        mixed = (belief.counts > 0) & measured & (returned != np.isfinite(belief.readings))
+        precision = self._precision
+        log_density = 0.5 * (np.log(precision) - LOG_TURN)
+        spread = 0.5 * precision * step**2 * belief.counts / np.maximum(counts, 1)
+        common = np.where(returned, log_density - spread, 0.0)
+        common[mixed] = -np.inf  # one beam, from one place, both met a wall and met none
+        return replace(belief, counts=counts, readings=readings, log_scale=belief.log_scale + common.sum(1))
+
+    def _with_densities(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
+        """Any noise: the log density of the measurement at every cell goes into the cells' log mass."""
+        runs, (cells, beams) = len(measurement), self.ranges.shape
+        log_mass = np.broadcast_to(belief.log_mass, (runs, cells)).copy()
+        size = max(1, SLAB // (cells * beams))
+        for start in range(0, runs, size):
+            part = slice(start, start + size)
+            log_mass[part] += self.problem.sensor.log_density(measurement[part, None, :], self.ranges)
+        return replace(belief, log_mass=log_mass)
+
+    def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
+        """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
+        runs, size = len(belief.counts), self.problem.space.size
+        mean = np.zeros((runs, size)) if before is None else before.estimate.mean.copy()
+        covariance = np.zeros((runs, size, size)) if before is None else before.estimate.covariance.copy()
+        raw = np.empty_like(covariance)
+        log_sum = np.empty(runs)
+        gaussian_moments(
+            belief.readings, belief.counts * self._precision, self.ranges, *self.bounds, belief.log_mass,
+            block_bounds(belief.log_mass.T)[1].T.copy(), self.grid.centres, self.problem.space.is_angle,
+            mean, raw, log_sum,
+        )  # fmt: skip
+        log_evidence = belief.log_scale + log_sum
+        possible = log_evidence > -np.inf
+        covariance[possible] = raw[possible] + self._lattice_error(raw[possible])
+        if before is not None:
+            mean[~possible] = before.estimate.mean[~possible]
+        return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
+
+    def _lattice_error(self, covariance: Array) -> Array:
+        """Mean squared error of lattice sums, on the diagonal: (M, n, n) -> (M, n, n)."""
+        step = self.grid.step
+        ratio = np.diagonal(covariance, axis1=1, axis2=2) / step**2
+        error: Array = step**2 / 12 * np.exp(-2 * np.pi**2 * ratio)
+        return error[:, :, None] * np.eye(len(step))

@@ -1,0 +1,95 @@
+"""Estimators by name: the built-in ones, installed plug-ins, and anything importable."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from .estimator import EachRun, Estimator
+from .problem import Problem
+
+GROUP = "rangefix.estimators"
+BUILT_IN = {
+    "point-mass": "rangefix.filters.point_mass:PointMassFilter",
+    "particle": "rangefix.filters.particle:ParticleFilter",
+    "ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
+    "ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",
+}
+
+
+def available() -> tuple[str, ...]:
+    """Names that `build` knows: built-in estimators and installed plug-ins."""
+    return (*BUILT_IN, *sorted(set(entry_points(group=GROUP).names) - set(BUILT_IN)))
+
+
+def build(name: str, problem: Problem, **options: Any) -> Estimator[Any]:
+    """An estimator for a problem.
+
+    Args:
+        name: A name from `available()`, "module:function" or "path/file.py:function". The function (or class)
+            is called with the problem and the options.
+        problem: What the estimator may know.
+        options: The estimator's own options; lengths in metres, angles in radians.
+
+    Returns:
+        A batch estimator. One whose `init` takes `rng` instead of `rngs` is a single-run estimator and is lifted
+        by `EachRun`.
+
+    Raises:
+        KeyError: If there is no such estimator.
+        TypeError: If it has no such option, or lacks one of the four verbs.
+        ValueError: If an option's value does not fit.
+    """
+    factory = resolve(name)
+    try:
+        inspect.signature(factory).bind(problem, **options)
+    except TypeError as error:
+        raise TypeError(f"estimator {name!r}: {error}") from None
+    estimator = factory(problem, **options)
+    verbs = ("init", "predict", "update", "estimate")
+    if missing := [verb for verb in verbs if not callable(getattr(estimator, verb, None))]:
+        raise TypeError(f"estimator {name!r} lacks {', '.join(missing)}")
+    single = "rng" in inspect.signature(estimator.init).parameters
+    return EachRun(estimator) if single else estimator
+
+
+def resolve(name: str) -> Any:
+    """The function or class behind an estimator's name.
+
+    Raises:
+        KeyError: If there is no such estimator.
+    """
+    if name in BUILT_IN:
+        return _load(BUILT_IN[name])
+    for entry in entry_points(group=GROUP, name=name):
+        return entry.load()
+    if ":" in name:
+        return _load(name)
+    raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
+
+
+def _load(target: str) -> Any:
+    """The attribute named by "module:attribute" or "file.py:attribute"."""
+    where, _, attribute = target.rpartition(":")
+    try:
+        module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
+    except (ModuleNotFoundError, FileNotFoundError) as error:
+        raise KeyError(f"no estimator {target!r}: {error}") from None
+    if not hasattr(module, attribute):
+        raise KeyError(f"no estimator {target!r}: {where} has no {attribute!r}")
+    return getattr(module, attribute)
+
+
+def _file_module(path: Path) -> ModuleType:
+    """A module made from a file outside any package."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise FileNotFoundError(f"no file {path}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
