@@ -1,0 +1,110 @@
+"""One row of the comparison table, and its CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ..filters.space import Array
+from .intervals import Interval
+
+
+@dataclass(frozen=True)
+class Row:
+    """One estimator on one set of beams at one step: what it claims against what is true.
+
+    Averages are over the `ok` of the `planned` runs; lengths in metres, angles in rad, variances in m^2 or
+    rad^2. Tuples hold one interval (value, low, high; 95 %) for each component of the state.
+
+    Attributes:
+        estimator, beams: Labels.
+        step: Number of the measurement, from 0.
+        names: Names of the components.
+        planned, ok: Runs planned, and runs that went well.
+        failures: Runs by status other than "ok": diverged, nan, timeout, error, skipped.
+        G: Unconditional covariance E[(x - x^)(x - x^)'], (n, n).
+        P: Mean of the claimed (conditional) covariances, (n, n).
+        g, p: Diagonals of G and P.
+        ratio: G_ii / P_ii, paired: 1 = honest, above 1 = overconfident.
+        bias: Mean error x - x^.
+        anees: Average normalised estimation error squared over n: 1 = honest; inf if a P is not positive.
+        anees_band: Reference only: where it would lie for Gaussian posteriors (chi-square).
+        nci, inclination: Noncredibility and inclination index of Li and Zhao, dB.
+        coverage: Level of ellipse -> share of runs inside it.
+        indefinite: Share of ok runs whose P is not positive definite.
+        diverged: Share of planned runs in which no hypothesis explained the measurement.
+        improbable: Share of ok runs whose evidence lies below the floor.
+        seconds: Per update and run, from a serial pass; NaN if not timed.
+    """
+
+    estimator: str
+    beams: str
+    step: int
+    names: tuple[str, ...]
+    planned: int
+    ok: int
+    failures: dict[str, int]
+    G: Array
+    P: Array
+    g: tuple[Interval, ...]
+    p: tuple[Interval, ...]
+    ratio: tuple[Interval, ...]
+    bias: tuple[Interval, ...]
+    anees: Interval
+    anees_band: tuple[float, float]
+    nci: Interval
+    inclination: Interval
+    coverage: dict[float, Interval]
+    indefinite: Interval
+    diverged: Interval
+    improbable: Interval
+    seconds: float
+
+    @property
+    def rmse(self) -> tuple[Interval, ...]:
+        """Root mean square error of each component, sqrt G_ii, with its interval."""
+        return tuple(interval.sqrt() for interval in self.g)
+
+    def flat(self) -> dict[str, str | int | float]:
+        """The row as columns: name -> value, with `_low` and `_high` beside each figure that has them."""
+        row: dict[str, str | int | float] = {
+            "estimator": self.estimator,
+            "beams": self.beams,
+            "step": self.step,
+            "planned": self.planned,
+            "ok": self.ok,
+        }
+        row.update({status: self.failures.get(status, 0) for status in FAILURES})
+        for name, interval in self._figures():
+            row |= {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
+        row |= {"anees_gauss_low": self.anees_band[0], "anees_gauss_high": self.anees_band[1]}
+        for i, one in enumerate(self.names):
+            for j, other in enumerate(self.names[:i]):
+                row |= {f"G_{other}_{one}": float(self.G[j, i]), f"P_{other}_{one}": float(self.P[j, i])}
+        return row | {"seconds_per_update": self.seconds}
+
+    def _figures(self) -> Iterator[tuple[str, Interval]]:
+        by_component = {"G": self.g, "P": self.p, "ratio": self.ratio, "rmse": self.rmse, "bias": self.bias}
+        for what, intervals in by_component.items():
+            for name, interval in zip(self.names, intervals, strict=True):
+                yield f"{what}_{name}", interval
+        yield from (("anees", self.anees), ("nci_db", self.nci), ("inclination_db", self.inclination))
+        yield from ((f"coverage_{level * 100:g}", interval) for level, interval in self.coverage.items())
+        yield "share_indefinite", self.indefinite
+        yield "share_diverged", self.diverged
+        yield "share_improbable", self.improbable
+
+
+FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
+
+
+def to_csv(rows: Sequence[Row]) -> str:
+    """The rows as CSV text with a header; floats in full."""
+    lines = [row.flat() for row in rows]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(lines[0]) if lines else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return text.getvalue()
