@@ -152,7 +152,7 @@ def test_equals_the_kalman_filter_on_a_line() -> None:
 
 
 def test_beams_one_by_one_equal_all_at_once() -> None:
-    """Any order and split of the beams gives the same posterior and evidence (1e-9); beliefs stay untouched."""
+    """Any order and split of the beams gives the same posterior and evidence (1e-9); no belief changes."""
     problem = paper_problem()
     reading = problem.sensor.sample(np.array([[1.3, 2.2], [3.0, 4.4]]), np.random.default_rng(3))
     estimator = build("point-mass", problem, cell=0.05)
@@ -240,8 +240,8 @@ def test_runs_do_not_depend_on_each_other() -> None:
 def test_expected_conditional_covariance_is_the_unconditional_one() -> None:
     """E[P] = G and ANEES/n = 1 for an exact posterior: 3000 runs, each within 4 standard errors.
 
-    The mean over runs of e_i^2 - P_ii and of NEES/n - 1 is zero; by the central limit theorem a correct filter
-    fails one of the five bands for fewer than 1 seed in 3000.
+    The mean over runs of e_i^2 - P_ii and of NEES/n - 1 is zero; by the central limit theorem a correct
+    filter fails one of the five bands for fewer than 1 seed in 3000.
     """
     problem = paper_problem()
     runs = 3000

@@ -33,7 +33,7 @@ class Estimate(NamedTuple):
 
 
 class Estimator(Protocol[Belief]):
-    """Parameters and four verbs over M independent runs; it never changes, and run m draws from rngs[m] alone."""
+    """Parameters and four verbs over M independent runs, run m drawing from rngs[m] alone; it never changes."""
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> Belief:
         """The belief before any measurement, for M = len(rngs) runs."""

@@ -66,8 +66,8 @@ def _cells(
 
 @numba.njit(cache=True, nogil=True)
 def _select(
-    reading: Array, precision: Array, ranges: Array, low: Array, high: Array, log_mass: Array, top_mass: Array,
-    chosen: Places, logs: Array, bounds: Array,
+    reading: Array, precision: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
+    top_mass: Array, chosen: Places, logs: Array, bounds: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Find the cells that matter and their log weights; returns their number and the greatest log weight."""
     cells, beams = ranges.shape
@@ -137,8 +137,8 @@ def _moments(
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def gaussian_moments(
-    readings: Array, precisions: Array, ranges: Array, low: Array, high: Array, log_mass: Array, top_mass: Array,
-    centres: Array, is_angle: BoolArray, means: Array, covariances: Array, log_sums: Array,
+    readings: Array, precisions: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
+    top_mass: Array, centres: Array, is_angle: BoolArray, means: Array, covariances: Array, log_sums: Array,
 ) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
 
@@ -146,7 +146,7 @@ def gaussian_moments(
         readings, precisions: (M, B); a beam of precision 0 is not looked at.
         ranges: Expected ranges of the cells, (G, B).
         low, high: Their bounds by block, (K, B).
-        log_mass, top_mass: Log weights before the readings, (1 or M, G), and their greatest by block, (1 or M, K).
+        log_mass, top_mass: Log weights before the readings, (1 or M, G), and the greatest by block, (1 or M, K).
         centres, is_angle: (G, n), (n,).
         means, covariances, log_sums: Results, (M, n), (M, n, n), (M,). Where no cell is possible the log sum
             is -inf and the other two are left as they were.

@@ -45,11 +45,11 @@ class PointMassBelief:
 class PointMassFilter:
     """The exact posterior, up to cell size, for an object that stays where it is.
 
-    Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near zero,
-    while the centre it reports is off by up to half a cell; so each variance is raised by
-    (h^2 / 12) exp(-2 pi^2 s / h^2), with h the cell size and s the variance summed over cells: the mean squared
-    error of a lattice sum, to its leading term (docs/decisions/0002-cell-width.md). From s = (h / 2)^2 on it adds
-    less than 0.3 %.
+    Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near
+    zero, while the centre it reports is off by up to half a cell; so each variance is raised by
+    (h^2 / 12) exp(-2 pi^2 s / h^2), with h the cell size and s the variance summed over cells: about the mean
+    squared error of a lattice sum (docs/decisions/0002-cell-width.md). From s = (h / 2)^2 on it adds less
+    than 0.3 %.
 
     Args:
         problem: The problem; its motion must be `Stationary`.
@@ -94,9 +94,7 @@ class PointMassFilter:
         belief = PointMassBelief(log_mass[None], counts, np.zeros((runs, beams)), np.zeros(runs), blank)
         return self._finish(belief, None)
 
-    def predict(
-        self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]
-    ) -> PointMassBelief:
+    def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
         return belief
 
@@ -123,7 +121,8 @@ class PointMassFilter:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""
         logs = np.broadcast_to(belief.log_mass, (len(belief.counts), self.ranges.shape[0])).copy()
         for beam in range(self.ranges.shape[1]):
-            count, reading, precision = belief.counts[:, beam], belief.readings[:, beam], self._precision[beam]
+            count, reading = belief.counts[:, beam], belief.readings[:, beam]
+            precision = self._precision[beam]
             for run in np.flatnonzero(count):
                 expected = self.ranges[:, beam]
                 if np.isinf(reading[run]):
@@ -139,7 +138,9 @@ class PointMassFilter:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
         noise = self.problem.sensor.noise
         beams = self.ranges.shape[1]
-        return np.broadcast_to(1 / noise.stds**2, (beams,)) if isinstance(noise, Gaussian) else np.zeros(beams)
+        if not isinstance(noise, Gaussian):
+            return np.zeros(beams)
+        return np.broadcast_to(1 / noise.stds**2, (beams,))
 
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""

@@ -86,7 +86,7 @@ class Uniform:
         raise ValueError(f"found {len(states)} of {size} points in free space: give the prior a smaller box")
 
     def log_density(self, states: Array) -> Array:
-        """-log(area), less log(2 pi) for a heading, in free space of the box; -inf outside: (..., n) -> (...)."""
+        """-log(area) [- log(2 pi) with a heading] in the box's free space, else -inf: (..., n) -> (...)."""
         positions = np.asarray(states)[..., self.space.position_indices]
         lower, upper = (corner[self.space.position_indices] for corner in self.support)
         inside = ((positions >= lower) & (positions <= upper)).all(-1)

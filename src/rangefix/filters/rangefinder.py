@@ -26,7 +26,7 @@ def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
         ValueError: If the resolution is not positive or the sector is not in [0, 2 pi).
     """
     if not (0 < resolution <= TURN and 0 <= blind_sector < TURN):
-        raise ValueError(f"need 0 < resolution and 0 <= blind sector < 2 pi, got {resolution}, {blind_sector}")
+        raise ValueError(f"need resolution > 0, 0 <= blind sector < 2 pi: {resolution}, {blind_sector}")
     half = int(np.floor((TURN - blind_sector) / 2 / resolution * (1 + 1e-12)))
     bearings: Array = resolution * np.arange(-half, half + 1, dtype=float)
     return bearings[1:] if bearings[-1] - bearings[0] >= TURN * (1 - 1e-12) else bearings

@@ -37,8 +37,8 @@ def build(name: str, problem: Problem, **options: Any) -> Estimator[Any]:
         options: The estimator's own options; lengths in metres, angles in radians.
 
     Returns:
-        A batch estimator. One whose `init` takes `rng` instead of `rngs` is a single-run estimator and is lifted
-        by `EachRun`.
+        A batch estimator. One whose `init` takes `rng` instead of `rngs` is a single-run estimator and is
+        lifted by `EachRun`.
 
     Raises:
         KeyError: If there is no such estimator.
