@@ -33,7 +33,7 @@ class Estimate(NamedTuple):
 
 
 class Estimator(Protocol[Belief]):
-    """Parameters and four verbs over M independent runs, run m drawing from rngs[m] alone; it never changes."""
+    """Fixed parameters and four verbs over M independent runs; run m draws from rngs[m] alone."""
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> Belief:
         """The belief before any measurement, for M = len(rngs) runs."""

@@ -146,7 +146,7 @@ def gaussian_moments(
         readings, precisions: (M, B); a beam of precision 0 is not looked at.
         ranges: Expected ranges of the cells, (G, B).
         low, high: Their bounds by block, (K, B).
-        log_mass, top_mass: Log weights before the readings, (1 or M, G), and the greatest by block, (1 or M, K).
+        log_mass, top_mass: Log weights before the readings, (1 or M, G), and their block maxima (.., K).
         centres, is_angle: (G, n), (n,).
         means, covariances, log_sums: Results, (M, n), (M, n, n), (M,). Where no cell is possible the log sum
             is -inf and the other two are left as they were.
