@@ -1,15 +1,20 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
 from .covariance import anees_band, coverage, credibility, is_positive, nees, noncredibility
+from .experiment import Experiment, Named
 from .intervals import Interval, mean_interval, ratio_interval, share_interval
-from .results import STATUSES, Results, Trials, summarise
+from .results import Results, Trials, load, summarise
+from .runner import Progress, run
 from .seeds import stream, streams
 from .store import ResultsError
-from .summary import Row, to_csv
+from .summary import STATUSES, Row, to_csv
 
 __all__ = [
     "STATUSES",
+    "Experiment",
     "Interval",
+    "Named",
+    "Progress",
     "Results",
     "ResultsError",
     "Row",
@@ -18,10 +23,12 @@ __all__ = [
     "coverage",
     "credibility",
     "is_positive",
+    "load",
     "mean_interval",
     "nees",
     "noncredibility",
     "ratio_interval",
+    "run",
     "share_interval",
     "stream",
     "streams",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,11 @@ from numpy.typing import NDArray
 
 from ..filters.space import Array, BoolArray, StateSpace
 from .covariance import judge
-from .store import ResultsError
+from .parts import FORMAT, MANIFEST, TIMING, Plan, read_timing, trials_path, world_path
+from .store import ResultsError, read_json, read_npz, read_part
 from .store import write_json as write_json  # also for those who save beside our results
 from .store import write_npz as write_npz
-from .summary import FAILURES, Row
-
-STATUSES = ("ok", *FAILURES)  # the code of a status is its place here
+from .summary import STATUSES, Row
 
 
 @dataclass(frozen=True)
@@ -136,3 +136,72 @@ def summarise(results: Results) -> list[Row]:
                 )
             )
     return rows
+
+
+def load(folder: Path | str) -> Results:
+    """Read the results of a folder, finished or not, without pickle.
+
+    Of an interrupted study the trials that are not there have status "skipped".
+
+    Raises:
+        ResultsError: If it is no folder of results, or a part of it is missing or damaged.
+    """
+    folder = Path(folder)
+    manifest = read_json(folder / MANIFEST)
+    try:
+        if manifest["format"] != FORMAT:
+            raise ResultsError(
+                f"{folder} has results of format {manifest['format']}, this version reads {FORMAT}"
+            )
+        plan, complete = Plan.read(manifest), manifest["state"] == "complete"
+        space = StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"])
+    except (KeyError, TypeError) as error:
+        raise ResultsError(f"{folder / MANIFEST} lacks {error}: run the study again") from None
+    steps, size, beams = plan.shape
+    truth, measurement = np.full((plan.runs, steps, size), np.nan), np.full((plan.runs, steps, beams), np.nan)
+    for first, end in plan.blocks():
+        path = world_path(folder, first, end)
+        if complete or path.exists():
+            part = read_part(path, plan.world)
+            truth[first:end], measurement[first:end] = part["truth"], part["measurement"]
+    timing = {
+        (row["estimator"], row["beams"]): np.nan if row["seconds"] is None else float(row["seconds"])
+        for row in read_timing(folder / TIMING).values()
+    }
+    scene = folder / "scene.npz"
+    return Results(
+        manifest=manifest,
+        space=space,
+        truth=truth,
+        measurement=measurement,
+        trials=tuple(
+            _load_trials(folder, plan, *pair, complete) for pair in product(plan.estimators, plan.beams)
+        ),
+        timing=timing,
+        scene=read_npz(scene) if scene.exists() else {},
+        folder=folder,
+    )
+
+
+def _load_trials(folder: Path, plan: Plan, estimator: str, beams: str, complete: bool) -> Trials:
+    """One estimator's trials on one set of beams, part by part into arrays of their full size."""
+    steps, size, _ = plan.shape
+    arrays: dict[str, NDArray[Any]] = {
+        "mean": np.full((plan.runs, steps, size), np.nan),
+        "covariance": np.full((plan.runs, steps, size, size), np.nan),
+        "log_evidence": np.full((plan.runs, steps), np.nan),
+        "log_evidence_floor": np.full((plan.runs, steps), np.nan),
+        "status": np.full(plan.runs, STATUSES.index("skipped"), dtype=np.int8),
+    }
+    reasons: dict[int, str] = {}
+    for first, end in plan.blocks():
+        path = trials_path(folder, estimator, beams, first, end)
+        if not complete and not path.exists():
+            reasons |= dict.fromkeys(range(first, end), "not run: the study was interrupted")
+            continue
+        part = read_part(path, plan.key(estimator, beams))
+        for name, array in arrays.items():
+            array[first:end] = part[name]
+        for place, reason in zip(part["failed"], part["reasons"], strict=True):
+            reasons[first + int(place)] = str(reason)
+    return Trials(estimator, beams, reasons=reasons, **arrays)

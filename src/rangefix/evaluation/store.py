@@ -42,7 +42,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 def write_json(path: Path, document: Any) -> None:
     """Write a JSON document, indented, in the order given."""
-    write_bytes(path, (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode())
+    write_bytes(path, (json.dumps(document, indent=2, ensure_ascii=False, default=str) + "\n").encode())
 
 
 def write_npz(path: Path, arrays: Arrays) -> None:

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from ..filters.space import Array
 from .intervals import Interval
 
+FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
+STATUSES = ("ok", *FAILURES)  # the code of a status is its place here
+
 
 @dataclass(frozen=True)
 class Row:
@@ -95,9 +98,6 @@ class Row:
         yield "share_indefinite", self.indefinite
         yield "share_diverged", self.diverged
         yield "share_improbable", self.improbable
-
-
-FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
 
 
 def to_csv(rows: Sequence[Row]) -> str:

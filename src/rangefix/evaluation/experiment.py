@@ -1,0 +1,139 @@
+"""An experiment: what the world is, what estimators are told of it, and who is compared on what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..filters.estimator import Estimator
+from ..filters.problem import Problem
+from ..filters.space import Array, BoolArray
+
+Builder = Callable[[Problem], Estimator[Any]]
+
+SPELT_OUT = 8  # sets of more beams are labelled by ranges
+
+
+@dataclass(frozen=True)
+class Named:
+    """A builder for an estimator known by name: `build(name, problem, **options)`."""
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __call__(self, problem: Problem) -> Estimator[Any]:
+        """The estimator for a problem."""
+        from ..filters.registry import build
+
+        return build(self.name, problem, **self.options)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What a study file describes, in objects; a file is one way to make one.
+
+    Args:
+        truth: The world: states are drawn from its prior and motion, readings from its sensor.
+        estimators: Label -> what builds the estimator from the assumed problem.
+        runs: Monte Carlo runs, M.
+        seed: Seed of all streams; not negative.
+        assumed: What the estimators are told; the truth unless given.
+        beam_sets: Sets of beams, numbered from 1, each compared on its own; all beams unless given.
+        start: A true first state (n,) for all runs instead of draws from the prior.
+        controls: Moves between the measurements, (T - 1, k); none unless given, so T = 1.
+        name, title, config: What it is called, and the text of its file.
+        block: Runs to a part, the unit that is saved and resumed. Blocks start at its multiples.
+        identity: What tells this experiment's problem from another's; by pickling the problems unless given.
+
+    Raises:
+        ValueError: If any of these does not fit.
+    """
+
+    truth: Problem
+    estimators: Mapping[str, Builder]
+    runs: int = 1000
+    seed: int = 1
+    assumed: Problem | None = None
+    beam_sets: Sequence[Sequence[int]] = ()
+    start: ArrayLike | None = None
+    controls: ArrayLike | None = None
+    name: str = "experiment"
+    title: str = ""
+    config: str = ""
+    block: int = 500
+    identity: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.estimators:
+            raise ValueError("an experiment needs at least one estimator")
+        if self.runs < 1 or self.block < 1 or self.seed < 0:
+            raise ValueError(
+                f"need runs and block > 0, seed >= 0: got {self.runs}, {self.block}, {self.seed}"
+            )
+        if self.truth.space.names != self.told.space.names:
+            raise ValueError("the true and the assumed problem must have the same state components")
+        beams = len(self.truth.sensor.bearings)
+        if len(self.told.sensor.bearings) != beams:
+            raise ValueError("the true and the assumed sensor must have the same number of beams")
+        sets = [tuple(each) for each in self.beam_sets] or [tuple(range(1, beams + 1))]
+        for each in sets:
+            if not each or len(set(each)) != len(each) or not all(1 <= beam <= beams for beam in each):
+                raise ValueError(
+                    f"a set of beams holds different numbers from 1 to {beams}, got {list(each)}"
+                )
+        if len({frozenset(each) for each in sets}) != len(sets):
+            raise ValueError("a set of beams stands twice")
+        object.__setattr__(self, "beam_sets", tuple(sets))
+        size = self.truth.space.size
+        if self.start is not None and np.shape(self.start) != (size,):
+            raise ValueError(f"the true start must have shape ({size},), got {np.shape(self.start)}")
+
+    @property
+    def told(self) -> Problem:
+        """The problem as the estimators know it."""
+        return self.truth if self.assumed is None else self.assumed
+
+    @property
+    def moves(self) -> Array:
+        """The controls between measurements, (T - 1, k)."""
+        return np.zeros((0, 0)) if self.controls is None else np.atleast_2d(np.asarray(self.controls, float))
+
+    @property
+    def steps(self) -> int:
+        """Measurements in a run, T."""
+        return len(self.moves) + 1
+
+    @property
+    def beam_labels(self) -> tuple[str, ...]:
+        """A label for each set of beams."""
+        beams = len(self.truth.sensor.bearings)
+        if len(self.beam_sets) == 1 and len(self.beam_sets[0]) == beams:
+            return ("all",)
+        return tuple(beam_label(each) for each in self.beam_sets)
+
+    def masks(self) -> BoolArray:
+        """Which beams each set holds, (S, B)."""
+        masks = np.zeros((len(self.beam_sets), len(self.truth.sensor.bearings)), dtype=bool)
+        for mask, each in zip(masks, self.beam_sets, strict=True):
+            mask[np.array(each) - 1] = True
+        return masks
+
+    def blocks(self) -> list[tuple[int, int]]:
+        """First run and end of each block."""
+        return [(first, min(first + self.block, self.runs)) for first in range(0, self.runs, self.block)]
+
+
+def beam_label(beams: Sequence[int]) -> str:
+    """Beams joined by plus signs: "1+2+3", or "1-40+60-99" where there are many."""
+    numbers = sorted(beams)
+    if len(numbers) <= SPELT_OUT:
+        return "+".join(map(str, numbers))
+    ends = [numbers[0], *(n for a, b in pairwise(numbers) if b - a > 1 for n in (a, b))]
+    ends.append(numbers[-1])
+    pairs = zip(ends[::2], ends[1::2], strict=True)
+    return "+".join(f"{a}-{b}" if b > a else f"{a}" for a, b in pairs)

@@ -1,0 +1,216 @@
+"""Trials: one estimator over a batch of runs, so that what goes wrong in a run costs that run alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filters.estimator import Estimator
+from ..filters.problem import Problem
+from ..filters.space import Array
+from .seeds import streams
+from .summary import STATUSES
+
+BUDGET = 128e6  # bytes of beliefs held at once
+DEPTH = 4  # how deep a belief is searched for arrays
+
+
+class Outcome(NamedTuple):
+    """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok."""
+
+    mean: Array
+    covariance: Array
+    log_evidence: Array
+    status: NDArray[np.int8]
+    reasons: dict[int, str]
+
+
+class TrialError(Exception):
+    """What an estimator did wrong, in a line that names the method."""
+
+
+class Trial(NamedTuple):
+    """What a trial needs beside the estimator: the assumed problem, the moves (T - 1, k) and the seed."""
+
+    problem: Problem
+    moves: Array
+    seed: int
+
+    def attempt(
+        self, estimator: Estimator[Any], measurement: Array, runs: Iterable[int]
+    ) -> tuple[Array, Array, Array]:
+        """Estimates after each step, all runs at once.
+
+        Raises:
+            TrialError: If a method raises or gives arrays of the wrong shape.
+        """
+        rngs = streams(self.seed, "estimator", runs)
+        count, steps = measurement.shape[:2]
+        size = self.problem.space.size
+        mean, covariance = np.empty((count, steps, size)), np.empty((count, steps, size, size))
+        log_evidence = np.empty((count, steps))
+        verb = "init"
+        try:
+            belief = estimator.init(self.problem.prior, rngs)
+            for step in range(steps):
+                if step:
+                    verb = "predict"
+                    belief = estimator.predict(belief, self.moves[step - 1], rngs)
+                verb = "update"
+                belief = estimator.update(belief, measurement[:, step], rngs)
+                verb = "estimate"
+                for target, (name, array) in zip(
+                    (mean, covariance, log_evidence), _named(estimator.estimate(belief)), strict=True
+                ):
+                    wanted = target[:, step].shape
+                    if array.shape != wanted and (name != "log_evidence" or array.ndim):
+                        raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
+                    target[:, step] = array
+        except Exception as error:  # a plug-in may raise anything
+            text = " ".join(str(error).split()) or "no message"
+            raise TrialError(f"{verb}() failed: {type(error).__name__}: {text}") from error
+        return mean, covariance, log_evidence
+
+    def run(self, estimator: Estimator[Any], measurement: Array, first: int) -> Outcome:
+        """Runs first, first + 1, ... for measurements (M, T, B); where a batch fails, run by run."""
+        measurement = measurement.copy()
+        measurement.setflags(write=False)  # an estimator that writes into it is told so
+        count, size = len(measurement), self.problem.space.size
+        try:
+            return judged(*self.attempt(estimator, measurement, range(first, first + count)))
+        except TrialError as error:
+            if count == 1:
+                steps = measurement.shape[1]
+                return Outcome(
+                    np.full((1, steps, size), np.nan),
+                    np.full((1, steps, size, size), np.nan),
+                    np.full((1, steps), np.nan),
+                    np.array([STATUSES.index("error")], dtype=np.int8),
+                    {0: str(error)},
+                )
+        return joined([self.run(estimator, measurement[i : i + 1], first + i) for i in range(count)])
+
+
+def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
+    parts = tuple(estimate)
+    if len(parts) != 3:
+        raise ValueError(f"it gave {len(parts)} things, not mean, covariance and log evidence")
+    names = ("mean", "covariance", "log_evidence")
+    return [(name, np.asarray(part, dtype=float)) for name, part in zip(names, parts, strict=True)]
+
+
+def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
+    """Estimates with their status: "nan" before "diverged" before "ok"."""
+    finite = np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1)) & (log_evidence != np.inf)
+    status = np.zeros(len(mean), dtype=np.int8)
+    reasons: dict[int, str] = {}
+    for name, wrong, text in (
+        ("diverged", log_evidence == -np.inf, "no hypothesis explains the measurement"),
+        ("nan", ~finite, "an estimate is not finite"),
+    ):
+        for place in np.flatnonzero(wrong.any(1)):
+            status[place] = STATUSES.index(name)
+            reasons[int(place)] = f"{text} of step {int(wrong[place].argmax()) + 1}"
+    return Outcome(mean, covariance, log_evidence, status, reasons)
+
+
+def joined(outcomes: list[Outcome]) -> Outcome:
+    """Outcomes of batches that follow each other, as one."""
+    reasons: dict[int, str] = {}
+    place = 0
+    for outcome in outcomes:
+        reasons |= {place + key: text for key, text in outcome.reasons.items()}
+        place += len(outcome.status)
+    mean, covariance, log_evidence, status = (
+        np.concatenate(parts) for parts in zip(*(outcome[:4] for outcome in outcomes), strict=True)
+    )
+    return Outcome(mean, covariance, log_evidence, status, reasons)
+
+
+def batch_size(trial: Trial, estimator: Estimator[Any], measurement: Array) -> int:
+    """How many runs' beliefs fit the memory budget, from what a second run adds to a first one's belief.
+
+    Args:
+        trial: The trial.
+        estimator: The estimator.
+        measurement: Of runs 0 and 1, (2, T, B).
+    """
+    sizes = []
+    try:
+        for count in (1, 2):
+            rngs = streams(trial.seed, "estimator", range(count))
+            before = estimator.init(trial.problem.prior, rngs)
+            after = estimator.update(before, measurement[:count, 0].copy(), rngs)
+            sizes.append(max(nbytes(before), nbytes(after)))
+    except Exception:  # its trials will say what is wrong
+        return 1_000_000
+    return max(1, int(BUDGET / max(1, sizes[1] - sizes[0])))
+
+
+def nbytes(belief: object, depth: int = DEPTH) -> int:
+    """Bytes of the arrays in a record, sequence, mapping or object."""
+    if isinstance(belief, np.ndarray):
+        return belief.nbytes
+    if depth == 0 or isinstance(belief, (str, bytes, int, float, type(None))):
+        return 0
+    parts: Iterable[object]
+    if dataclasses.is_dataclass(belief) and not isinstance(belief, type):
+        parts = [getattr(belief, each.name, None) for each in dataclasses.fields(belief)]
+    elif isinstance(belief, Mapping):
+        parts = belief.values()
+    elif isinstance(belief, (tuple, list)):
+        parts = belief
+    else:
+        parts = vars(belief).values() if hasattr(belief, "__dict__") else ()
+    return sum(nbytes(part, depth - 1) for part in parts)
+
+
+def seconds_per_update(
+    trial: Trial,
+    estimator: Estimator[Any],
+    measurement: Array,
+    *,
+    budget: float = 0.5,
+    clock: Callable[[], float] = perf_counter,
+) -> float:
+    """Time of update and estimate, per update and run: the median of up to three passes after a warm one.
+
+    Args:
+        trial: The trial.
+        estimator: The estimator.
+        measurement: Of runs 0, 1, ..., (M, T, B): as many as are to be timed at once.
+        budget: Seconds after which no further pass is begun; a long batch is cut to fit.
+        clock: What tells the time, s.
+
+    Returns:
+        Seconds, or NaN if the estimator fails.
+    """
+
+    def once(count: int) -> float:  # seconds for the batch, mean over steps
+        rngs = streams(trial.seed, "estimator", range(count))
+        belief = estimator.init(trial.problem.prior, rngs)
+        spent = 0.0
+        for step in range(measurement.shape[1]):
+            if step:
+                belief = estimator.predict(belief, trial.moves[step - 1], rngs)
+            start = clock()
+            belief = estimator.update(belief, measurement[:count, step], rngs)
+            estimator.estimate(belief)
+            spent += clock() - start
+        return float(spent / measurement.shape[1])
+
+    try:
+        few = min(4, len(measurement))
+        once(few)  # compiles, fills caches
+        count = int(min(len(measurement), max(few, budget / 3 * few / max(once(few), 1e-9))))
+        times: list[float] = []
+        while len(times) < 3 and sum(times) < budget:
+            times.append(once(count) / count)
+    except Exception:  # its trials say what is wrong
+        return float("nan")
+    return float(np.median(times))
