@@ -1,0 +1,123 @@
+"""A floor plan drawn by hand or by a survey: outline, pillars, inner walls with door gaps; any shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .base import Array, BoolArray, Hits, MapError, check_points
+from .polygon import ON_BORDER, check_polygon, edges, locate, meeting
+from .walls import Walls
+
+Corners = tuple[tuple[float, float], ...]
+Wall = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, init=False)
+class FloorPlan:
+    """An outline, with holes nobody can stand in and thin inner walls; cast through Open3D.
+
+    Args:
+        outer: Corners (x1, x2) of the outline in order, either way round, m, (n, 2), n >= 3. Any simple
+            polygon, convex or not.
+        holes: Polygons likewise: pillars, shafts, furniture. They may touch or overlap one another and the
+            outline, but not reach beyond it.
+        walls: Inner walls without thickness, (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)) each. A wall
+            with a door is two walls with a gap between.
+
+    Raises:
+        MapError: If a polygon is not sound, a hole reaches out of the outline, or a wall has no length.
+    """
+
+    outer: Corners
+    holes: tuple[Corners, ...]
+    walls: tuple[Wall, ...]
+
+    def __init__(self, outer: ArrayLike, holes: Sequence[ArrayLike] = (), walls: ArrayLike = ()) -> None:
+        outline = check_polygon(outer, "outer")
+        polygons = [check_polygon(hole, f"hole {i}") for i, hole in enumerate(holes, start=1)]
+        for i, hole in enumerate(polygons, start=1):
+            out = locate(hole, outline) < 0
+            if out.any() or len(meeting(edges(hole), edges(outline), touch=False)):
+                where = f"corner {hole[out][0].tolist()}" if out.any() else "a side"
+                raise MapError(f"hole {i}: {where} lies outside the outline; keep holes within `outer`")
+        set_field = object.__setattr__
+        set_field(self, "outer", _corners(outline))
+        set_field(self, "holes", tuple(map(_corners, polygons)))
+        set_field(self, "walls", tuple((a, b, c, d) for a, b, c, d in _check_walls(walls).tolist()))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the outline, m, each (2,)."""
+        corners = np.array(self.outer)
+        return corners.min(axis=0), corners.max(axis=0)
+
+    @property
+    def segments(self) -> Array:
+        """All walls as x1a, x2a, x1b, x2b, m, (S, 4): the outline's, the holes', then the inner ones."""
+        return self._walls.segments
+
+    @cached_property
+    def _walls(self) -> Walls:
+        polygons = [edges(np.array(corners)) for corners in (self.outer, *self.holes)]
+        return Walls(np.concatenate([*polygons, np.array(self.walls, dtype=np.float64).reshape(-1, 4)]))
+
+    def is_free(self, points: ArrayLike) -> BoolArray:
+        """Whether points are in the outline and in no hole: (..., 2) -> (...).
+
+        Borders count as free, as in `RectangularRoom`; inner walls have no thickness and take no room.
+        """
+        points = check_points(points)
+        flat = points.reshape(-1, 2)
+        free = locate(flat, np.array(self.outer)) >= 0
+        for hole in self.holes:
+            free &= locate(flat, np.array(hole)) <= 0
+        return free.reshape(points.shape[:-1])
+
+    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Distance from each pose to the first wall along each beam.
+
+        Args:
+            poses: x1, x2 (m) and heading (rad, clockwise from +x2); shape (..., 3).
+            bearings: Beam directions relative to the heading (rad, clockwise); shape (B,).
+
+        Returns:
+            Distances in metres, (..., B); inf where a beam meets no wall (from outside only). A pose within
+            float32's error of a wall (1e-5 m) may be on either side of it.
+
+        Raises:
+            ValueError: If a pose or bearing is not finite, or a shape is wrong.
+        """
+        return self._walls.ranges(poses, bearings)
+
+    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
+        """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
+        return self._walls.cast(poses, bearings)
+
+    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """d range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met. Arguments as for `ranges`."""
+        return self.cast(poses, bearings).gradients
+
+
+def _corners(polygon: Array) -> Corners:
+    return tuple((x1, x2) for x1, x2 in polygon.tolist())
+
+
+def _check_walls(walls: ArrayLike) -> Array:
+    mend = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
+    try:
+        array = np.array(walls, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MapError(mend) from None
+    if array.size and array.shape[1:] not in [(4,), (2, 2)]:
+        raise MapError(f"{mend}; got an array of shape {array.shape}")
+    array = array.reshape(-1, 4)
+    if not np.isfinite(array).all():
+        raise MapError(f"walls must be finite, got {array[~np.isfinite(array).all(1)][0].tolist()}")
+    if (short := np.hypot(*(array[:, 2:] - array[:, :2]).T) <= ON_BORDER).any():
+        raise MapError(f"a wall needs a length, got {array[short][0].tolist()}")
+    return array

@@ -1,0 +1,174 @@
+"""Wall segments as a caster: Open3D finds the wall that a beam meets, float64 says how far it is.
+
+Open3D's RaycastingScene (Embree: Wald et al., 2014) works in float32. The walls are extruded about the
+plane of the beams and moved to their centre, so that large map coordinates cost nothing. What it
+answers decides which wall is met; the distance then follows from that wall's line in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._open3d import open3d
+from .base import Array, Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+
+Indices = NDArray[np.int64]
+
+RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
+ROW = 4096  # of them side by side
+OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall
+TRUSTED = 0.05  # m from float32's distance; further off, the beam runs along the wall and meets its end
+
+
+class Walls:
+    """Immutable wall segments, cast into with Open3D; the scene is built on first use, also after unpickling.
+
+    Args:
+        segments: x1a, x2a, x1b, x2b, m, (S, 4), none of length zero.
+    """
+
+    def __init__(self, segments: Array) -> None:
+        self.segments = np.array(segments, dtype=np.float64)
+        self.segments.setflags(write=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"segments": self.segments}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["segments"])  # type: ignore[misc]
+
+    @cached_property
+    def _centre(self) -> Array:
+        corners = self.segments.reshape(-1, 2)
+        return np.asarray((corners.min(0) + corners.max(0)) / 2)
+
+    @cached_property
+    def _lines(self) -> tuple[Array, Array, Array]:
+        """Normals v1, v2 and offsets v.a of the walls from the centre, twice each: two triangles a wall.
+
+        A last row, without normal and infinitely far, stands for no wall: np.take clips a miss to it.
+        """
+        a, b = self.segments[:, :2] - self._centre, self.segments[:, 2:] - self._centre
+        length = np.hypot(*(b - a).T)
+        v1, v2 = (b - a)[:, 1] / length, -(b - a)[:, 0] / length
+        offset = v1 * a[:, 0] + v2 * a[:, 1]
+        v1, v2, offset = (
+            np.append(np.repeat(row, 2), end) for row, end in ((v1, 0), (v2, 0), (offset, np.inf))
+        )
+        return v1, v2, offset
+
+    @cached_property
+    def _scene(self) -> Any:
+        o3d = open3d()
+        a, b = self.segments[:, :2] - self._centre, self.segments[:, 2:] - self._centre
+        ends = np.concatenate([a, b]).astype(np.float32) + np.float32(0)  # + 0 turns -0 to 0
+        _, first, where, count = np.unique(
+            ends, axis=0, return_index=True, return_inverse=True, return_counts=True
+        )
+        along = (b - a) / np.hypot(*(b - a).T)[:, None] * OVERLAP
+        loose = (count[where.ravel()] == 1)[:, None]
+        ends = np.where(loose, np.concatenate([a - along, b + along]), ends).astype(np.float32)[first]
+        height = np.ones((len(ends), 1), dtype=np.float32)
+        vertices = np.concatenate([np.hstack([ends, -height]), np.hstack([ends, height])])
+        low_a, low_b = np.split(where.ravel().astype(np.uint32), 2)
+        high_a, high_b = low_a + np.uint32(len(ends)), low_b + np.uint32(len(ends))
+        triangles = np.stack([low_a, low_b, high_b, low_a, high_b, high_a], axis=1).reshape(-1, 3)
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
+        scene.cast_rays(o3d.core.Tensor.from_numpy(np.ones((1, 6), dtype=np.float32)))  # builds the tree now
+        return scene
+
+    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Distance to the first wall along each beam: (..., 3), (B,) -> (..., B) m; inf = no wall."""
+        poses, bearings = check_poses(poses), check_bearings(bearings)
+        ranges = self._cast(poses.reshape(-1, 3), bearings, None)
+        return ranges.reshape(*poses.shape[:-1], len(bearings))
+
+    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
+        """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
+        poses, bearings = check_poses(poses), check_bearings(bearings)
+        shape = (*poses.shape[:-1], len(bearings))
+        flat = poses.reshape(-1, 3)
+        met = np.empty((len(flat), len(bearings)), dtype=np.int64)
+        ranges = self._cast(flat, bearings, met)
+        sines, cosines = beam_vectors(flat[:, 2], bearings)
+        normals = np.stack([v.take(met, mode="clip") for v in self._lines[:2]], axis=-1)
+        away = normals[..., 0] * sines + normals[..., 1] * cosines > 0
+        normals[away] *= -1
+        gradients = range_gradients(ranges, sines, cosines, normals)
+        return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
+
+    def _cast(self, poses: Array, bearings: Array, met: Indices | None) -> Array:
+        """Ranges (N, B), block by block; the triangles met go to `met`.
+
+        The longer of the two axes runs along the rows of a block: numpy is slow on short rows.
+        """
+        ranges = np.empty((len(poses), len(bearings)))
+        if not ranges.size:
+            return ranges
+        poses_last = len(poses) > len(bearings)
+        along, across = (None, slice(None)) if poses_last else (slice(None), None)
+        positions = [poses[:, axis][along, across] - self._centre[axis] for axis in (0, 1)]
+        headings = poses[:, 2]
+        if (headings == headings[0]).all():
+            headings, bearings = np.zeros(1), headings[0] + bearings
+        turns = [v[along, across] for v in unit_vectors(headings)]
+        beams = [v[across, along] for v in unit_vectors(bearings)]
+        outs: list[Any] = [ranges] if met is None else [ranges, met]
+        outs = [out.T if poses_last else out for out in outs]
+        width = min(outs[0].shape[1], ROW)
+        height = min(outs[0].shape[0], RAYS // width)
+        buffer = np.zeros((height, width, 6), dtype=np.float32)
+        for block in _blocks(outs[0].shape, height, width):
+            with np.errstate(all="ignore"):  # no wall: inf - inf; far off: beyond float32
+                parts = [_part(arrays, block) for arrays in (positions, turns, beams, outs)]
+                self._fill(parts[0], parts[1], parts[2], parts[3], buffer)
+        return ranges
+
+    def _fill(
+        self, positions: list[Array], turns: list[Array], beams: list[Array], outs: list[Any], buffer: Any
+    ) -> None:
+        (x1, x2), (s_turn, c_turn), (s_beam, c_beam) = positions, turns, beams
+        sines, cosines = s_turn * c_beam + c_turn * s_beam, c_turn * c_beam - s_turn * s_beam
+        shape = outs[0].shape
+        rays = buffer.reshape(-1, 6)[: shape[0] * shape[1]].reshape(*shape, 6)
+        for column, values in ((0, x1), (1, x2), (3, sines), (4, cosines)):
+            rays[..., column] = values
+        answer = self._scene.cast_rays(open3d().core.Tensor.from_numpy(rays))
+        triangles = answer["primitive_ids"].numpy().astype(np.int64)
+        coarse = answer["t_hit"].numpy()
+        v1, v2, distance = (line.take(triangles, mode="clip") for line in self._lines)
+        for met in outs[1:]:
+            met[:] = triangles
+        work = v1 * x1
+        distance -= work
+        distance -= np.multiply(v2, x2, out=work)
+        v1 *= sines
+        v2 *= cosines
+        v1 += v2
+        distance /= v1
+        np.subtract(distance, coarse, out=v2)
+        trusted = np.abs(v2, out=v2) < TRUSTED
+        if not trusted.all():
+            np.copyto(distance, coarse, where=~trusted)
+        np.maximum(distance, 0.0, out=outs[0])
+
+
+def _blocks(shape: tuple[int, ...], height: int, width: int) -> Iterator[tuple[slice, slice]]:
+    """Tiles of at most height x width that cover the shape."""
+    for top, left in product(range(0, shape[0], height), range(0, shape[1], width)):
+        yield slice(top, top + height), slice(left, left + width)
+
+
+def _part(arrays: list[Array], block: tuple[slice, slice]) -> list[Array]:
+    """A block of each array; an axis of length one stands for all."""
+    return [
+        array[tuple(s if n > 1 else slice(None) for s, n in zip(block, array.shape, strict=True))]
+        for array in arrays
+    ]
