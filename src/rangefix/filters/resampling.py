@@ -46,7 +46,8 @@ def multinomial(weights: Array, rng: Generator) -> Indices:
     size = len(weights)
     spacings = np.cumsum(rng.standard_exponential(size + 1))  # N sorted uniform numbers without a sort
     points = spacings[:-1] * (cumulative[-1] / spacings[-1])
-    return np.minimum(np.searchsorted(cumulative, points, side="right"), size - 1)
+    ancestors: Indices = np.searchsorted(cumulative, points, side="right")
+    return np.minimum(ancestors, size - 1, out=ancestors)
 
 
 def residual(weights: Array, rng: Generator) -> Indices:
