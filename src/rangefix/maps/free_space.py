@@ -1,0 +1,199 @@
+"""Free space of a mesh that need not be closed: floor that can be reached without crossing a wall.
+
+Cells of a raster which no wall touches are joined with their four neighbours; openings narrower than about
+two cells are therefore shut. A point in a cell that a wall does touch is free if a reached cell's centre
+beside it is in sight, so the border follows the walls and not the raster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import Array, BoolArray, MapError
+from .walls import Walls
+
+BLOCKED, FREE, MIXED = 0, 1, 2
+STEP = 0.25  # m that the floor may differ from its level: thresholds and carpets are floor, furniture is not
+MOST_CELLS = 30_000_000
+BESIDE = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
+
+Drop = Callable[
+    [Array], Array
+]  # height of the first surface below points (N, 2) at sensor height; -inf = none
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """Where the sensor can be, and how that was decided.
+
+    Attributes:
+        cells: Raster (n1, n2) along x1 and x2: 0 not free, 1 free, 2 cut by a wall and free on the near side.
+        origin: Lower corner of the raster, m, (2,).
+        resolution: Cell size, m.
+        found: What was taken: "reachable" from the stated point, or the "largest" connected area.
+        ground: What bounds it beside walls: "floor" below, or "enclosed" where the mesh has no floor.
+        level: Height of the floor, m; NaN without one.
+    """
+
+    cells: NDArray[np.uint8]
+    origin: Array
+    resolution: float
+    found: Literal["reachable", "largest"]
+    ground: Literal["floor", "enclosed"]
+    level: float
+
+    @property
+    def area(self) -> float:
+        """Area of the free cells, half of those cut by a wall, m^2."""
+        counts = np.bincount(self.cells.ravel(), minlength=3)
+        return float((counts[FREE] + counts[MIXED] / 2) * self.resolution**2)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the free cells, m, each (2,)."""
+        used = np.argwhere(self.cells)
+        return self.origin + used.min(0) * self.resolution, self.origin + (used.max(0) + 1) * self.resolution
+
+    def __str__(self) -> str:
+        """One line that says what was taken."""
+        how = {"reachable": "reachable from the stated point", "largest": "the largest connected area"}[
+            self.found
+        ]
+        what = f"floor at {self.level:.2f} m" if self.ground == "floor" else "enclosed by walls (no floor)"
+        return f"{self.area:.1f} m^2 of {what}, {how}, cells of {self.resolution:g} m"
+
+    def contains(self, points: Array, walls: Walls) -> BoolArray:
+        """Whether points are free: (N, 2) -> (N,)."""
+        state = _look_up(self.cells, points, self.origin, self.resolution)
+        free: BoolArray = state == FREE
+        open_ = np.flatnonzero(state == MIXED)
+        for step in BESIDE:
+            index = _cell(points[open_], self.origin, self.resolution) + np.array(step)
+            centres = self.origin + (index + 0.5) * self.resolution
+            near = _look_up(self.cells, centres, self.origin, self.resolution) == FREE
+            seen = _in_sight(points[open_[near]], centres[near], walls)
+            free[open_[near][seen]] = True
+            open_ = open_[~free[open_]]
+        return free
+
+
+def find_free_space(
+    walls: Walls, drop: Drop, resolution: float, reachable_from: Array | None, name: str
+) -> FreeSpace:
+    """The floor that is reachable from a point, or the largest connected one.
+
+    Raises:
+        MapError: If there is none, the point is not on it, or the raster would be too large.
+    """
+    from scipy import ndimage  # a tenth of a second, and only meshes need it
+
+    ends = walls.segments.reshape(-1, 2)
+    origin = ends.min(0) - 2.37 * resolution  # off the round numbers on which walls like to lie
+    size = (ends.max(0) - origin) / resolution + 2.37
+    if size.prod() > MOST_CELLS:
+        raise MapError(
+            f"{name}: {size[0] * resolution:.0f} x {size[1] * resolution:.0f} m in cells of {resolution:g} m "
+            "are too many; is the mesh in metres? if so, give a coarser resolution"
+        )
+    shape = (int(size[0]), int(size[1]))
+    touched = np.zeros(shape, dtype=bool)
+    touched[tuple(_cells_on(walls.segments, origin, resolution).T)] = True
+    centres = origin + (np.argwhere(np.ones(shape, dtype=bool)) + 0.5) * resolution
+    height = drop(centres).reshape(shape)
+    level = _level(height[~touched])
+    on_floor = np.abs(height - level) <= STEP if np.isfinite(level) else np.ones(shape, dtype=bool)
+    on_floor = (
+        ndimage.binary_closing(on_floor, np.ones((3, 3), dtype=bool)) | on_floor
+    )  # cracks between floor triangles
+    parts, count = ndimage.label(on_floor & ~touched)
+    sizes = np.bincount(parts.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    if not np.isfinite(level):
+        sizes[np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))] = 0  # outdoors
+    if not sizes.any():
+        raise MapError(f"{name}: no free space: no floor below and no area enclosed at sensor height")
+    part = int(sizes.argmax())
+    if reachable_from is not None:
+        part = _part_at(reachable_from, parts, sizes, walls, origin, resolution, name)
+    reached = parts == part
+    mixed = touched & ndimage.binary_dilation(reached, np.ones((3, 3), dtype=bool))
+    cells = np.where(reached, FREE, np.where(mixed, MIXED, BLOCKED)).astype(np.uint8)
+    cells.setflags(write=False)
+    origin.setflags(write=False)
+    found: Literal["reachable", "largest"] = "largest" if reachable_from is None else "reachable"
+    return FreeSpace(cells, origin, resolution, found, "floor" if np.isfinite(level) else "enclosed", level)
+
+
+def _level(height: Array) -> float:
+    """The most common height to a centimetre; NaN where nothing lies below."""
+    found = height[np.isfinite(height)]
+    if not len(found):
+        return float("nan")
+    values, counts = np.unique(np.round(found, 2), return_counts=True)
+    return float(values[counts.argmax()])
+
+
+def _part_at(
+    point: Array,
+    parts: NDArray[Any],
+    sizes: NDArray[Any],
+    walls: Walls,
+    origin: Array,
+    resolution: float,
+    name: str,
+) -> int:
+    index = _cell(point[None], origin, resolution)
+    for step in [(0, 0), *BESIDE]:
+        centre = origin + (index + np.array(step) + 0.5) * resolution
+        part = int(_look_up(parts, centre, origin, resolution)[0])
+        if sizes[part] and _in_sight(point[None], centre, walls)[0]:
+            return part
+    raise MapError(f"{name}: reachable_from {point.tolist()} is in a wall, in a pillar or off the floor")
+
+
+def _cell(points: Array, origin: Array, resolution: float) -> NDArray[np.int64]:
+    position = np.nan_to_num((points - origin) / resolution, nan=-1.0)
+    return np.asarray(np.floor(np.clip(position, -2.0, 1e9)), dtype=np.int64)
+
+
+def _look_up(cells: NDArray[Any], points: Array, origin: Array, resolution: float) -> NDArray[Any]:
+    """The raster's value at points (N, 2); 0 beyond it."""
+    index = _cell(points, origin, resolution)
+    inside = ((index >= 0) & (index < cells.shape)).all(-1)
+    index[~inside] = 0
+    return np.where(inside, cells[index[:, 0], index[:, 1]], 0).astype(cells.dtype)
+
+
+def _in_sight(points: Array, targets: Array, walls: Walls) -> BoolArray:
+    """Whether no wall lies between points and targets, (N, 2) each -> (N,); a point on a wall sees."""
+    ahead = points - targets
+    poses = np.column_stack([targets, np.arctan2(ahead[:, 0], ahead[:, 1])])
+    return np.asarray(walls.ranges(poses, np.zeros(1))[:, 0] >= np.hypot(*ahead.T) - 1e-9)
+
+
+def _cells_on(segments: Array, origin: Array, resolution: float) -> NDArray[np.int64]:
+    """Cells that segments run through, (k, 2): the middle between one grid line crossed and the next."""
+    ends = (segments.reshape(-1, 2, 2) - origin) / resolution
+    a, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+    which, when = [np.repeat(np.arange(len(a)), 2)], [np.tile([0.0, 1.0], len(a))]
+    for axis in (0, 1):
+        first = np.ceil(ends[:, :, axis].min(1))
+        count = np.maximum(0, np.floor(ends[:, :, axis].max(1)) - first + 1).astype(np.int64)
+        count[along[:, axis] == 0] = 0
+        segment = np.repeat(np.arange(len(a)), count)
+        line = first[segment] + np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)
+        which.append(segment)
+        when.append((line - a[segment, axis]) / along[segment, axis])
+    segment, time = np.concatenate(which), np.clip(np.concatenate(when), 0, 1)
+    order = np.lexsort([time, segment])
+    segment, time = segment[order], time[order]
+    same = segment[1:] == segment[:-1]
+    middle = (time[1:] + time[:-1])[same] / 2
+    owner = segment[1:][same]
+    return np.asarray(np.floor(a[owner] + middle[:, None] * along[owner]), dtype=np.int64)
