@@ -1,0 +1,76 @@
+"""How every figure looks, and how it is written so that the same results give the same bytes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+SETTINGS: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # ships with matplotlib: the same letters on every machine
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": False,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "lines.linewidth": 1.4,
+    "figure.dpi": 100.0,
+    "savefig.dpi": 160.0,
+    "hatch.linewidth": 0.6,
+    "svg.hashsalt": "rangefix",
+    "svg.fonttype": "path",
+    "path.simplify": True,
+}
+# Okabe and Ito's colours in an order that alternates dark and light, so that they also differ in grey.
+COLOURS = ("#0072B2", "#E69F00", "#000000", "#CC79A7", "#009E73", "#D55E00", "#56B4E9", "#7F7F7F")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Our settings on matplotlib's own defaults, whatever the caller has set; given back at the end."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        settings: Any = matplotlib.rcParams  # its keys are literal types that change with the version
+        settings.update(SETTINGS)
+        yield
+
+
+def write(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Save a figure as NAME.png and NAME.svg, each whole or not at all; returns the two paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for suffix, canvas, metadata in (
+        ("png", FigureCanvasAgg, {"Software": None}),
+        ("svg", FigureCanvasSVG, {"Date": None, "Creator": "rangefix"}),
+    ):
+        path, part = folder / f"{name}.{suffix}", folder / f".{name}.{suffix}.part"
+        canvas(figure)
+        figure.savefig(part, format=suffix, metadata=metadata)
+        os.replace(part, path)
+        paths.append(path)
+    return paths
+
+
+def label_positions(axes: Axes) -> None:
+    """Name the horizontal axes of a map, with units, and give both the same scale."""
+    axes.set_xlabel("$x_1$, m")
+    axes.set_ylabel("$x_2$, m")
+    axes.set_aspect("equal")
