@@ -1,0 +1,231 @@
+"""The conformance suite: what every estimator does, as tests that ship with the package.
+
+A plug-in's author runs `run_checks("my-filter")`, or lets pytest run each check by itself:
+
+    from rangefix.filters.checks import parametrize_with_checks
+
+    @parametrize_with_checks(["my-filter", "my_module:MyFilter"])
+    def test_conforms(check):
+        check()
+
+The idea is scikit-learn's estimator checks. Problems are small, seeds fixed; the whole takes seconds.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from unittest import SkipTest
+
+from . import checks_answers, checks_beliefs, checks_contract
+from .checks_subject import CheckFailure, Claim, Factory, Subject
+
+if TYPE_CHECKING:
+    import pytest
+
+__all__ = [
+    "Check",
+    "CheckFailure",
+    "CheckResult",
+    "check_names",
+    "checks_for",
+    "conforms",
+    "parametrize_with_checks",
+    "render",
+    "run_checks",
+]
+
+Outcome = Literal["passed", "failed", "expected_failure", "unexpected_pass", "skipped"]
+BAD: tuple[Outcome, ...] = ("failed", "unexpected_pass")
+CLAIMS: tuple[Claim, ...] = (
+    checks_contract.can_be_built,
+    checks_contract.shapes_and_dtypes,
+    checks_contract.moments_are_sound,
+    checks_contract.same_seed_same_answer,
+    checks_contract.global_random_state_is_left_alone,
+    checks_contract.runs_are_independent,
+    checks_beliefs.inputs_are_left_alone,
+    checks_beliefs.beliefs_can_be_used_again,
+    checks_beliefs.nothing_is_remembered,
+    checks_beliefs.nothing_measured_changes_nothing,
+    checks_beliefs.standing_still_changes_nothing,
+    checks_beliefs.can_be_sent_to_a_worker,
+    checks_answers.missing_beams_say_nothing,
+    checks_answers.order_of_beams_does_not_matter,
+    checks_answers.headings_are_angles,
+    checks_answers.impossible_measurement_is_flagged,
+    checks_answers.agrees_with_the_kalman_filter,
+    checks_answers.moves_like_the_kalman_filter,
+    checks_answers.claims_what_is_true,
+    checks_answers.claims_what_is_true_with_a_heading,
+)
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What came of one check.
+
+    name: The check's name.
+    outcome: "passed", "failed", "expected_failure", "unexpected_pass" (a failure was expected, with a reason,
+        and did not come: the reason is out of date) or "skipped" (does not apply; the detail says why).
+    meaning: What the check claims of every estimator.
+    mend: What to look at when it fails.
+    detail: What was seen, or the reason of a skip or an expected failure; empty for a pass.
+    """
+
+    name: str
+    outcome: Outcome
+    meaning: str
+    mend: str
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check of one estimator: call it to have it raise (as pytest wants), or ask for its result.
+
+    subject: The estimator under test.
+    claim: What is claimed of it.
+    expected: Why it is known to fail, or empty.
+    """
+
+    subject: Subject
+    claim: Claim
+    expected: str = ""
+
+    @property
+    def name(self) -> str:
+        """The check's name."""
+        return self.claim.name
+
+    def __call__(self) -> None:
+        """Run it.
+
+        Raises:
+            CheckFailure: If the estimator does not do what is claimed; it says what was seen and how to mend.
+            unittest.SkipTest: If the check does not apply to this estimator (pytest takes that for a skip).
+            Exception: Whatever the estimator raises.
+        """
+        try:
+            self.claim.test(self.subject)
+        except CheckFailure as failure:
+            text = f"{self.subject.name}: {failure}\nmeaning: {self.claim.meaning}\nmend: {self.claim.mend}"
+            raise CheckFailure(text) from failure.__cause__
+
+    def result(self) -> CheckResult:
+        """Run it; no failure of the estimator gets out."""
+        outcome: Outcome = "expected_failure" if self.expected else "failed"
+        try:
+            self.claim.test(self.subject)
+            outcome = "unexpected_pass" if self.expected else "passed"
+            detail = f"it passes now, take this reason away: {self.expected}" if self.expected else ""
+        except SkipTest as skip:
+            outcome, detail = "skipped", str(skip)
+        except CheckFailure as failure:
+            detail = str(failure)
+        except Exception as error:
+            detail = _located(error)
+        if outcome == "expected_failure":
+            detail = f"{self.expected} ({detail})"
+        return CheckResult(self.name, outcome, self.claim.meaning, self.claim.mend, detail)
+
+
+def check_names() -> tuple[str, ...]:
+    """Names of all checks, in the order in which they run."""
+    return tuple(claim.name for claim in CLAIMS)
+
+
+def checks_for(
+    target: str | Factory, *, expected_failures: Mapping[str, str] | None = None, **options: Any
+) -> list[Check]:
+    """The checks of one estimator, not yet run.
+
+    Args:
+        target: What `build` takes (a name, "module:function", "file.py:function"), or the function itself.
+        expected_failures: Check name -> why it fails. Such a check must fail: a pass is an error, too.
+        options: The estimator's options.
+
+    Raises:
+        ValueError: If an expected failure names no check or gives no reason.
+    """
+    expected = dict(expected_failures or {})
+    if unknown := sorted(set(expected) - set(check_names())):
+        raise ValueError(f"no check {', '.join(unknown)}; there are {', '.join(check_names())}")
+    if bare := sorted(name for name, reason in expected.items() if not str(reason).strip()):
+        raise ValueError(f"an expected failure needs a reason: {', '.join(bare)}")
+    subject = Subject(target, options)
+    return [Check(subject, claim, expected.get(claim.name, "")) for claim in CLAIMS]
+
+
+def run_checks(
+    target: str | Factory, *, expected_failures: Mapping[str, str] | None = None, **options: Any
+) -> list[CheckResult]:
+    """Run the checks of one estimator; arguments as for `checks_for`.
+
+    Where the estimator cannot be built, the first check says why and the others are skipped.
+
+    Raises:
+        KeyError: If there is no such estimator.
+    """
+    first, *others = checks_for(target, expected_failures=expected_failures, **options)
+    results = [first.result()]
+    for check in others:
+        if results[0].outcome == "failed":
+            claim = check.claim
+            results.append(CheckResult(claim.name, "skipped", claim.meaning, claim.mend, "it was not built"))
+        else:
+            results.append(check.result())
+    return results
+
+
+def conforms(results: Iterable[CheckResult]) -> bool:
+    """Whether nothing failed and nothing passed that was expected to fail."""
+    return not any(result.outcome in BAD for result in results)
+
+
+def render(results: Sequence[CheckResult]) -> list[str]:
+    """Lines to print: each check; what was seen, what it means and how to mend it where it failed; a sum."""
+    lines = []
+    for result in results:
+        bad = result.outcome in BAD
+        word = result.outcome.replace("_", " ")
+        lines.append(f"{word.upper() if bad else word:17}{result.name}")
+        if result.detail:
+            lines.append(f"{'':17}{'seen:  ' if bad else ''}{result.detail}")
+        if result.outcome == "failed":
+            lines += [f"{'':17}means: {result.meaning}", f"{'':17}mend:  {result.mend}"]
+    counts = Counter(result.outcome for result in results)
+    ran = len(results) - counts["skipped"]
+    parts = [f"{count} {outcome.replace('_', ' ')}" for outcome, count in counts.items()]
+    return [*lines, f"{ran} of {len(results)} checks ran: {', '.join(parts)}"]
+
+
+def parametrize_with_checks(
+    targets: Iterable[str | Factory], *, expected_failures: Mapping[str, str] | None = None, **options: Any
+) -> pytest.MarkDecorator:
+    """A pytest decorator that runs a test function once for every check of every target, as `check`.
+
+    Expected failures become strict xfail marks with their reason. Arguments as for `checks_for`; they hold
+    for all targets.
+    """
+    import pytest
+
+    cases = []
+    for target in targets:
+        for check in checks_for(target, expected_failures=expected_failures, **options):
+            marks = [pytest.mark.xfail(reason=check.expected, strict=True)] if check.expected else []
+            cases.append(pytest.param(check, marks=marks, id=f"{check.subject.name}-{check.name}"))
+    return pytest.mark.parametrize("check", cases)
+
+
+def _located(error: Exception) -> str:
+    """One line for an exception: its type, its message, and the place in the estimator it came from."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    message = " ".join(str(error).split())
+    return (
+        f"{type(error).__name__}: {message} ({Path(last.filename).name}, line {last.lineno}, in {last.name})"
+    )
