@@ -39,6 +39,8 @@ class FloorPlan:
 
     def __init__(self, outer: ArrayLike, holes: Sequence[ArrayLike] = (), walls: ArrayLike = ()) -> None:
         outline = check_polygon(outer, "outer")
+        if not isinstance(holes, Sequence | np.ndarray) or isinstance(holes, str):
+            raise MapError(f"holes are a list of polygons, got {holes!r}")
         polygons = [check_polygon(hole, f"hole {i}") for i, hole in enumerate(holes, start=1)]
         for i, hole in enumerate(polygons, start=1):
             out = locate(hole, outline) < 0

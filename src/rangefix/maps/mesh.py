@@ -51,6 +51,8 @@ class MeshRoom:
         start = None if reachable_from is None else np.array(reachable_from, dtype=np.float64)
         if start is not None and (start.shape != (2,) or not np.isfinite(start).all()):
             raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {reachable_from!r}")
+        if not np.isfinite(sensor_height):
+            raise MapError(f"{name}: sensor_height must be finite, got {sensor_height} m")
         if not 0 < resolution < np.inf:
             raise MapError(f"{name}: resolution must be positive, got {resolution} m")
         segments = cut(points, corners, sensor_height)
