@@ -3,10 +3,12 @@
 from .covariance import anees_band, coverage, credibility, is_positive, nees, noncredibility
 from .experiment import Experiment, Named
 from .intervals import Interval, mean_interval, ratio_interval, share_interval
+from .mistakes import StudyError
 from .results import Results, Trials, load, summarise
 from .runner import Progress, run
 from .seeds import stream, streams
 from .store import ResultsError
+from .study import Study, load_study, parse_study, study_names
 from .summary import STATUSES, Row, to_csv
 
 __all__ = [
@@ -18,20 +20,25 @@ __all__ = [
     "Results",
     "ResultsError",
     "Row",
+    "Study",
+    "StudyError",
     "Trials",
     "anees_band",
     "coverage",
     "credibility",
     "is_positive",
     "load",
+    "load_study",
     "mean_interval",
     "nees",
     "noncredibility",
+    "parse_study",
     "ratio_interval",
     "run",
     "share_interval",
     "stream",
     "streams",
+    "study_names",
     "summarise",
     "to_csv",
 ]

@@ -110,12 +110,12 @@ def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     status = np.zeros(len(mean), dtype=np.int8)
     reasons: dict[int, str] = {}
     for name, wrong, text in (
-        ("diverged", log_evidence == -np.inf, "no hypothesis explains the measurement"),
+        ("diverged", log_evidence == -np.inf, "the log evidence is -inf (nothing explains the measurement)"),
         ("nan", ~finite, "an estimate is not finite"),
     ):
         for place in np.flatnonzero(wrong.any(1)):
             status[place] = STATUSES.index(name)
-            reasons[int(place)] = f"{text} of step {int(wrong[place].argmax()) + 1}"
+            reasons[int(place)] = f"{text} at step {int(wrong[place].argmax()) + 1}"
     return Outcome(mean, covariance, log_evidence, status, reasons)
 
 

@@ -1,0 +1,132 @@
+"""Mistakes of a study file as lines that name the key, say what is wrong, and how to mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from .toml_lines import Path, line_of
+
+
+class StudyError(ValueError):
+    """A study that cannot be run; `mistakes` holds one line for each thing to mend."""
+
+    def __init__(self, mistakes: Sequence[str]) -> None:
+        super().__init__("\n".join(mistakes))
+        self.mistakes = list(mistakes)
+
+
+@dataclass
+class Mistakes:
+    """Collects mistakes; `lines` tells where keys stand, `given` which keys the caller overrode."""
+
+    source: str
+    lines: dict[Path, int] = field(default_factory=dict)
+    given: frozenset[Path] = frozenset()
+    found: list[tuple[int, str]] = field(default_factory=list)
+
+    def add(self, path: Path, text: str) -> None:
+        """Note a mistake at a key; () for the whole file."""
+        line = line_of(path, self.lines)
+        where = f"{self.source}:{line}" if line else self.source
+        if path in self.given:
+            where = "command line"
+        name = dotted(path)
+        self.found.append((line or 0, f"{where}: {name}: {text}" if name else f"{where}: {text}"))
+
+    def add_all(self, error: ValidationError, at: Path, raw: Any, model: type[BaseModel] | None) -> None:
+        """Note what pydantic found in a section."""
+        found = error.errors(include_url=False)
+        for each in found:
+            path = _real_path(each["loc"], raw)
+            same = [other for other in found if other["loc"][:1] == each["loc"][:1]]
+            if len(same) > 1 and each["type"] in ("list_type", "float_type") and same[0] is not each:
+                continue  # the other form that the key might have had
+            self.add((*at, *path), _sentence(each, path, model))
+
+    def check(self) -> None:
+        """Raise StudyError if there is any mistake."""
+        if self.found:
+            lines = [text for _, text in sorted(self.found, key=lambda pair: pair[0])]
+            raise StudyError(list(dict.fromkeys(lines)))
+
+
+def dotted(path: Path) -> str:
+    """A key as people write it: sensor.std_m, estimators[2].options; places count from 1."""
+    text = ""
+    for part in path:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Which known name was meant, or which there are."""
+    names = list(known)
+    close = get_close_matches(name, names, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]}?"
+    return f"there are {', '.join(names)}" if names else "there are none"
+
+
+def one_line(error: BaseException) -> str:
+    """The message of an exception on one line; a KeyError's without quotation marks."""
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    return " ".join(text.split()) or type(error).__name__
+
+
+def _real_path(loc: Iterable[int | str], raw: Any) -> Path:
+    """A location without the names of types that pydantic puts in between."""
+    path: Path = ()
+    parts = list(loc)
+    for i, part in enumerate(parts):
+        inside = (
+            part in raw
+            if isinstance(raw, dict)
+            else part in range(len(raw))
+            if isinstance(raw, list)
+            else False
+        )
+        if inside:
+            raw = raw[part]
+        elif i < len(parts) - 1 or not isinstance(raw, dict):
+            continue
+        path = (*path, part)
+    return path
+
+
+def _sentence(error: Any, path: Path, model: type[BaseModel] | None) -> str:
+    """What is wrong and how to mend it."""
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    fields = model.model_fields if model else {}
+    key = str(path[0]) if path else ""
+    hint = fields[key].description if key in fields else None
+    example = f" ({hint})" if hint else ""
+    if kind == "extra_forbidden":
+        names = [entry.alias or name for name, entry in fields.items()]
+        return f"unknown key; {suggestion(str(path[-1]), names)}"
+    if kind == "missing":
+        return f"is missing{example}"
+    if kind == "value_error":
+        return str(context["error"])
+    bounds = {
+        "greater_than": "must be greater than {gt:g}",
+        "greater_than_equal": "must be at least {ge:g}",
+        "less_than": "must be less than {lt:g}",
+        "finite_number": "must be a finite number",
+        "too_short": "needs at least {min_length} of them",
+        "too_long": "takes no more than {max_length} of them",
+        "literal_error": "must be {expected}",
+        "string_too_short": "must not be empty",
+        "float_type": "must be a number",
+        "int_type": "must be a whole number",
+        "string_type": "must be a text in quotation marks",
+        "list_type": "must be a list",
+        "model_type": "must be a table of keys",
+        "dict_type": "must be a table of keys",
+    }
+    text = bounds.get(kind)
+    return (text.format(**context) if text else str(error["msg"])) + f", got {value!r}{example}"
