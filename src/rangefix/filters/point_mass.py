@@ -109,7 +109,7 @@ class PointMassFilter:
         measurement = np.asarray(measurement, dtype=float)
         if measurement.shape != belief.counts.shape:
             raise ValueError(f"need a measurement of shape {belief.counts.shape}, got {measurement.shape}")
-        if isinstance(self.problem.sensor.noise, Gaussian):
+        if self._gaussian is not None:
             return self._finish(self._with_readings(belief, measurement), belief)
         return self._finish(self._with_densities(belief, measurement), belief)
 
@@ -136,11 +136,17 @@ class PointMassFilter:
     @property
     def _precision(self) -> Array:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
-        noise = self.problem.sensor.noise
         beams = self.ranges.shape[1]
-        if not isinstance(noise, Gaussian):
+        if self._gaussian is None:
             return np.zeros(beams)
-        return np.broadcast_to(1 / noise.stds**2, (beams,))
+        return np.broadcast_to(1 / self._gaussian.stds**2, (beams,))
+
+    @property
+    def _gaussian(self) -> Gaussian | None:
+        """The sensor's noise where it is Gaussian and there is no more to the sensor, else None."""
+        sensor = self.problem.sensor
+        noise, plain = sensor.noise, getattr(sensor, "is_plain_gaussian", False)
+        return noise if plain and isinstance(noise, Gaussian) else None
 
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""

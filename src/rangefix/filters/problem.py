@@ -32,18 +32,28 @@ class RangeMap(Protocol):
 
 
 class Noise(Protocol):
-    """How a reading scatters about the expected range; arguments broadcast, the last axis holds beams."""
+    """How a reading scatters about the expected range; arguments broadcast, the last axis holds beams.
+
+    An expected range is inf where there is no wall, and a reading is inf where nothing returned.
+    """
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """Log density (nats, per metre) of each finite reading given each expected range, elementwise."""
         ...
 
+    def log_above(self, limit: Array, expected: Array) -> Array:
+        """Log probability of a reading above each limit or of no return, elementwise.
+
+        Asked for only where a reading is inf, with the maximum range (it may be inf too) as the limit.
+        """
+        ...
+
     def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, same shape, m."""
+        """One reading for each expected range, same shape, m; inf = no return."""
         ...
 
     def variance(self, expected: Array) -> Array:
-        """Variance of a reading about each expected range, elementwise, m^2: what a Gaussian filter needs."""
+        """Variance of a reading about each expected range, m^2, always finite: for Gaussian filters."""
         ...
 
 
@@ -77,7 +87,7 @@ class Sensor(Protocol):
         """Log density of a measurement given expected ranges, summed over the measured beams.
 
         (..., B), (..., B) -> (...); the leading axes broadcast. A NaN reading is a beam not measured and says
-        nothing; an inf reading (no return) has probability one where no wall is expected, else zero.
+        nothing; an inf reading is no return and counts with its probability.
         """
         ...
 
