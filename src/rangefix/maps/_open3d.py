@@ -12,7 +12,7 @@ from typing import Any
 
 LIBUSB = "libusb-1.0.so.0"
 PACKAGES = {  # Debian and Ubuntu names of the system libraries that open3d links to
-    "libusb-1.0": "libusb-1.0-0, or with pip: pip install libusb-package",
+    "libusb-1.0": "libusb-1.0-0",
     "libgomp": "libgomp1",
     "libGL": "libgl1",
     "libEGL": "libegl1",
@@ -62,7 +62,8 @@ def _explain(reason: str) -> str:
     found = re.search(r"(lib[\w.+-]+?)\.so[\w.]*", reason)
     if "cannot open shared object" not in reason or found is None:
         return f"open3d does not load: {reason}"
-    stem = found.group(1)
-    mend = next((package for name, package in PACKAGES.items() if stem == name), None)
-    install = f"apt-get install {mend}" if mend else "install the system package that holds it"
+    package = PACKAGES.get(found.group(1))
+    install = f"apt-get install {package}" if package else "install the system package that holds it"
+    if found.group(0) == LIBUSB:
+        install = f"pip install libusb-package (or {install})"
     return f"open3d needs the system library {found.group(0)}, which is missing: {install}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -37,9 +37,11 @@ class FloorPlan:
     holes: tuple[Corners, ...]
     walls: tuple[Wall, ...]
 
-    def __init__(self, outer: ArrayLike, holes: Sequence[ArrayLike] = (), walls: ArrayLike = ()) -> None:
+    def __init__(
+        self, outer: ArrayLike, holes: Iterable[ArrayLike] = (), walls: Iterable[ArrayLike] = ()
+    ) -> None:
         outline = check_polygon(outer, "outer")
-        if not isinstance(holes, Sequence | np.ndarray) or isinstance(holes, str):
+        if not isinstance(holes, Iterable) or isinstance(holes, str):
             raise MapError(f"holes are a list of polygons, got {holes!r}")
         polygons = [check_polygon(hole, f"hole {i}") for i, hole in enumerate(holes, start=1)]
         for i, hole in enumerate(polygons, start=1):
@@ -109,15 +111,16 @@ def _corners(polygon: Array) -> Corners:
     return tuple((x1, x2) for x1, x2 in polygon.tolist())
 
 
-def _check_walls(walls: ArrayLike) -> Array:
+def _check_walls(walls: Iterable[ArrayLike]) -> Array:
     mend = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
     try:
-        array = np.array(walls, dtype=np.float64)
+        rows = [np.array(wall, dtype=np.float64) for wall in walls]
     except (TypeError, ValueError):
         raise MapError(mend) from None
-    if array.size and array.shape[1:] not in [(4,), (2, 2)]:
-        raise MapError(f"{mend}; got an array of shape {array.shape}")
-    array = array.reshape(-1, 4)
+    for row in rows:
+        if row.shape not in [(4,), (2, 2)]:
+            raise MapError(f"{mend}; got an array of shape {row.shape}")
+    array = np.array([row.ravel() for row in rows]).reshape(-1, 4)
     if not np.isfinite(array).all():
         raise MapError(f"walls must be finite, got {array[~np.isfinite(array).all(1)][0].tolist()}")
     if (short := np.hypot(*(array[:, 2:] - array[:, :2]).T) <= ON_BORDER).any():

@@ -1,0 +1,100 @@
+"""What ranges() costs beside the bare Open3D call that it wraps, on a million rays, in one process.
+
+The bare call gets its rays ready-made as float32 and leaves its answer in float32; ours starts from poses and
+ends with float64 distances. Ratios of the best of interleaved repeats, so that a busy machine slows both.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.maps import FloorPlan, MeshRoom, RectangularRoom
+from rangefix.maps._open3d import open3d
+from rangefix.maps.files import read_mesh
+
+pytestmark = pytest.mark.benchmark
+DATA = Path(os.environ.get("RANGEFIX_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data"))
+REPEATS = 7
+
+
+def best(*calls):
+    """Least seconds of each call, taken in turns."""
+    seconds = np.full(len(calls), np.inf)
+    for _ in range(REPEATS):
+        for i, call in enumerate(calls):
+            start = time.perf_counter()
+            call()
+            seconds[i] = min(seconds[i], time.perf_counter() - start)
+    return seconds
+
+
+def ready_rays(poses, bearings, centre):
+    angles = poses[:, 2:] + bearings
+    rays = np.zeros((*angles.shape, 6), dtype=np.float32)
+    rays[..., :3] = np.insert(poses[:, :2], 2, centre[2], axis=1)[:, None] - centre
+    rays[..., 3], rays[..., 4] = np.sin(angles), np.cos(angles)
+    return open3d().core.Tensor.from_numpy(rays)
+
+
+def million(lower, upper, beams):
+    """A million rays: poses at random, beams all round."""
+    rng = np.random.default_rng(0)
+    poses = np.column_stack(
+        [lower + (upper - lower) * rng.random((10**6 // beams, 2)), np.zeros(10**6 // beams)]
+    )
+    poses[:, 2] = rng.random(len(poses)) * 2 * np.pi
+    return poses, np.linspace(0, 2 * np.pi, beams, endpoint=False)
+
+
+@pytest.mark.parametrize("beams", [8, 100])
+def test_real_building(beams):
+    """At most 1.3 times the bare call on the building's mesh (the cut has fewer triangles to miss)."""
+    path = DATA / "avz" / "avz.ply"
+    if not path.exists():
+        pytest.skip(f"{path} is missing; set RANGEFIX_DATA to the folder that holds avz/avz.ply")
+    room = MeshRoom.load(path, sensor_height=0.9)
+    vertices, triangles = read_mesh(path)
+    centre = np.append((vertices.min(0) + vertices.max(0))[:2] / 2, 0.9)
+    tensor, scene = open3d().core.Tensor.from_numpy, open3d().t.geometry.RaycastingScene()
+    scene.add_triangles(tensor((vertices - centre).astype(np.float32)), tensor(triangles.astype(np.uint32)))
+    poses, bearings = million(*room.bounds, beams)
+    rays = ready_rays(poses, bearings, centre)
+    bare, cut, ours = best(
+        lambda: scene.cast_rays(rays),
+        lambda: room._walls._scene.cast_rays(rays),
+        lambda: room.ranges(poses, bearings),
+    )
+    print(
+        f"\n{beams} beams: ranges {ours:.3f} s; bare on mesh {bare:.3f} s, ratio {ours / bare:.2f}; ", end=""
+    )
+    print(f"bare on cut {cut:.3f} s, ratio {ours / cut:.2f}")
+    assert ours < 1.3 * bare
+
+
+@pytest.mark.parametrize("beams", [8, 100])
+@pytest.mark.parametrize("headings", ["equal", "unequal"])
+def test_empty_box(beams, headings):
+    """The hardest case: four walls, where the bare call has next to nothing to do."""
+    room = FloorPlan([(0, 0), (4, 0), (4, 6), (0, 6)])
+    poses, bearings = million(*room.bounds, beams)
+    if headings == "equal":
+        poses[:, 2] = 0.5
+    rays = ready_rays(poses, bearings, np.array([2.0, 3.0, 0.0]))
+    scene = room._walls._scene
+    bare, ours = best(lambda: scene.cast_rays(rays), lambda: room.ranges(poses, bearings))
+    print(f"\n{beams} beams, {headings} headings: {ours:.3f} s, bare {bare:.3f} s, ratio {ours / bare:.2f}")
+    assert ours < 2.5 * bare
+
+
+def test_closed_form():
+    """The particle filter's call: 100 000 poses of one heading and three beams."""
+    room = RectangularRoom(4.0, 6.0)
+    poses = np.random.default_rng(0).random((100_000, 3)) * [4.0, 6.0, 0.0]
+    (seconds,) = best(lambda: room.ranges(poses, np.deg2rad([326.3, 0.0, 33.7])))
+    print(f"\n100 000 poses x 3 beams in closed form: {seconds * 1e3:.2f} ms")
+    assert seconds < 0.01

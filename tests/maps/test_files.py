@@ -1,0 +1,176 @@
+"""Map files: what is read back, and one clear line for each that cannot be read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rangefix.maps import FloorPlan, MapError, MeshRoom, RectangularRoom, load, save
+
+PLAN = FloorPlan([(0, 0), (5, 0), (5, 4), (0, 4)], holes=[[(1, 1), (2, 1), (2, 2)]], walls=[(3, 0, 3, 2.5)])
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+@pytest.mark.parametrize("room", [PLAN, RectangularRoom(4, 6.1), FloorPlan([(0, 0), (1, 0), (0, 1 / 3)])])
+def test_plans_return_as_they_went(tmp_path, room, suffix):
+    """To the last bit."""
+    save(room, tmp_path / f"plan{suffix}")
+    assert load(tmp_path / f"plan{suffix}") == room
+
+
+def test_a_plan_as_written_by_hand(tmp_path):
+    """TOML with integers and line breaks."""
+    path = tmp_path / "flat.toml"
+    path.write_text("outer = [[0, 0], [4, 0],\n  [4, 6], [0, 6]]  # metres\nwalls = [[0, 2, 3, 2]]\n")
+    assert load(path) == FloorPlan([(0, 0), (4, 0), (4, 6), (0, 6)], walls=[(0, 2, 3, 2)])
+
+
+def test_meshes(off):
+    """By suffix, and as MeshRoom.load does."""
+    room = load(off, sensor_height=0.9, resolution=0.1)
+    assert isinstance(room, MeshRoom)
+    np.testing.assert_allclose(room.ranges([1.0, 2.0, 0.0], [0.0]), [4.0])
+    assert room == MeshRoom.load(str(off), sensor_height=0.9, resolution=0.1)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".off", ".gltf", ".glb"])
+@pytest.mark.parametrize("content", [b"this is no mesh\n", bytes(range(256)) * 4], ids=["text", "binary"])
+def test_files_that_are_no_mesh(tmp_path, suffix, content, capfd):
+    """Our line and nothing from Open3D."""
+    path = tmp_path / f"wrong{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(MapError) as caught:
+        load(path, sensor_height=0.9)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_truncated_meshes(tmp_path, off, capfd):
+    """Open3D takes the first part of a file for the whole; we do not."""
+    whole = off.read_text()
+    off.write_text(whole[: len(whole) * 4 // 5])
+    with pytest.raises(MapError, match="the mesh file is broken"):
+        load(off, sensor_height=0.9)
+    ply = tmp_path / "room.ply"
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    ply.write_text(header + "0 0 0\n1 0 0\n0 1 1\n3 0 1 2\n")
+    with pytest.raises(MapError, match="the mesh file is broken"):
+        load(ply, sensor_height=0.9)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_point_cloud(tmp_path):
+    """Vertices without triangles."""
+    path = tmp_path / "cloud.ply"
+    header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+    path.write_text(header + "end_header\n0 0 0\n1 1 1\n")
+    with pytest.raises(MapError, match="no triangles among 2 vertices; a point cloud must be meshed first"):
+        load(path, sensor_height=0.9)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "options", "message"),
+    [
+        ("room.ply", "", {"sensor_height": 1}, "the file is empty"),
+        ("room.toml", "", {}, "the file is empty"),
+        ("room.step", "x", {}, "no map of type '.step'; there are .ply, .obj"),
+        ("room", "x", {}, "no map of type 'without suffix'"),
+        ("room.ply", "ply", {}, "a mesh needs sensor_height, the rangefinder's height z in metres"),
+        (
+            "room.ply",
+            "ply",
+            {"sensor_height": 1, "height": 2},
+            "unknown option height; a .ply map takes reachable_from",
+        ),
+        (
+            "room.toml",
+            "width = 1",
+            {"sensor_height": 1},
+            "unknown option sensor_height; a .toml map takes none",
+        ),
+        ("room.toml", "outer = [[0, 0], [1,", {}, "not a TOML file"),
+        ("room.json", "{", {}, "not a JSON file"),
+        ("room.json", "[1, 2]", {}, "a floor plan has `outer`"),
+        ("room.toml", "outr = [[0, 0]]", {}, "a room has `width` and `length`; found outr"),
+        (
+            "room.toml",
+            "width = -1\nlength = nan",
+            {},
+            "width must be positive .* got -1; length must be positive",
+        ),
+        ("room.toml", "outer = [[0, 0], [1, 1]]", {}, "outer: a polygon needs at least 3 corners"),
+        ("room.toml", "outer = [[0,0],[1,1],[1,0]]\nholes = 3", {}, "holes are a list of polygons, got 3"),
+    ],
+)
+def test_bad_files(tmp_path, name, content, options, message):
+    """One line that begins with the path."""
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(MapError, match=message) as caught:
+        load(path, **options)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files(tmp_path):
+    """Named; a folder is no map."""
+    with pytest.raises(FileNotFoundError, match=r"gone\.ply: no such map file"):
+        load(tmp_path / "gone.ply", sensor_height=1)
+    with pytest.raises(FileNotFoundError, match=r"gone\.ply: no such map file"):
+        MeshRoom.load(tmp_path / "gone.ply", sensor_height=1)
+    with pytest.raises(MapError, match="is a folder"):
+        load(tmp_path)
+
+
+def test_save_refuses(tmp_path, off):
+    """Meshes, and types of file other than plans."""
+    with pytest.raises(MapError, match=r"floor plans are written as \.toml or \.json"):
+        save(PLAN, tmp_path / "plan.ply")
+    with pytest.raises(MapError, match="not a MeshRoom"):
+        save(load(off, sensor_height=1), tmp_path / "plan.toml")
+
+
+def run(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_importing_is_light():
+    """No Open3D and no scipy until a map needs them."""
+    done = run(
+        "import sys, rangefix.maps; sys.exit(bool({'open3d', 'scipy', 'matplotlib'} & set(sys.modules)))"
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_open3d_loads_without_a_system_libusb():
+    """From the wheel libusb-package; where the system has libusb, from there."""
+    done = run("from rangefix.maps._open3d import open3d; print(open3d().__name__)")
+    assert (done.returncode, done.stdout) == (0, "open3d\n"), done.stderr
+
+
+def test_without_any_libusb_one_line_says_what_to_install():
+    """Both sources taken away: open3d's own failure becomes our line."""
+    done = run(
+        "import ctypes, sys\n"
+        "sys.modules['libusb_package'] = None\n"
+        "import rangefix.maps._open3d as module\n"
+        "def missing(name, *args, **kwargs): raise OSError(name)\n"
+        "ctypes.CDLL, load = missing, module.importlib.import_module\n"
+        "def importing(name):\n"
+        "    if name != 'open3d': return load(name)\n"
+        "    reason = 'cannot open shared object file: No such file or directory'\n"
+        "    raise ImportError(f'libusb-1.0.so.0: {reason}')\n"
+        "module.importlib.import_module = importing\n"
+        "try: module.open3d()\n"
+        "except ImportError as error: print(error)\n"
+    )
+    expected = (
+        "open3d needs the system library libusb-1.0.so.0, which is missing: "
+        "pip install libusb-package (or apt-get install libusb-1.0-0)\n"
+    )
+    assert done.stdout == expected, done.stderr

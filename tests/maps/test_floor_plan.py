@@ -1,0 +1,125 @@
+"""FloorPlan: pillars, doors, free space, and outlines that cannot be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rangefix.maps import FloorPlan, MapError
+
+SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
+PILLAR = [(4, 4), (6, 4), (6, 6), (4, 6)]
+EAST, NORTH = np.pi / 2, 0.0
+
+
+def test_pillar():
+    """Beams stop at the pillar; nobody stands in it; its border is free."""
+    plan = FloorPlan(SQUARE, holes=[PILLAR])
+    np.testing.assert_allclose(
+        plan.ranges([[1, 5, EAST], [1, 3, EAST], [5, 9, np.pi]], [0.0]), [[3], [9], [3]]
+    )
+    np.testing.assert_array_equal(
+        plan.is_free([[5, 5], [4, 5], [4.001, 5], [1, 1], [10, 3], [10.001, 3]]), [0, 1, 0, 1, 1, 0]
+    )
+    hits = plan.cast([1, 5, EAST], [0.0])
+    np.testing.assert_allclose(hits.normals, [[-1.0, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(hits.gradients, [[-1.0, 0.0, 0.0]], atol=1e-15)
+
+
+def test_door():
+    """A wall with a gap: closed left and right of the door, open in it, and thin walls take no room."""
+    plan = FloorPlan(SQUARE, walls=[(0, 5, 4, 5), ((5, 5), (10, 5))])
+    np.testing.assert_allclose(
+        plan.ranges([[2, 1, NORTH], [4.5, 1, NORTH], [7, 1, NORTH]], [0.0]), [[4], [9], [4]]
+    )
+    assert plan.is_free([2.0, 5.0])
+    assert plan.segments.shape == (6, 4)
+
+
+def test_no_beam_slips_through_joints():
+    """Beams aimed at the very points where inner walls abut the outline and one another stay in the room."""
+    plan = FloorPlan(SQUARE, walls=[(0, 3.7, 10, 3.7), (3.3, 3.7, 3.3, 10)])
+    joints = np.array([[0, 3.7], [10, 3.7], [3.3, 3.7], [3.3, 10.0]])
+    rng = np.random.default_rng(0)
+    points = rng.random((100_000, 2)) * [3.2, 6.2] + [0.05, 3.75]
+    ahead = joints[rng.integers(0, 4, len(points))] - points
+    poses = np.column_stack([points, np.arctan2(ahead[:, 0], ahead[:, 1])])
+    ranges = plan.ranges(poses, [0.0])
+    ends = points + ranges * np.column_stack([np.sin(poses[:, 2]), np.cos(poses[:, 2])])
+    assert (ends >= [-1e-3, 3.7 - 1e-3]).all()
+    aimed_inside = np.abs(np.hypot(*ahead.T)) < 100
+    assert (ends[aimed_inside, 0] <= 10.001).all()
+    hidden = (ahead[:, 0] > 0) & (np.abs(points[:, 0] + ahead[:, 0] - 3.3) < 1e-9)
+    assert (ends[hidden, 0] <= 3.3 + 1e-3).all()
+
+
+def test_non_convex_in_either_order():
+    """An L either way round, closed or not by repeating its first corner."""
+    corners = [(0, 0), (6, 0), (6, 3), (2, 3), (2, 5), (0, 5)]
+    for outline in (corners, corners[::-1], [*corners, corners[0]]):
+        plan = FloorPlan(outline)
+        np.testing.assert_array_equal(plan.is_free([[1, 4], [5, 1], [3, 4], [2, 4], [2, 3]]), [1, 1, 0, 1, 1])
+        np.testing.assert_allclose(plan.ranges([[1, 4, EAST], [5, 1, NORTH]], [0.0]), [[1], [2]])
+    assert len(FloorPlan([*corners, corners[0]]).outer) == 6
+
+
+def test_free_space_of_a_star():
+    """Area by counting against the shoelace formula, 3 standard deviations of 2 * 10^5 points."""
+    rng = np.random.default_rng(1)
+    angles, radii = np.sort(rng.random(500)) * 2 * np.pi, 5 + 3 * rng.random(500)
+    corners = np.column_stack([np.sin(angles), np.cos(angles)]) * radii[:, None]
+    x1, x2 = corners.T
+    area = abs(np.sum(x1 * np.roll(x2, -1) - np.roll(x1, -1) * x2)) / 2
+    free = FloorPlan(corners).is_free(rng.random((200_000, 2)) * 16 - 8)
+    share = area / 256
+    assert abs(free.mean() - share) < 3 * np.sqrt(share * (1 - share) / len(free))
+
+
+def test_the_inside_of_a_room_is_closed():
+    """From free points of a ragged plan no beam is infinite."""
+    rng = np.random.default_rng(2)
+    angles = np.sort(rng.random(200)) * 2 * np.pi
+    corners = np.column_stack([np.sin(angles), np.cos(angles)]) * (5 + 3 * rng.random(200))[:, None]
+    plan = FloorPlan(corners)
+    points = rng.random((20_000, 2)) * 16 - 8
+    points = points[plan.is_free(points)]
+    poses = np.column_stack([points, np.zeros(len(points))])
+    assert np.isfinite(plan.ranges(poses, np.linspace(0, 6.2, 11))).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([(0, 0), (1, 1)],), "outer: a polygon needs at least 3 corners, got 2"),
+        (
+            ([(0, 0), (1, 1), (1, 0), (0, 1)],),
+            r"outer: side \[0.0, 0.0\] to \[1.0, 1.0\] meets side \[1.0, 0.0\]",
+        ),
+        (([(0, 0), (1, 0), (2, 0)],), "outer: the outline turns back on itself"),
+        (([(0, 0), (1, 0), (1, 0), (0, 1)],), r"outer: corner \[1.0, 0.0\] stands twice in a row"),
+        (([(0, 0), (1, np.nan), (1, 1)],), r"outer: corners must be finite, got \[1.0, nan\]"),
+        (
+            ([(0, 0, 0), (1, 0, 0), (1, 1, 0)],),
+            r"outer: corners are pairs \[x1, x2\], got an array of shape \(3, 3\)",
+        ),
+        (("room",), "outer: corners are pairs of numbers"),
+        ((SQUARE, [[(9, 9), (11, 9), (9, 8)]]), r"hole 1: corner \[11.0, 9.0\] lies outside the outline"),
+        ((SQUARE, [PILLAR, [(1, 1), (2, 2)]]), "hole 2: a polygon needs at least 3 corners"),
+        ((SQUARE, 3), "holes are a list of polygons, got 3"),
+        ((SQUARE, (), [(1, 1, 1, 1)]), r"a wall needs a length, got \[1.0, 1.0, 1.0, 1.0\]"),
+        ((SQUARE, (), [(1, 1, np.inf, 1)]), "walls must be finite"),
+        ((SQUARE, (), [(1, 1, 2)]), r"walls are \(x1a, x2a, x1b, x2b\) .* got an array of shape \(3,\)"),
+    ],
+)
+def test_impossible_plans(arguments, message):
+    """One line that names the part and the mistake."""
+    with pytest.raises(MapError, match=message) as caught:
+        FloorPlan(*arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_hole_across_a_notch():
+    """A hole with its corners inside may still leave the outline by a side."""
+    notched = [(0, 0), (10, 0), (10, 10), (6, 10), (6, 4), (4, 4), (4, 10), (0, 10)]
+    with pytest.raises(MapError, match="hole 1: a side lies outside the outline"):
+        FloorPlan(notched, holes=[[(2, 8), (8, 8), (8, 9), (2, 9)]])
