@@ -1,0 +1,130 @@
+"""Moves that tell copies of a particle apart after resampling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from .problem import Prior, Sensor
+from .space import Array, BoolArray, StateSpace
+
+SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of an object that has stood still: the prior times the likelihood of its readings.
+
+    readings: Measurements taken in already, (B,) each.
+    fresh: The one that is to be taken in, (B,); kept apart so that it can come in by stages.
+    """
+
+    prior: Prior
+    sensor: Sensor
+    readings: Sequence[Array]
+    fresh: Array | None = None
+
+    def log_densities(self, states: Array) -> tuple[Array, Array]:
+        """Unnormalised log posterior without the fresh measurement, and that one's log density: (N,) each."""
+        known = self.prior.log_density(states)
+        fresh = np.zeros(len(states))
+        inside = np.flatnonzero(known > -np.inf)
+        if len(inside) and (self.fresh is not None or len(self.readings)):
+            expected = self.sensor.expected(states[inside])
+            for reading in self.readings:
+                known[inside] += self.sensor.log_density(reading, expected)
+            if self.fresh is not None:
+                fresh[inside] = self.sensor.log_density(self.fresh, expected)
+        return known, fresh
+
+
+def metropolis(
+    states: Array,
+    posterior: Posterior,
+    power: float,
+    root: Array,
+    space: StateSpace,
+    steps: int,
+    rng: Generator,
+) -> tuple[Array, Array]:
+    """Random walks that leave the posterior as it is (Metropolis et al., 1953).
+
+    The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide.
+
+    Args:
+        states: Where they start, (N, n).
+        posterior: What they leave invariant, with the fresh measurement's likelihood to the `power`.
+        power: In [0, 1].
+        root: A root of the steps' covariance, (n, n).
+        space: The state space.
+        steps: How many.
+        rng: Draws N (n + 2) numbers for each step.
+
+    Returns:
+        Where they end, (N, n), and the log density of the fresh measurement there, (N,).
+    """
+    size = len(states)
+    known, fresh = posterior.log_densities(states)
+    spread = np.log(LARGEST / SMALLEST)
+    for _ in range(steps):
+        scale = SMALLEST * np.exp(spread * rng.random(size))
+        step = (rng.standard_normal(states.shape) @ root.T) * scale[:, None]
+        proposal = space.wrap(states + step)
+        known_there, fresh_there = posterior.log_densities(proposal)
+        with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
+            gain = known_there - known
+            if power > 0:
+                gain += power * (fresh_there - fresh)
+            accepted = np.log(rng.random(size)) < gain
+        states = np.where(accepted[:, None], proposal, states)
+        known = np.where(accepted, known_there, known)
+        fresh = np.where(accepted, fresh_there, fresh)
+    return states, fresh
+
+
+def kernel_step(
+    states: Array, mean: Array, covariance: Array, width: float, space: StateSpace, rng: Generator
+) -> Array:
+    """Gaussian noise about points drawn towards the mean, so that mean and covariance stay what they were.
+
+    Musso, Oudjane and Le Gland (2001), shrunk as by Liu and West (2001).
+
+    Args:
+        states: Resampled points, (N, n).
+        mean: Their mean before resampling, (n,).
+        covariance: Their covariance before resampling, (n, n).
+        width: As a multiple of the best for a Gaussian density.
+        space: The state space.
+        rng: Draws N n numbers.
+    """
+    size, components = states.shape
+    best = (4.0 / (size * (components + 2))) ** (1.0 / (components + 4))
+    h = min(1.0, width * best)
+    noise = rng.standard_normal(states.shape) @ root_of(covariance).T
+    shrunk = mean + np.sqrt(1.0 - h * h) * space.difference(states, mean)
+    return space.wrap(shrunk + h * noise)
+
+
+def root_of(covariance: Array) -> Array:
+    """R with R R' = covariance, for any symmetric matrix without negative eigenvalues: (n, n) -> (n, n)."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def unobstructed(sensor: Sensor, start: Array, end: Array) -> BoolArray:
+    """Which straight ways from start to end meet no wall, (N, n), (N, n) -> (N,).
+
+    A sensor that has no map, as `room`, knows of no walls.
+    """
+    room = getattr(sensor, "room", None)
+    if room is None:
+        return np.ones(len(start), dtype=np.bool_)
+    where = sensor.space.position_indices
+    way = end[:, where] - start[:, where]
+    poses = np.column_stack([start[:, where], np.arctan2(way[:, 0], way[:, 1])])
+    clear: BoolArray = room.ranges(poses, np.zeros(1))[:, 0] >= np.hypot(way[:, 0], way[:, 1])
+    return clear

@@ -1,0 +1,236 @@
+"""The bootstrap particle filter (Gordon, Salmond and Smith, 1993), with moves for what stands still.
+
+Estimates come from the weights before resampling, which only adds noise: particles are resampled at the start
+of the next step, and only if their effective number is low.
+
+An object that stands still draws no noise that could tell copies apart. Copies are then moved by Metropolis
+steps on its exact posterior, the prior times the likelihood of all readings so far (Gilks and Berzuini, 2001;
+Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. The kernel of
+Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is thinner than its own covariance, as a
+ring or two modes are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from .estimator import Estimate
+from .motion import Stationary
+from .moves import Posterior, kernel_step, metropolis, root_of, unobstructed
+from .problem import Prior, Problem
+from .resampling import SCHEMES
+from .space import Array, BoolArray
+from .weights import effective_number, equal, exp_of, longest_stage, weighted
+
+
+@dataclass(frozen=True)
+class ParticleBelief:
+    """Weighted points.
+
+    states: (M, N, n).
+    log_weights: Normalised, (M, N).
+    log_evidence: Of all measurements, (M,); -inf where one was impossible for every particle, which then
+        left that run's particles as they were.
+    prior: Where the particles came from.
+    standing: Which runs have not moved since then, (M,).
+    readings: Their measurements since then, (M, B) each; NaN where a run ignored one.
+    """
+
+    states: Array
+    log_weights: Array
+    log_evidence: Array
+    prior: Prior
+    standing: BoolArray
+    readings: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParticleFilter:
+    """Particles weighted by the likelihood.
+
+    Args:
+        problem: What may be known.
+        particles: How many, N.
+        resample_below: Resample where the effective number of particles falls below this fraction of N.
+        resampling: "systematic", "stratified", "residual" or "multinomial".
+        regularise: Move copies apart after resampling: by Metropolis steps while the object stands still,
+            and not at all once it moves, when the noise of the motion does it. With a `bandwidth`, by the
+            kernel instead, moving or not.
+        bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; None = no kernel.
+        moves: Metropolis steps after each resampling.
+        temper: Take in a measurement in as many stages as keep the effective number up, with moves in
+            between (Neal, 2001; Del Moral, Doucet and Jasra, 2006). Only while the object stands still.
+
+    Raises:
+        ValueError: If an option is out of its range, or tempering is asked for without Metropolis steps.
+    """
+
+    problem: Problem
+    particles: int = 10_000
+    resample_below: float = 0.5
+    resampling: str = "systematic"
+    regularise: bool = True
+    bandwidth: float | None = None
+    moves: int = 3
+    temper: bool = False
+
+    def __post_init__(self) -> None:
+        if self.particles != int(self.particles) or self.particles < 2:
+            raise ValueError(f"particles must be a whole number from 2 on, got {self.particles}")
+        if not 0 <= self.resample_below <= 1:
+            raise ValueError(f"resample_below must be in [0, 1], got {self.resample_below}")
+        if self.resampling not in SCHEMES:
+            raise ValueError(f"no resampling {self.resampling!r}; there are {', '.join(SCHEMES)}")
+        if self.bandwidth is not None and not 0 < self.bandwidth < np.inf:
+            raise ValueError(f"bandwidth must be positive and finite, got {self.bandwidth}")
+        if self.moves != int(self.moves) or self.moves < 1:
+            raise ValueError(f"moves must be a whole number from 1 on, got {self.moves}")
+        if self.temper and not (self.regularise and self.bandwidth is None and 0 < self.resample_below < 1):
+            raise ValueError("temper needs regularise, no bandwidth, and 0 < resample_below < 1")
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
+        """N draws from the prior for every run, all of equal weight."""
+        states = np.stack([prior.sample(self.particles, rng) for rng in rngs])
+        log_weights = np.full(states.shape[:2], -np.log(self.particles))
+        runs = len(rngs)
+        return ParticleBelief(states, log_weights, np.zeros(runs), prior, np.ones(runs, dtype=np.bool_))
+
+    def predict(self, belief: ParticleBelief, control: Array, rngs: Sequence[Generator]) -> ParticleBelief:
+        """Every particle moved with noise of its own; control (k,) shared, or (M, k).
+
+        Particles that would pass through a wall lose their weight, unless all would. A move without noise
+        does not resample, and one that leaves all particles where they are changes nothing.
+        """
+        motion = self.problem.motion
+        if isinstance(motion, Stationary):
+            return belief
+        control = np.asarray(control, dtype=float)
+        controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        clouds = []
+        standing = belief.standing.copy()
+        for run, rng in enumerate(rngs):
+            states, log_weights = belief.states[run], belief.log_weights[run]
+            noisy = motion.noise_covariance(states[0], controls[run]).any()
+            if noisy and effective_number(log_weights) < self.resample_below * self.particles:
+                posterior = self._posterior(belief, run)
+                states, _ = self._resampled(states, log_weights, posterior, None, 0.0, rng)
+                log_weights = equal(self.particles)
+            moved = motion.sample(states, controls[run], rng)
+            if noisy or not np.array_equal(moved, states):
+                clear = np.where(unobstructed(self.problem.sensor, states, moved), 0.0, -np.inf)
+                log_weights = weighted(log_weights, clear)[0]
+                standing[run] = False
+            clouds.append((moved, log_weights))
+        readings = belief.readings if standing.any() else ()
+        return _collected(belief, clouds, standing=standing, readings=readings)
+
+    def update(self, belief: ParticleBelief, measurement: Array, rngs: Sequence[Generator]) -> ParticleBelief:
+        """Weights times the likelihood of a measurement (M, B); NaN = not measured, inf = no return.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B).
+        """
+        measurement = np.asarray(measurement, dtype=float)
+        shape = (len(rngs), len(self.problem.sensor.bearings))
+        if measurement.shape != shape:
+            raise ValueError(f"need a measurement of shape {shape}, got {measurement.shape}")
+        clouds, gains = [], np.empty(len(rngs))
+        for run, rng in enumerate(rngs):
+            states, log_weights, gains[run] = self._update_run(belief, run, measurement[run], rng)
+            clouds.append((states, log_weights))
+        readings = belief.readings
+        if belief.standing.any() and not np.isnan(measurement).all():
+            readings = (*readings, np.where(np.isneginf(gains)[:, None], np.nan, measurement))
+        return _collected(belief, clouds, log_evidence=belief.log_evidence + gains, readings=readings)
+
+    def estimate(self, belief: ParticleBelief) -> Estimate:
+        """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,)."""
+        weights = exp_of(belief.log_weights)
+        mean, covariance = self.problem.space.moments(belief.states, weights)
+        return Estimate(mean, covariance, belief.log_evidence)
+
+    def effective_particles(self, belief: ParticleBelief) -> Array:
+        """Effective number of particles 1 / sum w^2 (Kong, Liu and Wong, 1994), (M,)."""
+        return np.array([effective_number(log_weights) for log_weights in belief.log_weights])
+
+    def _update_run(
+        self, belief: ParticleBelief, run: int, reading: Array, rng: Generator
+    ) -> tuple[Array, Array, float]:
+        """One run's states, log weights and log evidence of its reading (B,)."""
+        states, log_weights = belief.states[run], belief.log_weights[run]
+        if np.isnan(reading).all():
+            return states, log_weights, 0.0
+        enough = self.resample_below * self.particles
+        posterior = self._posterior(belief, run, reading)
+        if effective_number(log_weights) < enough:
+            states, log_density = self._resampled(states, log_weights, posterior, reading, 0.0, rng)
+            log_weights = equal(self.particles)
+        else:
+            log_density = self._log_density(reading, states)
+        gains, power = 0.0, 0.0
+        while self.temper and posterior is not None and log_density.max() > -np.inf:
+            stage = longest_stage(log_weights, log_density, 1.0 - power, enough)
+            if power + stage >= 1.0:
+                break
+            log_weights, gain = weighted(log_weights, stage * log_density)
+            gains, power = gains + gain, power + stage
+            states, log_density = self._resampled(states, log_weights, posterior, reading, power, rng)
+            log_weights = equal(self.particles)
+        log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
+        return states, log_weights, gains + gain
+
+    def _log_density(self, reading: Array | None, states: Array) -> Array:
+        if reading is None:
+            return np.zeros(len(states))
+        return self.problem.sensor.log_density(reading, self.problem.sensor.expected(states))
+
+    def _posterior(self, belief: ParticleBelief, run: int, fresh: Array | None = None) -> Posterior | None:
+        """What Metropolis steps leave invariant; None where they are not wanted, or not known."""
+        if not (self.regularise and self.bandwidth is None and belief.standing[run]):
+            return None
+        readings = [reading[run] for reading in belief.readings if not np.isnan(reading[run]).all()]
+        return Posterior(belief.prior, self.problem.sensor, readings, fresh)
+
+    def _resampled(
+        self,
+        states: Array,
+        log_weights: Array,
+        posterior: Posterior | None,
+        reading: Array | None,
+        power: float,
+        rng: Generator,
+    ) -> tuple[Array, Array]:
+        """States of equal weight, moved apart, and the log density of the reading there."""
+        space = self.problem.space
+        weights = exp_of(log_weights)
+        copies = states.take(SCHEMES[self.resampling](weights, rng), axis=0)
+        if posterior is None and (self.bandwidth is None or not self.regularise):
+            return copies, self._log_density(reading, copies)
+        mean, covariance = space.moments(states, weights / weights.sum())
+        if posterior is None:
+            moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
+            clear = unobstructed(self.problem.sensor, copies, moved)
+            moved = np.where(clear[:, None], moved, copies)
+            return moved, self._log_density(reading, moved)
+        _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
+        spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
+        return metropolis(copies, posterior, power, root_of(covariance + spacing), space, self.moves, rng)
+
+
+def _collected(
+    belief: ParticleBelief, clouds: Sequence[tuple[Array, Array]], **changes: object
+) -> ParticleBelief:
+    """The belief of all runs from each run's states and log weights; no copy where nothing moved."""
+    same = all(states.base is belief.states for states, _ in clouds)
+    states = belief.states if same else _stacked([states for states, _ in clouds])
+    log_weights = _stacked([log_weights for _, log_weights in clouds])
+    changed: ParticleBelief = replace(belief, states=states, log_weights=log_weights, **changes)  # type: ignore[arg-type]
+    return changed
+
+
+def _stacked(arrays: Sequence[Array]) -> Array:
+    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
