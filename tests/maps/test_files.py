@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 
@@ -135,8 +137,11 @@ def test_save_refuses(tmp_path, off):
         save(load(off, sensor_height=1), tmp_path / "plan.toml")
 
 
-def run(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A fresh interpreter that finds the same packages as this one."""
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **environment}
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=variables)
 
 
 def test_importing_is_light():
@@ -150,6 +155,17 @@ def test_importing_is_light():
 def test_open3d_loads_without_a_system_libusb():
     """From the wheel libusb-package; where the system has libusb, from there."""
     done = run("from rangefix.maps._open3d import open3d; print(open3d().__name__)")
+    assert (done.returncode, done.stdout) == (0, "open3d\n"), done.stderr
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux builds of Open3D link to libusb")
+def test_a_system_libusb_is_taken_first(tmp_path):
+    """A library where the loader looks, and no wheel: Open3D still loads."""
+    wheel = pytest.importorskip("libusb_package").get_library_path()
+    shutil.copy(wheel, tmp_path / "libusb-1.0.so.0")
+    code = "import sys; sys.modules['libusb_package'] = None\n"
+    code += "from rangefix.maps._open3d import open3d; print(open3d().__name__)"
+    done = run(code, LD_LIBRARY_PATH=str(tmp_path))
     assert (done.returncode, done.stdout) == (0, "open3d\n"), done.stderr
 
 
