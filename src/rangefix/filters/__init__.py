@@ -1,26 +1,32 @@
 """What an estimator believes after measuring."""
 
 from .beam_noise import BeamMixture, Quantised
+from .confined import Confined, is_clear, sample_runs
 from .estimator import EachRun, Estimate, Estimator, SingleRunEstimator
-from .motion import Stationary
+from .motion import ConstantVelocity, RandomWalk, Stationary
 from .noise import Gaussian, RangeProportional, StudentT
+from .odometry import Odometry
 from .priors import Uniform
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .rangefinder import Rangefinder, sweep
 from .registry import available, build
-from .space import StateSpace, pose_space, position_space
+from .space import StateSpace, pose_space, position_space, velocity_space
 
 __all__ = [
     "BeamMixture",
+    "Confined",
+    "ConstantVelocity",
     "EachRun",
     "Estimate",
     "Estimator",
     "Gaussian",
     "Motion",
     "Noise",
+    "Odometry",
     "Prior",
     "Problem",
     "Quantised",
+    "RandomWalk",
     "RangeMap",
     "RangeProportional",
     "Rangefinder",
@@ -32,7 +38,10 @@ __all__ = [
     "Uniform",
     "available",
     "build",
+    "is_clear",
     "pose_space",
     "position_space",
+    "sample_runs",
     "sweep",
+    "velocity_space",
 ]

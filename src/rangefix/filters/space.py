@@ -112,3 +112,8 @@ def position_space(heading: float = 0.0) -> StateSpace:
 def pose_space() -> StateSpace:
     """x1, x2 (m) and heading (rad, clockwise from +x2), all estimated."""
     return StateSpace(("x1", "x2", "heading"))
+
+
+def velocity_space(heading: float = 0.0) -> StateSpace:
+    """x1, x2 (m) and their velocities v1, v2 (m/s) under a known heading (rad, clockwise from +x2)."""
+    return StateSpace(("x1", "x2", "v1", "v2"), heading=heading)

@@ -1,0 +1,218 @@
+"""Motion models: their means, slopes and noise agree with their samples, and walls hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rangefix.filters import (
+    Confined,
+    ConstantVelocity,
+    Motion,
+    Odometry,
+    RandomWalk,
+    StateSpace,
+    Stationary,
+    is_clear,
+    pose_space,
+    position_space,
+    sample_runs,
+    velocity_space,
+)
+from rangefix.maps import FloorPlan, RectangularRoom
+
+POSE = pose_space()
+WIDE = StateSpace(("heading", "x2", "v1", "x1", "v2"))  # any order, more than it needs
+NO_CONTROL = np.zeros(0)
+ALPHAS = (0.02, 0.01, 0.03, 0.005)
+CONTROL = np.array([0.4, -0.1, 0.5])
+CASES: dict[str, tuple[Motion, StateSpace, np.ndarray]] = {
+    "stationary": (Stationary(POSE), POSE, NO_CONTROL),
+    "walk": (RandomWalk(POSE, [0.1, 0.2, 0.05]), POSE, NO_CONTROL),
+    "velocity": (ConstantVelocity(velocity_space(), 0.5, 0.3), velocity_space(), NO_CONTROL),
+    "velocity, wide": (ConstantVelocity(WIDE, 0.5, 0.3), WIDE, NO_CONTROL),
+    "odometry": (Odometry(POSE, ALPHAS), POSE, CONTROL),
+    "odometry, wide": (Odometry(WIDE, ALPHAS, floor=[0.01, 0.02, 0.03]), WIDE, CONTROL),
+    "odometry, backwards": (Odometry(POSE, ALPHAS), POSE, np.array([-0.4, 0.0, -0.2])),
+    "odometry, on the spot": (Odometry(POSE, ALPHAS, floor=0.01), POSE, np.array([0.0, 0.0, -1.0])),
+    "confined": (Confined(Odometry(POSE, ALPHAS), RectangularRoom(400.0, 400.0), POSE), POSE, CONTROL),
+}
+every_case = pytest.mark.parametrize(("motion", "space", "control"), CASES.values(), ids=CASES.keys())
+
+
+def random_states(space: StateSpace, size: int, seed: int) -> np.ndarray:
+    states = np.random.default_rng(seed).normal(0.0, 2.0, (size, space.size))
+    states[:, space.position_indices] += 200.0
+    return space.wrap(states)
+
+
+@every_case
+def test_jacobian_is_the_slope_of_the_mean(motion: Motion, space: StateSpace, control: np.ndarray) -> None:
+    """Central differences of 1e-5 at 20 states; 1e-8."""
+    states = random_states(space, 20, 0)
+    jacobian = motion.jacobian(states, control)
+    for column in range(space.size):
+        shift = 1e-5 * np.eye(space.size)[column]
+        rise = space.difference(motion.mean(states + shift, control), motion.mean(states - shift, control))
+        np.testing.assert_allclose(rise / 2e-5, jacobian[..., column], atol=1e-8)
+
+
+@every_case
+def test_samples_have_the_mean_and_covariance_claimed(
+    motion: Motion, space: StateSpace, control: np.ndarray
+) -> None:
+    """40 000 draws from one state: mean and covariance within 5 standard errors, and each marginal Gaussian.
+
+    The standard error of a covariance C_ij is sqrt((C_ii C_jj + C_ij^2) / N). With 25 checks a case a correct
+    model fails one of the 9 cases for fewer than 1 seed in 7000; the Kolmogorov-Smirnov tests (p > 1e-5) for
+    fewer than 1 in 2500.
+    """
+    state = random_states(space, 1, 3)[0]
+    covariance = motion.noise_covariance(state, control)
+    draws = motion.sample(np.tile(state, (40_000, 1)), control, np.random.default_rng(5))
+    error = space.difference(draws, motion.mean(state, control))
+    stds = np.sqrt(np.diagonal(covariance))
+    assert (np.abs(error.mean(0)) <= 5 * stds / 200 + 1e-12).all()
+    found = error.T @ error / len(error)
+    band = np.sqrt(np.outer(stds, stds) ** 2 + covariance**2) / 200
+    assert (np.abs(found - covariance) <= 5 * band + 1e-12).all()
+    for j in np.flatnonzero(stds > 1e-9):
+        assert stats.kstest(error[:, j] / stds[j], "norm").pvalue > 1e-5
+
+
+@every_case
+def test_batches_equal_single_states(motion: Motion, space: StateSpace, control: np.ndarray) -> None:
+    """States (2, 3, n) with a control for each, (2, 1, k), against one at a time; 1e-12."""
+    states = random_states(space, 6, 1).reshape(2, 3, -1)
+    controls = np.stack([control, 2 * control])[:, None, :]
+    for name in ("mean", "jacobian", "noise_covariance"):
+        batch = getattr(motion, name)(states, controls)
+        for i, j in np.ndindex(2, 3):
+            alone = getattr(motion, name)(states[i, j], controls[i, 0])
+            np.testing.assert_allclose(batch[i, j], alone, atol=1e-12)
+    draws = motion.sample(states, controls, np.random.default_rng(0))
+    assert draws.shape == states.shape
+    assert np.isfinite(draws).all()
+
+
+@every_case
+def test_runs_draw_from_their_own_streams(motion: Motion, space: StateSpace, control: np.ndarray) -> None:
+    """sample_runs equals sample run by run, bit for bit, however many runs there are."""
+    states = random_states(space, 5, 2)
+    together = sample_runs(motion, states, control, [np.random.default_rng(m) for m in range(5)])
+    for run in range(5):
+        alone = motion.sample(states[run], control, np.random.default_rng(run))
+        np.testing.assert_array_equal(together[run], alone)
+
+
+def test_odometry_moves_by_our_conventions() -> None:
+    """Heading 90 deg is +x1: forward is +x1, right is -x2, and a turn of 90 deg makes it 180 deg."""
+    motion = Odometry(POSE)
+    moved = motion.mean(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.2, np.pi / 2]))
+    np.testing.assert_allclose(moved, [1.5, 1.8, -np.pi], atol=1e-12)
+    np.testing.assert_allclose(motion.mean(np.zeros(3), np.array([1.0, 0.3, 0.0])), [0.3, 1.0, 0.0])
+
+
+def test_odometry_noise_is_that_of_the_book_to_first_order() -> None:
+    """The book's sampler, 400 000 draws with small alphas: body covariance within 3 %.
+
+    Thrun, Burgard and Fox (2005), table 5.6, with variances as there. Standard errors are below 0.4 %.
+    """
+    alphas = (0.002, 0.001, 0.003, 0.0005)
+    control = np.array([0.4, -0.1, 0.5])
+    rng = np.random.default_rng(4)
+    rot1, trans = np.arctan2(control[1], control[0]), np.hypot(control[0], control[1])
+    rot2 = control[2] - rot1
+    a1, a2, a3, a4 = alphas
+    draws = rng.standard_normal((3, 400_000))
+    turn1 = rot1 + draws[0] * np.sqrt(a1 * rot1**2 + a2 * trans**2)
+    length = trans + draws[1] * np.sqrt(a3 * trans**2 + a4 * (rot1**2 + rot2**2))
+    turn2 = rot2 + draws[2] * np.sqrt(a1 * rot2**2 + a2 * trans**2)
+    moves = np.stack([length * np.cos(turn1), length * np.sin(turn1), turn1 + turn2])
+    claimed = Odometry(POSE, alphas).body_covariance(control)
+    np.testing.assert_allclose(np.cov(moves), claimed, rtol=0.03, atol=0.03 * np.diagonal(claimed).min())
+
+
+def test_odometry_without_control_has_no_noise_but_the_floor() -> None:
+    np.testing.assert_array_equal(Odometry(POSE, ALPHAS).body_covariance(np.zeros(3)), np.zeros((3, 3)))
+    floor = Odometry(POSE, ALPHAS, floor=[0.1, 0.2, 0.3]).body_covariance(np.zeros(3))
+    np.testing.assert_allclose(floor, np.diag([0.01, 0.04, 0.09]))
+
+
+def test_constant_velocity_in_two_half_steps() -> None:
+    """F Q F' + Q of half steps is Q of the whole step: white noise acceleration knows no step; 1e-12."""
+    whole = ConstantVelocity(velocity_space(), 1.0, 0.3)
+    half = ConstantVelocity(velocity_space(), 0.5, 0.3)
+    np.testing.assert_allclose(half.transition @ half.transition, whole.transition)
+    twice = half.transition @ half.covariance @ half.transition.T + half.covariance
+    np.testing.assert_allclose(twice, whole.covariance, atol=1e-12)
+
+
+def test_nothing_goes_through_thin_walls() -> None:
+    """A wall without thickness across the room at x1 = 2: steps of 1 m never cross it, nor leave the room."""
+    plan = FloorPlan([[0, 0], [4, 0], [4, 6], [0, 6]], walls=[[2, 0, 2, 6]])
+    space = position_space()
+    motion = Confined(RandomWalk(space, 1.0), plan, space)
+    rng = np.random.default_rng(6)
+    starts = rng.uniform([0.1, 0.1], [3.9, 5.9], (5000, 2))
+    states = starts
+    for _ in range(5):
+        states = motion.sample(states, NO_CONTROL, rng)
+        assert plan.is_free(states).all()
+    assert ((states[:, 0] < 2) == (starts[:, 0] < 2)).all()
+    assert np.abs(states - starts).mean() > 0.5  # they do move
+
+
+@pytest.mark.parametrize("tries", [1, 2, 100])
+def test_confined_steps_follow_the_stated_law(tries: int) -> None:
+    """40 000 steps of N(0, 1) along x1, 0.3 m before the wall: stays and steps as the formula says.
+
+    Z = Phi(0.3). The share that stays is (1 - Z)^k; what moves follows N cut off at the wall. Binomial and
+    Kolmogorov-Smirnov tests with p > 1e-5: a correct model fails one of six for fewer than 1 seed in 16 000.
+    """
+    room, space = RectangularRoom(100.0, 2.0), position_space()
+    motion = Confined(RandomWalk(space, [1.0, 0.0]), room, space, tries=tries)
+    starts = np.tile([99.7, 1.0], (40_000, 1))
+    steps = (motion.sample(starts, NO_CONTROL, np.random.default_rng(8)) - starts)[:, 0]
+    free = stats.norm.cdf(0.3)
+    stays = steps == 0
+    assert stats.binomtest(int(stays.sum()), 40_000, (1 - free) ** tries).pvalue > 1e-5
+    assert stats.kstest(steps[~stays], lambda x: stats.norm.cdf(np.minimum(x, 0.3)) / free).pvalue > 1e-5
+
+
+def test_a_confined_object_with_no_way_out_stays() -> None:
+    motion = Confined(Odometry(POSE), RectangularRoom(4.0, 6.0), POSE)
+    state = np.array([2.0, 5.9, 0.0])
+    np.testing.assert_array_equal(
+        motion.sample(state, np.array([1.0, 0.0, 0.3]), np.random.default_rng(0)), state
+    )
+
+
+def test_is_clear_in_closed_form() -> None:
+    """A pillar in a room: past it the way is clear, through it or into it is not."""
+    plan = FloorPlan(
+        [[0, 0], [4, 0], [4, 6], [0, 6]], holes=[[[1.5, 2.5], [2.5, 2.5], [2.5, 3.5], [1.5, 3.5]]]
+    )
+    start = np.array([0.5, 3.0])
+    ends = np.array([[0.5, 5.0], [3.5, 3.0], [2.0, 3.0], [5.0, 3.0], [3.5, 5.5], [0.5, 3.0]])
+    assert is_clear(plan, start, ends).tolist() == [True, False, False, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: RandomWalk(POSE, -0.1), "at least zero"),
+        (lambda: RandomWalk(POSE, [0.1, 0.1]), "one for each of x1, x2, heading"),
+        (lambda: ConstantVelocity(POSE, 1.0, 0.1), "needs v1 and v2"),
+        (lambda: ConstantVelocity(velocity_space(), 0.0, 0.1), "step > 0"),
+        (lambda: Odometry(position_space()), "take pose_space"),
+        (lambda: Odometry(POSE, (0.1, 0.1, 0.1, -0.1)), "four alphas"),
+        (lambda: Odometry(POSE, floor=[0.1, 0.1]), "forward, right, turn"),
+        (lambda: Odometry(POSE).mean(np.zeros(3), np.zeros(2)), "shape"),
+        (lambda: Confined(Stationary(POSE), RectangularRoom(1.0, 1.0), POSE, tries=0), "at least one try"),
+    ],
+)
+def test_bad_models_are_refused(make: object, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        make()  # type: ignore[operator]
