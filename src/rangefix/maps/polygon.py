@@ -60,18 +60,16 @@ def check_polygon(corners: ArrayLike, name: str) -> Array:
 def meeting(one: Array, two: Array, *, touch: bool = True) -> NDArray[np.intp]:
     """Pairs of segments that cross, and with `touch` those that touch: (S, 4), (T, 4) -> indices (k, 2)."""
     found = [np.empty((0, 2), dtype=np.intp)]
-    c, d = two[:, :2], two[:, 2:]
+    low, high = np.minimum(two[:, :2], two[:, 2:]), np.maximum(two[:, :2], two[:, 2:])
     for start in range(0, len(one), ROWS):
         a, b = one[start : start + ROWS, None, :2], one[start : start + ROWS, None, 2:]
-        sides = [_side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)]
-        if touch:
-            overlap = ((np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))).all(
-                -1
-            )
-            met = (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0) & overlap
-        else:
-            met = (sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)
-        found.append(np.argwhere(met) + np.array([start, 0]))
+        near = (np.minimum(a, b) <= high + ON_BORDER) & (low - ON_BORDER <= np.maximum(a, b))
+        pairs = np.argwhere(near[..., 0] & near[..., 1]) + np.array([start, 0])
+        a, b = one[pairs[:, 0], :2], one[pairs[:, 0], 2:]
+        c, d = two[pairs[:, 1], :2], two[pairs[:, 1], 2:]
+        sides = _side(a, b, c) * _side(a, b, d), _side(c, d, a) * _side(c, d, b)
+        met = (sides[0] <= 0) & (sides[1] <= 0) if touch else (sides[0] < 0) & (sides[1] < 0)
+        found.append(pairs[met])
     return np.concatenate(found)
 
 
