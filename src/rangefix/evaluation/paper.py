@@ -137,16 +137,10 @@ def cut_off_interval(digits: str) -> tuple[float, float]:
     return low / 10**places - ROUNDING, (low + 1) / 10**places
 
 
-def rangefinder() -> Rangefinder:
-    """The paper's three beams in its room, heading 0."""
-    room, space = RectangularRoom(width=WIDTH, length=LENGTH), position_space(heading=0.0)
-    return Rangefinder(room, np.deg2rad(BEARINGS_DEG), Gaussian(NOISE_STD), space)
-
-
 def example() -> Problem:
     """The paper's room, rangefinder and prior."""
-    sensor = rangefinder()
-    room, space = sensor.room, sensor.space
+    room, space = RectangularRoom(width=WIDTH, length=LENGTH), position_space(heading=0.0)
+    sensor = Rangefinder(room, np.deg2rad(BEARINGS_DEG), Gaussian(NOISE_STD), space)
     return Problem(space=space, motion=Stationary(space), sensor=sensor, prior=Uniform(room, space))
 
 
@@ -164,6 +158,7 @@ def solve(draws: int = 2000, seed: int = 0) -> Paper:
         seed: Seed of the streams.
     """
     problem, truth = example(), np.array(TRUTH)
+    assert isinstance(problem.sensor, Rangefinder)
     exact = problem.sensor.expected(truth)
     readings = np.stack(
         [problem.sensor.sample(truth, rng) for rng in streams(seed, "measurement", range(draws))]
@@ -195,7 +190,7 @@ def solve(draws: int = 2000, seed: int = 0) -> Paper:
             for (low, _), step, count in zip(edges, grid.step, grid.shape, strict=True)
         ),
         densities=dict(zip(PRINTED, np.nan_to_num(np.swapaxes(density, 1, 2)), strict=True)),
-        scene=scene(rangefinder(), problem.prior, truth),
+        scene=scene(problem.sensor, problem.prior, truth),
     )
 
 

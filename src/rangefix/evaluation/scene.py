@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..filters import Prior, Rangefinder
 
-Scene = Mapping[str, NDArray[np.float64]]
+Array = NDArray[np.float64]
+Scene = Mapping[str, Array]
 
 PIXELS = 600  # along the longer side of the map
 
 
-def scene(sensor: Rangefinder, prior: Prior, truth: ArrayLike) -> dict[str, NDArray[np.float64]]:
+def scene(sensor: Rangefinder, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
     """The scene of a problem as float64 arrays, ready to be saved.
 
     Args:

@@ -1,4 +1,4 @@
-"""What the figures of a row mean, in words: whether an estimator's covariance may be trusted."""
+"""The figures of a row in words: whether an estimator's covariance may be trusted."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def verdict(row: Row) -> str:
         return "DO NOT TRUST: claims certainty, and errs"
     if overconfident(row):
         times = f"claims {_times(value)} times too little"
-        return f"DO NOT TRUST: overconfident, {times}" if value > MUCH else f"a little overconfident: {times}"
+        return f"DO NOT TRUST: {times}" if value > MUCH else f"a little overconfident: {times}"
     if row.anees.high < 1:
         times = f"claims {_times(1 / value)} times too much"
         return f"too cautious: {times}" if 1 / value > MUCH else f"a little cautious: {times}"
@@ -35,4 +35,17 @@ def verdict(row: Row) -> str:
 
 def _times(factor: float) -> str:
     """A factor to two digits, or to three from 100."""
-    return f"{factor:.0f}" if factor >= 10 else f"{factor:.2g}"
+    return f"{factor:.0f}" if factor >= 9.5 else f"{factor:.2g}"
+
+
+def name_beams(label: str) -> str:
+    """The label of a set of beams in words: "1" -> "beam 1", "1+2" -> "beams 1 + 2"."""
+    if label == "all":
+        return "all beams"
+    several = "+" in label or "-" in label
+    return f"beam{'s' * several} {label.replace('+', ' + ')}"
+
+
+def short(value: float) -> str:
+    """Three digits, and no powers of ten below a million."""
+    return f"{value:.0f}" if 100 <= abs(value) < 1e6 else f"{value:.3g}"

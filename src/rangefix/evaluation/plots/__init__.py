@@ -10,10 +10,13 @@ from matplotlib.figure import Figure
 from .. import paper
 from ..results import Results, load, summarise
 from ..store import ResultsError
-from .credibility import SHOWN_RUNS, anees_figure, covariance_figure, runs_figure, time_figure
-from .maps import ellipses_figure, map_figure
-from .posterior import posterior_maps, posterior_surfaces
+from ..verdict import name_beams
+from .credibility import anees_figure, covariance_figure, time_figure
+from .errors import SHOWN_RUNS, ellipses_figure, runs_figure
+from .maps import map_figure
+from .posterior import posterior_maps
 from .style import styled, write
+from .surfaces import posterior_surfaces
 
 __all__ = ["draw", "paper_figures", "study_figures"]
 
@@ -58,7 +61,7 @@ def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
     """The figures of a study by file name; those of single runs are for the last set of beams."""
     rows = summarise(results)
     beams = results.beam_sets[-1]
-    label = "all beams" if beams == "all" else f"beams {beams}" if "+" in beams else f"beam {beams}"
+    label = name_beams(beams)
     name = results.manifest.get("title") or results.manifest.get("name", "study")
     study = f"{name} ({len(results.truth)} runs)"
     if results.scene:
@@ -68,7 +71,9 @@ def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
     yield (
         "errors",
         ellipses_figure(
-            results, beams, f"Errors with ellipses of G and P, {label}; axes differ in scale\n{study}"
+            results,
+            beams,
+            f"Errors with ellipses of G and P, {label}; scales differ\n{study}",
         ),
     )
     yield (

@@ -8,17 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, SymmetricalLogLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ...filters.space import Array
 from ..intervals import Interval
-from ..results import Results
 from ..summary import Row
+from ..verdict import name_beams, short
 from .style import COLOURS, MARKERS
 
-SHOWN_RUNS = 200  # in the picture of errors run by run
 CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
-NORMAL_95 = 1.96  # standard deviations of the band that holds 95 % of a Gaussian
 CLAIMED, TRUE = "#0072B2", "#000000"
 
 
@@ -54,7 +51,7 @@ def _places(rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, str]]]:
         if row.beams != beams:
             y -= 0.5 if beams is None else 0.9
             beams = row.beams
-            heads.append((y, "all beams" if beams == "all" else f"beam{'s' * ('+' in beams)} {beams}"))
+            heads.append((y, name_beams(beams)))
             y -= 0.9
         heights.append(y)
         y -= 1.0
@@ -158,7 +155,7 @@ def anees_figure(rows: Sequence[Row], title: str) -> Figure:
         )
         if np.isfinite(row.anees.value):
             axes.annotate(
-                f"{row.anees.value:.3g}",
+                short(row.anees.value),
                 (max(row.anees.value, np.nan_to_num(row.anees.high), high), y),
                 xytext=(5, 0),
                 textcoords="offset points",
@@ -173,61 +170,6 @@ def anees_figure(rows: Sequence[Row], title: str) -> Figure:
     figure.legend(list(chosen.values()), list(chosen), loc="outside lower center", ncols=1)
     figure.suptitle(title, fontsize=10.5)
     return figure
-
-
-def runs_figure(results: Results, beams: str, title: str) -> Figure:
-    """Errors of single runs in the band that their estimator claims, runs in the order of that claim."""
-    names = results.space.names
-    estimators = results.estimators
-    figure = Figure(figsize=(0.9 + 2.35 * len(estimators), 0.9 + 2.2 * len(names)), layout="constrained")
-    panels = figure.subplots(len(names), len(estimators), squeeze=False, sharey="row", sharex=True)
-    for column, estimator in enumerate(estimators):
-        trials = results.get(estimator, beams)
-        errors = results.errors(trials)[trials.ok, -1]
-        stds = np.sqrt(np.maximum(np.diagonal(trials.covariance[trials.ok, -1], axis1=-2, axis2=-1), 0.0))
-        for i in range(len(names)):
-            share = _runs_panel(panels[i, column], errors[:, i], stds[:, i])
-            panels[i, column].set_title(f"{estimator}\n{share}" if i == 0 else share)
-        panels[-1, column].set_xlabel("runs, by claimed std")
-    for i, name in enumerate(names):
-        panels[i, 0].set_ylabel(f"error of {symbol(name)}, {unit(name)}\n(linear to 0.1, then log)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
-
-
-def _runs_panel(axes: Axes, errors: Array, stds: Array) -> str:
-    """Draw the first runs; returns what share of all runs lies inside the band, in words."""
-    inside = np.abs(errors) <= NORMAL_95 * stds
-    shown = np.argsort(stds[:SHOWN_RUNS], kind="stable")
-    band, error, held = NORMAL_95 * stds[shown], errors[shown], inside[shown]
-    place = np.arange(len(shown))
-    axes.fill_between(
-        place,
-        -band,
-        band,
-        step="mid",
-        facecolor="#9CC7E4",
-        edgecolor=CLAIMED,
-        linewidth=0.6,
-        label="claimed 95 % band, $\\pm$1.96 std",
-    )
-    axes.plot(place[held], error[held], ".", markersize=3, color="black", label="error inside")
-    axes.plot(
-        place[~held],
-        error[~held],
-        "x",
-        markersize=4,
-        color="#D55E00",
-        markeredgewidth=1.0,
-        label="error outside",
-    )
-    axes.set_yscale("symlog", linthresh=0.1)
-    axes.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=0.1))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.axhline(0.0, color="0.5", linewidth=0.6)
-    return f"{100 * inside.mean():.0f} % inside the band" if len(errors) else "no run went well"
 
 
 def time_figure(rows: Sequence[Row], title: str) -> Figure | None:

@@ -12,6 +12,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 SETTINGS: dict[str, Any] = {
@@ -40,6 +41,8 @@ SETTINGS: dict[str, Any] = {
 }
 # Okabe and Ito's colours in an order that alternates dark and light, so that they also differ in grey.
 COLOURS = ("#0072B2", "#E69F00", "#000000", "#CC79A7", "#009E73", "#D55E00", "#56B4E9", "#7F7F7F")
+# White where nothing is likely, darker and darker towards the peak: in grey too.
+INK = LinearSegmentedColormap.from_list("ink", ["#ffffff", "#b5d4ea", "#4f94c4", "#1b4f8a", "#08183a"])
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 

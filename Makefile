@@ -1,0 +1,60 @@
+# make demo    the paper's table and figures, and four estimators compared in a room and in a building mesh
+# make test    lint, types and tests
+# make bench   speed against other libraries
+# make lint    format and lint only
+# All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= results
+BUILDING ?= ../shared/data/avz/avz.ply
+RUNS ?= 1000
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test bench lint clean
+
+demo: $(VENV)/.base
+	$(BIN)/rangefix paper --out $(OUT)/paper
+	$(BIN)/rangefix run paper --runs $(RUNS) --out $(OUT)/room
+	$(BIN)/rangefix plot $(OUT)/room > $(OUT)/room/figures.txt
+ifneq ($(wildcard $(BUILDING)),)
+	$(BIN)/rangefix run mesh --map $(BUILDING) --runs $(RUNS) --out $(OUT)/building
+else
+	@echo "No mesh at $(BUILDING): a small building is made up instead."
+	$(BIN)/python docs/demo/make_building.py $(OUT)/building.ply
+	$(BIN)/rangefix run docs/demo/building.toml --map $(OUT)/building.ply --runs $(RUNS) --out $(OUT)/building
+endif
+	$(BIN)/rangefix plot $(OUT)/building > $(OUT)/building/figures.txt
+	@echo "Pictures: $(OUT)/paper/figures  $(OUT)/room/figures  $(OUT)/building/figures"
+
+test: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -n 2 -m "not benchmark"
+
+bench: $(VENV)/.bench
+	$(BIN)/python -m pytest tests/benchmarks -m benchmark --benchmark-only
+
+lint: $(VENV)/.test
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) $(OUT) build dist
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.base: pyproject.toml | $(BIN)/python
+	$(PIP) --editable .
+	@touch $@
+
+$(VENV)/.test: pyproject.toml | $(BIN)/python
+	$(PIP) --editable ".[test]"
+	@touch $@ $(VENV)/.base
+
+$(VENV)/.bench: pyproject.toml | $(BIN)/python
+	$(PIP) --editable ".[bench]"
+	@touch $@ $(VENV)/.test $(VENV)/.base

@@ -1,0 +1,6 @@
+"""`python -m rangefix`: the same as the command `rangefix`."""
+
+from .cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""What the commands `estimators` and `ranges` tell: facts about estimators and maps, no printing."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from .filters.registry import available, resolve
+from .maps import RectangularRoom, load
+
+
+def describe() -> list[dict[str, Any]]:
+    """Name, first line of the docstring and options (with defaults) of each estimator."""
+    described = []
+    for name in available():
+        factory = resolve(name)
+        parameters = list(inspect.signature(factory).parameters.values())[1:]  # the first is the problem
+        options = {
+            each.name: None if each.default is inspect.Parameter.empty else _plain(each.default)
+            for each in parameters
+        }
+        summary = (inspect.getdoc(factory) or "").split("\n")[0]
+        described.append({"name": name, "summary": summary, "options": options})
+    return described
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str | None) else str(value)
+
+
+def cast(
+    map_name: str, at: tuple[float, float], heading_deg: float, bearings_deg: str, sensor_height: float | None
+) -> list[dict[str, float]]:
+    """Ranges from a position in a map; bearings as numbers joined by commas.
+
+    Raises:
+        ValueError: With all mistakes of the position, heading and bearings at once, or that of the map.
+    """
+    try:
+        bearings = [float(part) for part in bearings_deg.split(",")]
+    except ValueError:
+        raise ValueError(f"--bearings-deg needs numbers, got {bearings_deg!r}") from None
+    numbers = {"--at": at, "--heading-deg": [heading_deg], "--bearings-deg": bearings}
+    wrong = [name for name, values in numbers.items() if not np.isfinite(values).all()]
+    if wrong:
+        raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
+    room = open_map(map_name, sensor_height)
+    if not room.is_free(np.array(at)):
+        raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")
+    pose = np.array([*at, np.deg2rad(heading_deg)])
+    found = room.ranges(pose, np.deg2rad(bearings))
+    return [
+        {"bearing_deg": bearing, "range_m": float(distance)}
+        for bearing, distance in zip(bearings, found, strict=True)
+    ]
+
+
+def open_map(name: str, sensor_height: float | None = None) -> Any:
+    """A map from a file, or a rectangular room from "room:WIDTHxLENGTH" in metres.
+
+    Raises:
+        ValueError: If there is no such map.
+    """
+    kind, _, size = name.partition(":")
+    if kind == "room":
+        try:
+            width, length = (float(side) for side in size.lower().split("x"))
+        except ValueError:
+            raise ValueError(f"a room is given as room:WIDTHxLENGTH in metres, got {name!r}") from None
+        return RectangularRoom(width=width, length=length)
+    return load(name, **({} if sensor_height is None else {"sensor_height": sensor_height}))

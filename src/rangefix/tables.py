@@ -1,0 +1,110 @@
+"""Tables on the terminal."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from .evaluation.intervals import Interval
+from .evaluation.paper import BAND, CELLS, Paper
+from .evaluation.summary import Row
+from .evaluation.verdict import name_beams, overconfident, short, verdict
+
+WIDTH = 150  # where the output is not a terminal
+
+
+def console() -> Console:
+    """Standard output; as wide as the terminal, or WIDTH."""
+    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+
+
+def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
+    """An empty table whose first `left` columns stand left and the others right."""
+    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold", padding=(0, 1))
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < left else "right", no_wrap=i >= left)
+    return table
+
+
+def table1(paper: Paper) -> Table:
+    """The paper's Table 1: noise-free values beside the printed ones, with the band over noise draws."""
+    low, high = BAND
+    title = (
+        f"Table 1: conditional standard deviations, m (cells of {CELLS[-1]:g} m, {paper.draws} noise draws)"
+    )
+    columns = (
+        "beams",
+        "",
+        "noise-free",
+        "paper prints",
+        f"{low:g}-{high:g} % of draws",
+        "paper's percentile",
+    )
+    table = new_table(title, columns, left=2)
+    for row in paper.rows:
+        for i, inside in enumerate(row.in_band()):
+            first, last = row.percentile[i]
+            table.add_row(
+                row.beams if i == 0 else "",
+                ("x1", "x2")[i],
+                f"{row.std[i]:.4f}",
+                row.printed[i],
+                f"{row.band[i, 0]:.4f} - {row.band[i, 1]:.4f}",
+                f"{first:.0f} - {last:.0f}" + ("" if inside else " outside"),
+                end_section=i == 1,
+            )
+    return table
+
+
+def table1_notes(paper: Paper) -> list[str]:
+    """What must be said with Table 1."""
+    agreeing = round(paper.agreeing * paper.draws)
+    outside = sum(not inside for row in paper.rows for inside in row.in_band())
+    inside = "Every printed figure lies" if not outside else f"All but {outside} printed figures lie"
+    return [
+        "The paper prints one unstated draw of the noise and cuts off: 0.64 is anything from 0.64 to 0.65,"
+        " hence a range of percentiles.",
+        f"{inside} in its band. All 14 at once come out for {agreeing} of {paper.draws} draws"
+        + ("." if agreeing else ": the rows hardly come from a single draw."),
+    ]
+
+
+def _interval(interval: Interval) -> str:
+    if not math.isfinite(interval.value):
+        return short(interval.value)
+    return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
+
+
+def comparison(rows: Sequence[Row], title: str) -> Table:
+    """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict."""
+    names, planned = rows[0].names, rows[0].planned
+    deviations = [f"{name} std, {'rad' if name == 'heading' else 'm'}\ntrue / claimed" for name in names]
+    columns = ["\nestimator", f"ok of\n{planned}", *deviations, "ANEES/n\n[95 %]", "ms per\nupdate"]
+    table = new_table(title, columns)
+    table.add_column("\nverdict", justify="left", min_width=24)
+    sets = list(dict.fromkeys((row.beams, row.step) for row in rows))
+    for beams, step in sets:
+        last = f", measurement {step + 1}" if any(row.step for row in rows) else ""
+        table.add_row(f"{name_beams(beams)}{last}", style="bold")
+        for row in rows:
+            if (row.beams, row.step) == (beams, step):
+                table.add_row(*_cells(row), style="bold red" if overconfident(row) else "")
+        table.add_section()
+    return table
+
+
+def _cells(row: Row) -> list[str]:
+    pairs = zip(row.g, row.p, strict=True)
+    return [
+        f"  {row.estimator}",
+        str(row.ok),
+        *(f"{short(g.sqrt().value)} / {short(p.sqrt().value)}" for g, p in pairs),
+        _interval(row.anees),
+        short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
+        verdict(row),
+    ]
