@@ -53,7 +53,7 @@ def million(lower, upper, beams):
 
 @pytest.mark.parametrize("beams", [8, 100])
 def test_real_building(beams):
-    """At most 1.3 times the bare call on the building's mesh; 1.5 is asserted, for machines busy elsewhere."""
+    """At most 1.3 times the bare call on the building's mesh; 1.5 is asserted, for busy machines."""
     path = DATA / "avz" / "avz.ply"
     if not path.exists():
         pytest.skip(f"{path} is missing; set RANGEFIX_DATA to the folder that holds avz/avz.ply")
