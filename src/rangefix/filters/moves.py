@@ -43,6 +43,7 @@ class Posterior:
 
 def metropolis(
     states: Array,
+    log_densities: tuple[Array, Array],
     posterior: Posterior,
     power: float,
     root: Array,
@@ -56,6 +57,7 @@ def metropolis(
 
     Args:
         states: Where they start, (N, n).
+        log_densities: What `Posterior.log_densities` says there, (N,) each.
         posterior: What they leave invariant, with the fresh measurement's likelihood to the `power`.
         power: In [0, 1].
         root: A root of the steps' covariance, (n, n).
@@ -67,7 +69,7 @@ def metropolis(
         Where they end, (N, n), and the log density of the fresh measurement there, (N,).
     """
     size = len(states)
-    known, fresh = posterior.log_densities(states)
+    known, fresh = log_densities
     spread = np.log(LARGEST / SMALLEST)
     for _ in range(steps):
         scale = SMALLEST * np.exp(spread * rng.random(size))

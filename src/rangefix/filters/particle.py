@@ -26,6 +26,8 @@ from .resampling import SCHEMES
 from .space import Array, BoolArray
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
+BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
+
 
 @dataclass(frozen=True)
 class ParticleBelief:
@@ -95,7 +97,7 @@ class ParticleFilter:
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
         """N draws from the prior for every run, all of equal weight."""
         states = np.stack([prior.sample(self.particles, rng) for rng in rngs])
-        log_weights = np.full(states.shape[:2], -np.log(self.particles))
+        log_weights = np.broadcast_to(equal(self.particles), states.shape[:2])
         runs = len(rngs)
         return ParticleBelief(states, log_weights, np.zeros(runs), prior, np.ones(runs, dtype=np.bool_))
 
@@ -184,9 +186,14 @@ class ParticleFilter:
         return states, log_weights, gains + gain
 
     def _log_density(self, reading: Array | None, states: Array) -> Array:
-        if reading is None:
-            return np.zeros(len(states))
-        return self.problem.sensor.log_density(reading, self.problem.sensor.expected(states))
+        total = np.zeros(len(states))
+        if reading is not None:
+            for start in range(0, len(states), BLOCK):
+                part = slice(start, start + BLOCK)
+                total[part] = self.problem.sensor.log_density(
+                    reading, self.problem.sensor.expected(states[part])
+                )
+        return total
 
     def _posterior(self, belief: ParticleBelief, run: int, fresh: Array | None = None) -> Posterior | None:
         """What Metropolis steps leave invariant; None where they are not wanted, or not known."""
@@ -207,18 +214,26 @@ class ParticleFilter:
         """States of equal weight, moved apart, and the log density of the reading there."""
         space = self.problem.space
         weights = exp_of(log_weights)
-        copies = states.take(SCHEMES[self.resampling](weights, rng), axis=0)
-        if posterior is None and (self.bandwidth is None or not self.regularise):
-            return copies, self._log_density(reading, copies)
-        mean, covariance = space.moments(states, weights / weights.sum())
-        if posterior is None:
+        ancestors = SCHEMES[self.resampling](weights, rng)
+        copies = states.take(ancestors, axis=0)
+        kernel = self.regularise and self.bandwidth is not None
+        if kernel or posterior is not None:
+            mean, covariance = space.moments(states, weights / weights.sum())
+        if kernel:
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
             clear = unobstructed(self.problem.sensor, copies, moved)
             moved = np.where(clear[:, None], moved, copies)
             return moved, self._log_density(reading, moved)
+        first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
+        counts = np.diff(first, append=len(ancestors))
+        if posterior is None:
+            return copies, np.repeat(self._log_density(reading, copies[first]), counts)
+        known, fresh = posterior.log_densities(copies[first])
+        logs = np.repeat(known, counts), np.repeat(fresh, counts)
         _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
         spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
-        return metropolis(copies, posterior, power, root_of(covariance + spacing), space, self.moves, rng)
+        root = root_of(covariance + spacing)
+        return metropolis(copies, logs, posterior, power, root, space, self.moves, rng)
 
 
 def _collected(

@@ -28,7 +28,9 @@ def systematic(weights: Array, rng: Generator) -> Indices:
     Returns:
         Indices of the particles to copy, ascending, (N,).
     """
-    return _ancestors(np.ceil(_cumulative(weights) - rng.random()))
+    ends = _cumulative(weights)
+    ends -= rng.random()
+    return _ancestors(np.ceil(ends, out=ends))
 
 
 def stratified(weights: Array, rng: Generator) -> Indices:
@@ -76,7 +78,8 @@ def _cumulative(weights: Array) -> Array:
 
 def _ancestors(ends: Array) -> Indices:
     """Indices from the number of points that lie below the end of each particle's interval."""
-    copies = np.minimum(ends, len(ends)).astype(np.intp)
+    copies = np.minimum(ends, len(ends), out=ends).astype(np.intp)
     copies[-1] = len(copies)  # rounding must not lose the last point
     copies[1:] -= copies[:-1].copy()
-    return np.repeat(np.arange(len(copies)), copies)
+    chosen = np.flatnonzero(copies)
+    return np.repeat(chosen, copies[chosen])

@@ -17,8 +17,8 @@ def exp_of(logs: Array) -> Array:
 
 
 def equal(size: int) -> Array:
-    """Log weights 1 / N, (N,)."""
-    return np.full(size, -np.log(size))
+    """Log weights of 1 / N, (N,); read-only, and takes no memory."""
+    return np.broadcast_to(-np.log(size), (size,))
 
 
 def weighted(log_weights: Array, log_density: Array) -> tuple[Array, float]:
