@@ -20,18 +20,20 @@ from .checks_problems import (
     pose_problem,
     position_problem,
     readings,
+    repeated,
     settled,
 )
 from .checks_subject import SURE, Subject, claim, deviations, need, need_agreement
 from .problem import Problem
 
 SEEDS = 32  # runs in which an estimator's own scatter is found
-TRIALS = 300  # runs with truths of their own
+TRIALS = 150  # runs with truths of their own
 BATCH = 30  # runs at once, for estimators that need much memory for each
 ROUNDING = 1e-5  # of the posterior's own spread
 COARSE = 0.02  # the same, for a grid or another approximation without draws
-NOISY = 0.5  # the most that answers may scatter between seeds, in standard deviations of the posterior
 FALSE_ALARM = 1e-6
+RARE = 1e-3
+LARGE = 4.0  # standard deviations
 SLACK = 1.15  # of ANEES, for the random error of an estimator's own draws
 WRONG = 3.0  # m, added to every range of an impossible measurement
 SURPRISE = 50.0  # nats
@@ -42,7 +44,7 @@ NAN = np.nan
 def missing_beams_say_nothing(subject: Subject) -> None:
     """Readings with NaN in two of four beams give what a rangefinder with the other two beams gives."""
     problem, fewer = position_problem(), position_problem((0, 2))
-    _, measurements = readings(problem, SEEDS, 2)
+    measurements = repeated(problem, SEEDS)
     gaps = [np.where(np.arange(4) % 2, NAN, measurement) for measurement in measurements]
     left = [measurement[:, ::2] for measurement in measurements]
     with_gaps = answer(subject.build(problem), problem, gaps, generators(SEEDS))
@@ -55,7 +57,7 @@ def order_of_beams_does_not_matter(subject: Subject) -> None:
     """Beams, noise and readings in another order give the same answer."""
     order = (2, 0, 3, 1)
     problem, shuffled = position_problem(), position_problem(order)
-    _, measurements = readings(problem, SEEDS, 2)
+    measurements = repeated(problem, SEEDS)
     plain = answer(subject.build(problem), problem, measurements, generators(SEEDS))
     others = [measurement[:, order] for measurement in measurements]
     mixed = answer(subject.build(shuffled), shuffled, others, generators(SEEDS))
@@ -69,7 +71,7 @@ def headings_are_angles(subject: Subject) -> None:
     After a half turn the prior straddles the cut between pi and -pi.
     """
     still = pose_problem()
-    _, measurements = readings(still, SEEDS, 2)
+    measurements = repeated(still, SEEDS)
     reference = answer(subject.build_or_skip(still), still, measurements, generators(SEEDS))
     for name, turn in (("half", np.pi), ("whole", 2 * np.pi)):
         turned = pose_problem(turn)
@@ -133,29 +135,26 @@ def moves_like_the_kalman_filter(subject: Subject) -> None:
 
 def _need_kalman(subject: Subject, problem: Problem) -> None:
     """Fail the check unless the answers, over seeds, are the Kalman filter's."""
-    truth = np.array([0.45, -0.3])
-    expected = problem.sensor.expected(truth)
-    first = expected + np.array([0.2, -0.1, 0.15, 0.2])
-    second = expected + np.array([-0.1, NAN, 0.2, -0.3])
-    exact = kalman(problem, [first, second])
-    measurements = [np.tile(first, (SEEDS, 1)), np.tile(second, (SEEDS, 1))]
+    measurements = repeated(problem, SEEDS)
+    measurements[1][:, 1] = NAN
+    exact = kalman(problem, [measurement[0] for measurement in measurements])
     estimate = answer(subject.build(problem), problem, measurements, generators(SEEDS))
     differences = deviations(estimate, exact, problem)
-    scatter = float(differences[:, :2].std(0, ddof=1).max())
-    need(scatter <= NOISY, f"the mean scatters by {scatter:.2g} claimed standard deviations between seeds")
     # averages over few particles are biased by about the square of their random error
+    scatter = float(differences[:, :2].std(0, ddof=1).max())
     need_agreement(differences, COARSE + 2 * scatter**2, 2, "the Kalman filter's")
 
 
 @claim(
-    "Overconfident (ANEES above 1): noise counted twice, P not summed with the motion's noise, too few "
-    "particles. Too cautious (below 1): P inflated. Biased: look at the sign of the innovation."
+    "Overconfident (above 1): noise too small, a reading counted twice, too few particles. Too cautious "
+    "(below 1): P inflated. Biased: look at the sign of reading - expected."
 )
 def claims_what_is_true(subject: Subject) -> None:
     """Over truths drawn from the prior, errors are as large as P says: ANEES / n is 1, and no bias.
 
     The band is that of chi-square with a false alarm in 10^6 seeds, widened by 15 % for an estimator's own
-    draws: 0.65 to 1.5 for two components.
+    draws: 0.57 to 1.67 for two components. A run counts up to the 99.9 % point of chi-square and no more: the
+    rare run in which few particles reach the truth does not decide.
     """
     _need_consistent(subject, position_problem())
 
@@ -172,22 +171,23 @@ def _need_consistent(subject: Subject, problem: Problem) -> None:
     """Fail the check unless errors of TRIALS runs are what the covariances claim."""
     from scipy.special import chdtri
 
-    truths, measurements = readings(problem, TRIALS, 2)
+    truths, (measurement,) = readings(problem, TRIALS, 1)
     estimator, size = subject.build(problem), problem.space.size
     parts = []
     for start in range(0, TRIALS, BATCH):
-        some = [measurement[start : start + BATCH] for measurement in measurements]
-        parts.append(answer(estimator, problem, some, generators(BATCH, first=start)))
-    mean = np.concatenate([part.mean for part in parts])
+        some = measurement[start : start + BATCH]
+        parts.append(answer(estimator, problem, [some], generators(len(some), first=start)))
     covariance = np.concatenate([part.covariance for part in parts])
-    scaled = np.linalg.solve(
-        np.linalg.cholesky(covariance), problem.space.difference(mean, truths)[..., None]
-    )
-    anees = float((scaled**2).sum() / (TRIALS * size))
+    errors = problem.space.difference(np.concatenate([part.mean for part in parts]), truths)
+    singular = ~(np.linalg.eigvalsh(covariance)[:, 0] > 0)  # all particles copies of one
+    covariance[singular] = np.eye(size)
+    scaled = np.linalg.solve(np.linalg.cholesky(covariance), errors[..., None])[..., 0]
+    squares = np.minimum(np.where(singular, np.inf, (scaled**2).sum(1)), chdtri(size, RARE))
+    anees = float(squares.mean() / size)
     freedom = TRIALS * size
     low = float(chdtri(freedom, 1 - FALSE_ALARM / 2)) / freedom / SLACK
     high = float(chdtri(freedom, FALSE_ALARM / 2)) / freedom * SLACK
     need(low <= anees <= high, f"ANEES / n is {anees:.3g}, sound is {low:.2f} to {high:.2f}")
-    bias = float(np.abs(scaled.mean(0)).max())
+    bias = float(np.abs(np.clip(scaled, -LARGE, LARGE).mean(0)).max())
     most = SURE / np.sqrt(TRIALS)
     need(bias <= most, f"errors average {bias:.2f} claimed standard deviations, sound is below {most:.2f}")

@@ -1,4 +1,4 @@
-"""The small problems that the conformance suite poses: a square hall, a Gaussian prior, an exact answer."""
+"""The small problems that the conformance suite poses: a hall, a Gaussian prior, an exact answer."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from .problem import Motion, Problem
 from .rangefinder import Rangefinder
 from .space import TURN, Array, BoolArray, StateSpace, pose_space, position_space
 
-HALF = 5.0  # half the width of the hall, m
+LOWER, UPPER = np.array([-7.0, -4.5]), np.array([5.5, 6.0])  # corners of the hall, m
 REACH = 5.0  # standard deviations to either side that the priors' support holds
 BEARINGS = np.deg2rad([-20.0, 20.0, 100.0, 190.0])
 STDS = np.array([0.2, 0.25, 0.2, 0.3])  # m
+OFFSET = np.array([0.45, -0.3, 0.04])  # of a truth from the prior's mean; m, m, rad
+NOISES = np.array([[0.2, -0.1, 0.15, 0.2], [-0.1, 0.3, 0.2, -0.3]])  # m
 CONTROL = np.array([0.3, -0.2])  # m; an object that stands still ignores it
 MOVE_STD = 0.15  # m, of one move
 SEED = 20_260_101
@@ -28,19 +30,20 @@ SEED = 20_260_101
 
 @dataclass(frozen=True)
 class Hall:
-    """A square of 10 m about the origin, for poses inside it; satisfies `RangeMap`.
+    """A rectangle about the origin, for poses inside it; satisfies `RangeMap`.
 
-    Within 1.5 m of the middle each beam of the suite stays on one wall, so its range is linear in x1, x2.
+    Within 1.5 m of the origin each beam of the suite stays on one wall, so its range is linear in x1, x2. The
+    walls are at four different distances, so that beams taken one for another are noticed.
     """
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner, m."""
-        return np.full(2, -HALF), np.full(2, HALF)
+        return LOWER.copy(), UPPER.copy()
 
     def is_free(self, points: Array) -> BoolArray:
         """Whether points (..., 2) are in the hall."""
-        return np.asarray((np.abs(points) <= HALF).all(-1), dtype=np.bool_)
+        return np.asarray(((points >= LOWER) & (points <= UPPER)).all(-1), dtype=np.bool_)
 
     def ranges(self, poses: Array, bearings: Array) -> Array:
         """(wall - x) / direction for the nearer of the walls ahead: (..., 3), (B,) -> (..., B) m."""
@@ -62,7 +65,7 @@ class Hall:
         angle = poses[..., 2, None] + bearings
         direction = np.stack([np.sin(angle), np.cos(angle)], -1)
         with np.errstate(divide="ignore"):
-            ahead = (np.copysign(HALF, direction) - poses[..., None, :2]) / direction
+            ahead = (np.where(direction > 0, UPPER, LOWER) - poses[..., None, :2]) / direction
         return ahead, direction
 
 
@@ -157,6 +160,16 @@ def readings(problem: Problem, runs: int, times: int, seed: int = 1) -> tuple[Ar
     rng = np.random.default_rng([SEED, seed])
     truths = problem.prior.sample(runs, rng)
     return truths, [problem.sensor.sample(truths, rng) for _ in range(times)]
+
+
+def repeated(problem: Problem, runs: int) -> list[Array]:
+    """Two measurements (M, B), the same in every run, of an object off the prior's mean.
+
+    Whatever differs between the runs' answers is then the estimator's own draws.
+    """
+    truth = problem.prior.mean + OFFSET[: problem.space.size]
+    expected = problem.sensor.expected(truth)
+    return [np.tile(expected + noise, (runs, 1)) for noise in NOISES]
 
 
 def answer(

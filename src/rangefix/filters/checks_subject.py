@@ -17,6 +17,7 @@ from .space import Array
 
 Factory = Callable[..., Any]
 SURE = 6.0  # standard errors
+NOISY = 0.5  # the most that a mean may scatter between seeds, in standard deviations of the posterior
 
 
 class CheckFailure(AssertionError):
@@ -104,16 +105,20 @@ def need_agreement(differences: Array, allowed: Array | float, size: int, whom: 
     """Fail the check unless deviations average to zero, but for what is allowed and SURE standard errors.
 
     An estimator that draws nothing gives the same in every run and is held to what is allowed; the band of
-    one that draws comes from its own scatter between runs. A NaN evidence, not computed, is passed over.
+    one that draws comes from its own scatter between runs, which must not exceed NOISY for the mean. A NaN
+    evidence, not computed, is passed over.
 
     Args:
-        differences: From `deviations`, (M, n + n n + 1), with independent seeds.
+        differences: From `deviations`, (M, n + n n + 1), of runs that differ by seed alone.
         allowed: What the average may be off by besides, one number or one for each column.
         size: The number n of components.
         whom: What was compared with, for the message.
     """
+    scatter = differences.std(0, ddof=1)
+    noise = scatter[:size].max()
+    need(noise <= NOISY, f"the mean is off {whom} by up to {noise:.2g} standard deviations, changing by seed")
     average = differences.mean(0)
-    band = allowed + SURE * differences.std(0, ddof=1) / np.sqrt(len(differences))
+    band = allowed + SURE * scatter / np.sqrt(len(differences))
     checked = ~np.isnan(average)
     checked[:-1] = True
     wrong = checked & ~(np.abs(average) <= band)
