@@ -1,0 +1,115 @@
+"""Figures are functions of saved results: the same bytes every time, whatever the caller's settings."""
+
+from __future__ import annotations
+
+import shutil
+from hashlib import sha256
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+from rangefix.evaluation import paper
+from rangefix.evaluation.experiment import Experiment, Named
+from rangefix.evaluation.plots import draw
+from rangefix.evaluation.plots.style import COLOURS, INK, styled
+from rangefix.evaluation.runner import run
+from rangefix.evaluation.store import ResultsError
+
+STUDY = {"map", "covariance", "anees", "errors", "runs", "time"}
+PAPER = {"figure2_maps", "figure2_surfaces", "figure3_map", "figure3_surface"}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a small study of two estimators."""
+    folder = tmp_path_factory.mktemp("study")
+    estimators = {"point-mass": Named("point-mass", {"cell": 0.1}), "ekf": Named("ekf")}
+    run(Experiment(paper.example(), estimators, runs=40, beam_sets=[[1], [1, 2, 3]]), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's example as saved."""
+    folder = tmp_path_factory.mktemp("paper")
+    paper.save(paper.solve(draws=20), folder)
+    return folder
+
+
+def digests(paths: list[Path]) -> dict[str, str]:
+    return {path.name: sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+@pytest.mark.parametrize(("kind", "names"), [("study", STUDY), ("example", PAPER)])
+def test_figures_are_reproducible(
+    kind: str, names: set[str], request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """PNG and SVG of every figure come out byte for byte the same, from a moved folder and altered settings."""
+    folder: Path = request.getfixturevalue(kind)
+    first = draw(folder)
+    assert {path.name for path in first} == {f"{name}.{end}" for name in names for end in ("png", "svg")}
+    moved = tmp_path / "elsewhere"
+    shutil.copytree(folder, moved, ignore=shutil.ignore_patterns("figures"))
+    with matplotlib.rc_context({"font.size": 20.0, "axes.facecolor": "red", "svg.hashsalt": "other"}):
+        assert digests(draw(moved)) == digests(first)
+
+
+def test_no_time_and_no_machine_in_the_files(study: Path) -> None:
+    """A figure tells neither when nor where nor with which version it was drawn."""
+    words = (b"matplotlib v", b"Matplotlib version", b"dc:date", b"/tmp/")
+    for path in draw(study):
+        content = path.read_bytes()
+        assert not [word for word in words if word in content]
+
+
+def test_pictures_show_something(study: Path, example: Path) -> None:
+    """Every picture has more than its background: between 0.5 and 90 % of the pixels are not white."""
+    for path in (path for folder in (study, example) for path in draw(folder) if path.suffix == ".png"):
+        grey = np.asarray(Image.open(path).convert("L"))
+        assert 0.005 < (grey < 250).mean() < 0.9, path.name
+
+
+def test_our_settings_are_given_back() -> None:
+    """Drawing leaves matplotlib's settings as they were."""
+    before = dict(matplotlib.rcParams)
+    with styled():
+        assert matplotlib.rcParams["svg.hashsalt"] == "rangefix"
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_densities_get_darker_in_grey() -> None:
+    """The colours of densities fall in luminance all the way, so a grey print keeps the order."""
+    red, green, blue, _ = INK(np.linspace(0, 1, 64)).T
+    assert (np.diff(0.2126 * red + 0.7152 * green + 0.0722 * blue) < 0).all()
+
+
+def test_neighbouring_colours_differ_in_grey() -> None:
+    """The first estimators' colours differ by at least 0.1 in luminance from their neighbours."""
+    rgb = np.array([matplotlib.colors.to_rgb(colour) for colour in COLOURS[:4]])
+    assert (np.abs(np.diff(rgb @ [0.2126, 0.7152, 0.0722])) > 0.1).all()
+
+
+def test_a_folder_without_results_says_so(tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match="holds no results"):
+        draw(tmp_path)
+
+
+def test_runs_that_all_failed_are_drawn(study: Path, tmp_path: Path) -> None:
+    """An estimator that never answers leaves its place empty and the figures whole."""
+    source = tmp_path / "failing.py"
+    source.write_text("def build(problem):\n    return Never()\n" + NEVER, encoding="utf-8")
+    estimators = {"never": Named(f"{source}:build"), "ekf": Named("ekf")}
+    run(Experiment(paper.example(), estimators, runs=10), tmp_path / "out")
+    assert len(draw(tmp_path / "out")) >= 10
+
+
+NEVER = """
+class Never:
+    def init(self, prior, rng): raise RuntimeError("no")
+    def predict(self, belief, control, rng): return belief
+    def update(self, belief, measurement, rng): return belief
+    def estimate(self, belief): return belief
+"""

@@ -1,0 +1,104 @@
+"""Imports go one way: maps and filters stand alone, evaluation uses both, the command line stands on top."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import rangefix
+
+ROOT = Path(rangefix.__file__).parent
+ON_TOP = {"cli", "__main__", "tables", "listing", "progress"}
+MAY_IMPORT = {"maps": {"maps"}, "filters": {"filters"}, "evaluation": {"maps", "filters", "evaluation"}}
+HEAVY = ("numpy", "scipy", "open3d", "filterpy", "matplotlib", "numba", "pydantic", "joblib", "rich")
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(("rangefix", *(part for part in parts if part != "__init__")))
+
+
+MODULES = {module_name(path): path for path in sorted(ROOT.rglob("*.py"))}
+
+
+def imports(name: str, top_level_only: bool = False) -> list[tuple[int, str]]:
+    """Level (0 = absolute) and full name of everything that a module imports."""
+    path = MODULES[name]
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = []
+    for node in tree.body if top_level_only else ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [(0, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parents = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*parents, *([base] if base else [])])
+            for alias in node.names:
+                inner = f"{base}.{alias.name}"
+                found.append((node.level, inner if inner in MODULES else base))
+    return found
+
+
+def room(name: str) -> str:
+    """The room a module stands in: "rangefix.maps.mesh" -> "maps"; "" for the package itself."""
+    return [*name.split("."), ""][1]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_imports_inside_the_package_are_relative(name: str) -> None:
+    """A copy of the package under another name would still import itself."""
+    absolute = [
+        target for level, target in imports(name) if level == 0 and target.split(".")[0] == "rangefix"
+    ]
+    assert not absolute
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_imports_go_one_way(name: str) -> None:
+    """maps import maps, filters import filters, evaluation imports both; only modules on top import all."""
+    targets = {room(target) for level, target in imports(name) if level}
+    if room(name) in MAY_IMPORT:
+        assert targets <= MAY_IMPORT[room(name)]
+    else:
+        assert room(name) in ON_TOP | {""}, f"say in this test where {name} stands"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_only_plots_import_matplotlib(name: str) -> None:
+    """Drawing stays in one place, and never by way of pyplot's global state."""
+    drawing = {
+        target for _, target in imports(name) if target.split(".")[0] in ("matplotlib", "mpl_toolkits")
+    }
+    if not name.startswith("rangefix.evaluation.plots"):
+        assert not drawing
+    assert not any("pyplot" in target for target in drawing)
+
+
+def test_no_circles() -> None:
+    """Modules can be put in an order in which each imports only those before it."""
+    graph = {
+        name: {target for level, target in imports(name, top_level_only=True) if level and target in MODULES}
+        for name in MODULES
+    }
+    graph = {name: targets - {name} for name, targets in graph.items()}
+    assert list(TopologicalSorter(graph).static_order())
+
+
+def test_a_wrong_import_would_be_seen() -> None:
+    """Negative control: the reader of imports does see filters from evaluation, and matplotlib in plots."""
+    assert "filters" in {room(target) for level, target in imports("rangefix.evaluation.paper") if level}
+    assert any(target.startswith("matplotlib") for _, target in imports("rangefix.evaluation.plots.style"))
+
+
+def test_the_command_line_loads_nothing_heavy() -> None:
+    """Importing rangefix.cli loads no array, mesh, plotting or table library."""
+    code = f"import sys, rangefix.cli; print([name for name in {HEAVY!r} if name in sys.modules])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"

@@ -1,0 +1,277 @@
+"""The command line: what it prints, where, and with which exit code."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from rangefix import __version__
+from rangefix.cli import gather_bearings, main
+
+STUDY = """
+runs = 12
+beam_sets = [[1], [1, 2, 3]]
+[map]
+kind = "rectangle"
+width_m = 4.0
+length_m = 6.0
+[sensor]
+bearings_deg = [326.3, 0.0, 33.7]
+std_m = 0.05
+[[estimators]]
+name = "point-mass"
+options = { cell_m = 0.1 }
+[[estimators]]
+name = "ekf"
+"""
+BROKEN = """
+def build(problem):
+    return Broken()
+
+class Broken:
+    def init(self, prior, rng): raise RuntimeError("no answer")
+    def predict(self, belief, control, rng): return belief
+    def update(self, belief, measurement, rng): return belief
+    def estimate(self, belief): return belief
+"""
+
+
+class Said(NamedTuple):
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def rangefix(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Said]:
+    """Runs a command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str | Path) -> Said:
+        with pytest.raises(SystemExit) as stopped:
+            main([str(each) for each in arguments])
+        said = capfd.readouterr()
+        assert isinstance(stopped.value.code, int)
+        return Said(stopped.value.code, said.out, said.err)
+
+    return call
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# What works
+
+
+def test_version(rangefix: Callable[..., Said]) -> None:
+    assert rangefix("--version") == (0, f"rangefix {__version__}\n", "")
+
+
+def test_module_runs_as_a_command() -> None:
+    """`python -m rangefix` is the command too, and its exit code reaches the shell."""
+    command = [sys.executable, "-m", "rangefix"]
+    assert (
+        subprocess.run([*command, "--version"], capture_output=True, text=True).stdout.split()[1]
+        == __version__
+    )
+    assert subprocess.run([*command, "nonsense"], capture_output=True).returncode == 2
+
+
+def test_paper_json(rangefix: Callable[..., Said]) -> None:
+    """One JSON document, nothing else; Table 1 within 1 % (or half a unit of the last digit)."""
+    said = rangefix("paper", "--json", "--draws", "20")
+    table = json.loads(said.out)["table1"]
+    assert (said.code, said.err) == (0, "")
+    assert list(table) == ["1", "2", "3", "1+2", "2+3", "1+3", "1+2+3"]
+    np.testing.assert_allclose(table["1+2+3"]["std_m"], [0.0268, 0.0382], rtol=0.01)
+    np.testing.assert_allclose(table["1+3"]["std_m"], [0.0200, 0.8869], rtol=0.01)
+    np.testing.assert_allclose(table["2"]["mean_m"], [2.0, 3.0], atol=1e-6)
+
+
+def test_paper_prints_and_draws(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """The table for readers, and the figures in the folder; nothing on standard error."""
+    said = rangefix("paper", "--out", tmp_path / "p", "--draws", "20")
+    assert (said.code, said.err) == (0, "")
+    assert "0.6460" in said.out
+    assert "cuts off" in said.out
+    assert len(list((tmp_path / "p" / "figures").glob("*.png"))) == 4
+
+
+def test_run_tells_whom_not_to_trust(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """The table says in words that the EKF is overconfident, and the point-mass filter honest."""
+    study = write(tmp_path / "study.toml", STUDY)
+    said = rangefix("run", study, "--runs", "60", "--seed", "3", "--out", tmp_path / "r")
+    assert (said.code, said.err) == (0, "")
+    assert "DO NOT TRUST: claims" in said.out
+    assert "honest" in said.out
+    again = rangefix("run", study, "--runs", "60", "--seed", "3", "--out", tmp_path / "r", "--json")
+    document = json.loads(again.out)
+    assert (document["runs"], document["seed"], len(document["rows"])) == (60, 3, 4)
+    ekf = [row for row in document["rows"] if row["estimator"] == "ekf"]
+    assert all(row["anees"] > 50 for row in ekf)
+    assert rangefix("plot", tmp_path / "r").code == 0
+
+
+def test_ranges(rangefix: Callable[..., Said]) -> None:
+    """The paper's ranges at (2, 3); bearings apart, by commas and negative mean the same."""
+    at = ("ranges", "room:4x6", "--at", "2", "3", "--json")
+    apart = json.loads(rangefix(*at, "--bearings-deg", "-33.7", "0", "33.7", "--heading-deg", "0").out)
+    commas = json.loads(rangefix(*at, "--heading-deg=-10", "--bearings-deg", "-23.7,10,43.7").out)
+    found = [beam["range_m"] for beam in apart["beams"]]
+    np.testing.assert_allclose(
+        found, [2 / np.sin(np.deg2rad(33.7)), 3.0, 2 / np.sin(np.deg2rad(33.7))], rtol=1e-3
+    )
+    np.testing.assert_allclose(found, [beam["range_m"] for beam in commas["beams"]], rtol=1e-12)
+
+
+def test_estimators(rangefix: Callable[..., Said]) -> None:
+    listed = json.loads(rangefix("estimators", "--json").out)["estimators"]
+    assert [each["name"] for each in listed][:4] == ["point-mass", "particle", "ekf", "ukf"]
+    assert "cell" in listed[0]["options"]
+    assert "ukf" in rangefix("estimators").out
+
+
+def test_gather_bearings() -> None:
+    """Only what follows --bearings-deg and is a number is joined."""
+    arguments = ["ranges", "--bearings-deg", "1", "-2", "room:4x6", "--at", "1", "2"]
+    assert gather_bearings(arguments) == ["ranges", "--bearings-deg", "1,-2", "room:4x6", "--at", "1", "2"]
+
+
+# What fails
+
+
+def test_some_failed(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """A plug-in that raises costs its own trials: exit code 1, and the others' rows stand."""
+    plugin = write(tmp_path / "broken.py", BROKEN)
+    text = f'{STUDY}[[estimators]]\nname = "{plugin}:build"\nlabel = "broken"\n'
+    said = rangefix("run", write(tmp_path / "s.toml", text), "--json")
+    rows = {(row["estimator"], row["beams"]): row for row in json.loads(said.out)["rows"]}
+    assert said.code == 1
+    assert rows["broken", "1"]["ok"] == 0
+    assert rows["broken", "1"]["verdict"] == "no run went well"
+    assert rows["point-mass", "1"]["ok"] == 12
+
+
+def test_nothing_ran(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Where every trial failed, the exit code is 3."""
+    plugin = write(tmp_path / "broken.py", BROKEN)
+    head = STUDY.partition("[[estimators]]")[0]
+    text = f'{head}[[estimators]]\nname = "{plugin}:build"\n'
+    assert rangefix("run", write(tmp_path / "s.toml", text)).code == 3
+
+
+def test_gate(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """--gate fails with 4 for an overconfident estimator and passes an honest one."""
+    study = write(tmp_path / "s.toml", STUDY)
+    assert rangefix("run", study, "--runs", "60", "--gate", "ekf").code == 4
+    assert rangefix("run", study, "--runs", "60", "--gate", "point-mass").code == 0
+
+
+BAD = {
+    "no such command": (("nonsense",), "nonsense"),
+    "no such option": (("paper", "--colour"), "--colour"),
+    "half a position": (("ranges", "room:4x6", "--at", "2"), "--at"),
+    "bearings missing": (("ranges", "room:4x6", "--at", "2", "3"), "--bearings-deg"),
+    "bearings no numbers": (("ranges", "room:4x6", "--at", "2", "3", "--bearings-deg", "north"), "numbers"),
+    "bearings not finite": (("ranges", "room:4x6", "--at", "2", "3", "--bearings-deg", "nan"), "finite"),
+    "point outside": (
+        ("ranges", "room:4x6", "--at", "9", "3", "--bearings-deg", "0"),
+        "not in the free space",
+    ),
+    "negative width": (("ranges", "room:-4x6", "--at", "2", "3", "--bearings-deg", "0"), "positive"),
+    "room without size": (("ranges", "room:4", "--at", "2", "3", "--bearings-deg", "0"), "room:WIDTHxLENGTH"),
+    "map missing": (("ranges", "nowhere.ply", "--at", "2", "3", "--bearings-deg", "0"), "no such map"),
+    "study missing": (("run", "nowhere.toml"), "no such file"),
+    "no folder of results": (("plot", "nowhere"), "holds no results"),
+    "runs below one": (("run", "paper", "--runs", "0"), "runs"),
+    "mesh without a path": (("run", "mesh"), "--map FILE"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_is_one_line(rangefix: Callable[..., Said], what: str) -> None:
+    """Exit code 2, one line on standard error that says what is wrong, nothing on standard output."""
+    arguments, word = BAD[what]
+    said = rangefix(*arguments)
+    assert (said.code, said.out) == (2, "")
+    assert said.err.count("\n") == 1
+    assert said.err.startswith("rangefix: ")
+    assert word in said.err
+    assert "Traceback" not in said.err
+
+
+@pytest.mark.parametrize(
+    ("content", "word"), [(b"", "empty"), (b"no mesh at all", "mesh"), (b"ply\nformat", "mesh")]
+)
+def test_files_that_are_no_meshes(
+    rangefix: Callable[..., Said], tmp_path: Path, content: bytes, word: str
+) -> None:
+    (tmp_path / "bad.ply").write_bytes(content)
+    at = ("--at", "2", "3", "--bearings-deg", "0", "--sensor-height", "1")
+    said = rangefix("ranges", "bad.ply", *at)
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert word in said.err
+
+
+def test_all_mistakes_of_a_study_at_once(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Unknown key, negative width, NaN noise and unknown estimator: a line each; nothing is run."""
+    text = STUDY.replace("width_m = 4.0", "width_m = -4.0").replace("std_m = 0.05", "std_m = nan")
+    text = text.replace('"ekf"', '"kalman"').replace("runs = 12", "runs = 12\ncolour = 3")
+    said = rangefix("run", write(tmp_path / "s.toml", text), "--out", tmp_path / "r")
+    lines = said.err.splitlines()
+    assert (said.code, said.out, len(lines)) == (2, "", 4)
+    for word in ("colour", "width_m", "std_m", "kalman"):
+        assert sum(word in line for line in lines) == 1, word
+    assert "point-mass" in next(line for line in lines if "kalman" in line)
+    assert not (tmp_path / "r").exists()
+
+
+def test_zero_beams(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    text = STUDY.replace("[326.3, 0.0, 33.7]", "[]").replace("beam_sets = [[1], [1, 2, 3]]", "")
+    said = rangefix("run", write(tmp_path / "s.toml", text))
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert "bearings_deg" in said.err
+
+
+def test_errors_of_ours_keep_their_traceback(
+    rangefix: Callable[..., Said], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Negative control: what is no mistake of the user is not passed off as one."""
+
+    def broken(draws: int, seed: int) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("rangefix.evaluation.paper.solve", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["paper"])
+
+
+def test_help_is_quick() -> None:
+    """Help costs at most 22 times the CPU time of a bare Python start; 0.25 s where that takes 11 ms.
+
+    The best of five of each, in turn, so that a busy machine slows both.
+    """
+
+    def cpu(*arguments: str) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, *arguments], capture_output=True, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    pairs = [(cpu("-m", "rangefix", "--help"), cpu("-c", "pass")) for _ in range(5)]
+    quickest, bare = (min(times) for times in zip(*pairs, strict=True))
+    assert quickest < 22 * max(bare, 0.004)
