@@ -43,7 +43,7 @@ class Confined:
     motion: Motion
     room: RangeMap
     space: StateSpace
-    tries: int = 100
+    tries: int = 10
 
     def __post_init__(self) -> None:
         if self.tries < 1:
