@@ -1,13 +1,15 @@
 """Extended, unscented and cubature Kalman filters over all runs at once, in array code.
 
 Identical to the filterpy adapters of `kalman`, which are their oracle, and many times faster. Inside, the
-runs are the last axis, so that every step is a few sweeps over all of them.
+runs are the last axis, so that every step is a few sweeps over all of them. Sums go term by term, for numpy
+sums in an order that depends on the shape, and a run must give bit for bit the same alone as among others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.random import Generator
@@ -62,7 +64,7 @@ class BatchExtendedKalmanFilter:
             innovation = np.where(used, measurement, 0.0) - expected
             slope = np.ascontiguousarray(np.moveaxis(sensor.jacobian(point), 0, -1))
             ahead = space.difference(belief.mean, point).T
-            innovation = innovation.T - (slope * ahead).sum(1)
+            innovation = innovation.T - _sum((slope * ahead).swapaxes(0, 1))
             noise = sensor.noise.variance(expected).T
             step, covariance, log_density = _beam_by_beam(belief, slope, innovation, noise, used.T)
             point = space.wrap(belief.mean + step.T)
@@ -127,7 +129,8 @@ class BatchUnscentedKalmanFilter:
         innovation = np.where(used, measurement, 0.0) - centre
         beams = np.arange(len(shift))
         spread[beams, beams] += np.where(used, sensor.noise.variance(centre), 1.0).T
-        cross = self._weight * np.einsum("kbm,kim->bim", off, np.moveaxis(arms, 1, -1))
+        pairs = zip(off, np.moveaxis(arms, 1, -1), strict=True)
+        cross = self._weight * _sum(z[:, None] * x for z, x in pairs)
         step, covariance, log_density = _jointly(belief, cross, spread, innovation.T, used.T)
         return _accepted(belief, space.wrap(belief.mean + step.T), covariance, log_density)
 
@@ -154,8 +157,8 @@ class BatchUnscentedKalmanFilter:
 
     def _moments(self, off: Array) -> tuple[Array, Array]:
         """Mean (b, M) and covariance (b, b, M) of values given as seen from the central one, (2 n, b, M)."""
-        mean = self._weight * off.sum(0)
-        spread = self._weight * np.einsum("kbm,kcm->bcm", off, off)
+        mean = self._weight * _sum(off)
+        spread = self._weight * _sum(z[:, None] * z for z in off)
         return mean, spread + (self.beta - self.alpha**2) * mean[:, None] * mean
 
 
@@ -185,10 +188,10 @@ def _beam_by_beam(
     step = np.zeros(covariance.shape[1:])
     log_density = np.zeros(len(belief.mean))
     for h, y, r, measured in zip(slope, innovation, noise, used, strict=True):
-        cross = (covariance * h).sum(1)
-        spread = (h * cross).sum(0) + r
+        cross = _sum(row * each for row, each in zip(covariance, h, strict=True))
+        spread = _sum(h * cross) + r
         gain = np.where(measured, 1.0 / spread, 0.0)
-        rest = y - (h * step).sum(0)
+        rest = y - _sum(h * step)
         log_density -= 0.5 * (rest * rest * gain + np.where(measured, np.log(spread) + LOG_TURN, 0.0))
         step += cross * (gain * rest)
         covariance -= cross[:, None] * (cross * gain)
@@ -205,14 +208,21 @@ def _jointly(
     root, positive = _cholesky(spread)
     white = np.concatenate([cross, innovation[:, None]], axis=1)
     for beam in range(len(white)):
-        white[beam] -= np.einsum("bm,bim->im", root[beam, :beam], white[:beam])
+        for before in range(beam):
+            white[beam] -= root[beam, before] * white[before]
         white[beam] /= root[beam, beam]
     gain, rest = white[:, :-1], white[:, -1]
-    covariance = belief.covariance - np.einsum("bim,bjm->mij", gain, gain)
-    log_density = -0.5 * ((rest**2).sum(0) + used.sum(0) * LOG_TURN)
-    log_density -= np.log(np.einsum("bbm->bm", root)).sum(0)
-    step = np.einsum("bim,bm->im", gain, rest)
+    lost = _sum(g[:, None] * g for g in gain)
+    step = _sum(g * y for g, y in zip(gain, rest, strict=True))
+    diagonal = np.stack([root[beam, beam] for beam in range(len(root))])
+    log_density = -0.5 * (_sum(rest**2) + used.sum(0) * LOG_TURN) - _sum(np.log(diagonal))
+    covariance = belief.covariance - np.moveaxis(lost, -1, 0)
     return step, covariance, np.where(positive, log_density, -np.inf)
+
+
+def _sum(terms: Iterable[Array]) -> Array:
+    """Sum over the first axis, in order."""
+    return reduce(np.add, terms)
 
 
 def _cholesky(matrices: Array) -> tuple[Array, BoolArray]:
@@ -220,7 +230,9 @@ def _cholesky(matrices: Array) -> tuple[Array, BoolArray]:
     root = np.zeros_like(matrices)
     positive = np.ones(matrices.shape[-1], dtype=np.bool_)
     for j in range(len(matrices)):
-        column = matrices[j:, j] - np.einsum("am,bam->bm", root[j, :j], root[j:, :j])
+        column = matrices[j:, j].copy()
+        for before in range(j):
+            column -= root[j, before] * root[j:, before]
         fine = column[0] > 0
         positive &= fine
         root[j:, j] = column / np.sqrt(np.where(fine, column[0], 1.0))

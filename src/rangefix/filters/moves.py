@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from .confined import is_clear
 from .problem import Prior, Sensor
-from .space import Array, BoolArray, StateSpace
+from .space import Array, StateSpace
 
 SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
 
@@ -117,16 +118,14 @@ def root_of(covariance: Array) -> Array:
     return root
 
 
-def unobstructed(sensor: Sensor, start: Array, end: Array) -> BoolArray:
-    """Which straight ways from start to end meet no wall, (N, n), (N, n) -> (N,).
+def within_walls(sensor: Sensor, start: Array, end: Array) -> Array:
+    """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n).
 
     A sensor that has no map, as `room`, knows of no walls.
     """
     room = getattr(sensor, "room", None)
     if room is None:
-        return np.ones(len(start), dtype=np.bool_)
+        return end
     where = sensor.space.position_indices
-    way = end[:, where] - start[:, where]
-    poses = np.column_stack([start[:, where], np.arctan2(way[:, 0], way[:, 1])])
-    clear: BoolArray = room.ranges(poses, np.zeros(1))[:, 0] >= np.hypot(way[:, 0], way[:, 1])
-    return clear
+    clear = is_clear(room, start[:, where], end[:, where])
+    return np.where(clear[:, None], end, start)

@@ -20,7 +20,7 @@ from numpy.random import Generator
 
 from .estimator import Estimate
 from .motion import Stationary
-from .moves import Posterior, kernel_step, metropolis, root_of, unobstructed
+from .moves import Posterior, kernel_step, metropolis, root_of, within_walls
 from .problem import Prior, Problem
 from .resampling import SCHEMES
 from .space import Array, BoolArray
@@ -104,8 +104,8 @@ class ParticleFilter:
     def predict(self, belief: ParticleBelief, control: Array, rngs: Sequence[Generator]) -> ParticleBelief:
         """Every particle moved with noise of its own; control (k,) shared, or (M, k).
 
-        Particles that would pass through a wall lose their weight, unless all would. A move without noise
-        does not resample, and one that leaves all particles where they are changes nothing.
+        A move without noise does not resample, and one that leaves all particles where they are changes
+        nothing. Walls are the motion's affair: see `Confined`.
         """
         motion = self.problem.motion
         if isinstance(motion, Stationary):
@@ -123,8 +123,6 @@ class ParticleFilter:
                 log_weights = equal(self.particles)
             moved = motion.sample(states, controls[run], rng)
             if noisy or not np.array_equal(moved, states):
-                clear = np.where(unobstructed(self.problem.sensor, states, moved), 0.0, -np.inf)
-                log_weights = weighted(log_weights, clear)[0]
                 standing[run] = False
             clouds.append((moved, log_weights))
         readings = belief.readings if standing.any() else ()
@@ -221,8 +219,7 @@ class ParticleFilter:
             mean, covariance = space.moments(states, weights / weights.sum())
         if kernel:
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
-            clear = unobstructed(self.problem.sensor, copies, moved)
-            moved = np.where(clear[:, None], moved, copies)
+            moved = within_walls(self.problem.sensor, copies, moved)
             return moved, self._log_density(reading, moved)
         first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
         counts = np.diff(first, append=len(ancestors))

@@ -1,0 +1,230 @@
+"""On linear-Gaussian problems every estimator equals the Kalman filter (Kalman, 1960)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from rangefix.filters import EachRun, Gaussian, Problem, pose_space, position_space
+from rangefix.filters.ensemble import EnsembleKalmanFilter
+from rangefix.filters.gaussian_batch import BatchExtendedKalmanFilter, BatchUnscentedKalmanFilter, cubature
+from rangefix.filters.kalman import ExtendedKalmanFilter, UnscentedKalmanFilter
+from rangefix.filters.particle import ParticleFilter
+from rangefix.filters.space import Array, StateSpace
+
+SPACE = position_space()
+RUNS = 4
+NAN = np.nan
+CONTROL = np.zeros(1)
+
+
+@dataclass(frozen=True)
+class LinearSensor:
+    """Readings slope x + offset + N(0, std^2)."""
+
+    space: StateSpace
+    slope: Array
+    offset: Array
+    noise: Gaussian
+
+    @property
+    def bearings(self):
+        return np.zeros(len(self.offset))
+
+    def expected(self, states):
+        return states @ self.slope.T + self.offset
+
+    def jacobian(self, states):
+        return np.broadcast_to(self.slope, (*np.shape(states)[:-1], *self.slope.shape))
+
+    def log_density(self, measurement, expected):
+        terms = self.noise.log_density(np.nan_to_num(measurement), expected)
+        return np.where(np.isnan(measurement), 0.0, terms).sum(-1)
+
+
+@dataclass(frozen=True)
+class LinearMotion:
+    """x becomes factor x + N(0, spread)."""
+
+    factor: Array
+    spread: Array
+
+    def mean(self, states, control):
+        return states @ self.factor.T
+
+    def jacobian(self, states, control):
+        return np.broadcast_to(self.factor, (*np.shape(states)[:-1], *self.factor.shape))
+
+    def noise_covariance(self, states, control):
+        return np.broadcast_to(self.spread, (*np.shape(states)[:-1], *self.spread.shape))
+
+    def sample(self, states, control, rng):
+        root = np.linalg.cholesky(self.spread)
+        return self.mean(states, control) + rng.standard_normal(states.shape) @ root.T
+
+
+@dataclass(frozen=True)
+class NormalPrior:
+    mean: Array
+    covariance: Array
+
+    @property
+    def support(self):
+        reach = 8 * np.sqrt(np.diagonal(self.covariance))
+        return self.mean - reach, self.mean + reach
+
+    def sample(self, size, rng):
+        return self.mean + rng.standard_normal((size, len(self.mean))) @ np.linalg.cholesky(self.covariance).T
+
+    def log_density(self, states):
+        off = states - self.mean
+        square = np.einsum("...i,ij,...j->...", off, np.linalg.inv(self.covariance), off)
+        return -0.5 * (square + np.linalg.slogdet(2 * np.pi * self.covariance)[1])
+
+
+PRIOR = NormalPrior(np.array([2.0, 3.0]), np.array([[1.3, 0.4], [0.4, 2.9]]))
+SENSOR = LinearSensor(
+    SPACE,
+    np.array([[1.2, 0.0], [-0.5, 1.1], [0.3, -1.0], [0.0, 0.7]]),
+    np.array([0.5, 0.0, 7.0, 1.0]),
+    Gaussian([0.3, 0.5, 0.4, 0.6]),
+)
+MOTION = LinearMotion(np.array([[1.0, 0.1], [-0.2, 0.9]]), np.array([[0.2, 0.05], [0.05, 0.1]]))
+PROBLEM = Problem(SPACE, MOTION, SENSOR, PRIOR)
+
+EXACT = {
+    "filterpy-ekf": EachRun(ExtendedKalmanFilter(PROBLEM)),
+    "filterpy-iterated-ekf": EachRun(ExtendedKalmanFilter(PROBLEM, iterations=3)),
+    "filterpy-ukf": EachRun(UnscentedKalmanFilter(PROBLEM)),
+    "filterpy-ukf-0.3": EachRun(UnscentedKalmanFilter(PROBLEM, alpha=0.3, beta=1.5, kappa=1.0)),
+    "ekf": BatchExtendedKalmanFilter(PROBLEM),
+    "iterated-ekf": BatchExtendedKalmanFilter(PROBLEM, iterations=3),
+    "ukf": BatchUnscentedKalmanFilter(PROBLEM),
+    "ukf-0.3": BatchUnscentedKalmanFilter(PROBLEM, alpha=0.3, beta=1.5, kappa=1.0),
+    "ckf": cubature(PROBLEM),
+}
+
+
+def kalman(readings, prior=PRIOR, moves=True):
+    """Mean, covariance and log evidence of one run by the textbook's formulas, a move before each reading."""
+    mean, covariance, log_evidence = prior.mean, prior.covariance, 0.0
+    for reading in readings:
+        if moves:
+            mean = MOTION.factor @ mean
+            covariance = MOTION.factor @ covariance @ MOTION.factor.T + MOTION.spread
+        used = ~np.isnan(reading)
+        slope, noise = SENSOR.slope[used], np.diag(SENSOR.noise.stds[used] ** 2)
+        innovation = reading[used] - slope @ mean - SENSOR.offset[used]
+        spread = slope @ covariance @ slope.T + noise
+        gain = covariance @ slope.T @ np.linalg.inv(spread)
+        square = innovation @ np.linalg.solve(spread, innovation)
+        log_evidence -= 0.5 * (square + np.linalg.slogdet(2 * np.pi * spread)[1])
+        mean = mean + gain @ innovation
+        covariance = covariance - gain @ slope @ covariance
+    return mean, covariance, log_evidence
+
+
+def readings(steps, missing):
+    """Different readings for each run and step, some of them missing, (steps, RUNS, 4)."""
+    rng = np.random.default_rng(4)
+    values = SENSOR.expected(PRIOR.sample(steps * RUNS, rng)) + rng.normal(0, 0.5, (steps * RUNS, 4))
+    values = values.reshape(steps, RUNS, 4)
+    if missing:
+        values[rng.random(values.shape) < 0.4] = NAN
+        values[1, 2] = NAN
+    return values
+
+
+def filtered(estimator, values, moves=True):
+    rngs = [np.random.default_rng([7, run]) for run in range(values.shape[1])]
+    belief = estimator.init(PRIOR, rngs)
+    for value in values:
+        if moves:
+            belief = estimator.predict(belief, CONTROL, rngs)
+        belief = estimator.update(belief, value, rngs)
+    return estimator.estimate(belief)
+
+
+@pytest.mark.parametrize("missing", [False, True])
+@pytest.mark.parametrize("name", EXACT)
+def test_equals_the_kalman_filter(name, missing):
+    values = readings(3, missing)
+    found = filtered(EXACT[name], values)
+    for run in range(RUNS):
+        mean, covariance, log_evidence = kalman(values[:, run])
+        np.testing.assert_allclose(found.mean[run], mean, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.covariance[run], covariance, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.log_evidence[run], log_evidence, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_beams_in_two_updates_equal_one(name):
+    whole = readings(1, missing=False)
+    first, second = whole.copy(), whole.copy()
+    first[..., 1::2], second[..., ::2] = NAN, NAN
+    once = filtered(EXACT[name], whole, moves=False)
+    twice = filtered(EXACT[name], np.concatenate([first, second]), moves=False)
+    for one, two in zip(once, twice, strict=True):
+        np.testing.assert_allclose(one, two, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_no_beam_says_nothing(name):
+    nothing = np.full((2, RUNS, 4), NAN)
+    found = filtered(EXACT[name], nothing, moves=False)
+    np.testing.assert_array_equal(found.mean, np.tile(PRIOR.mean, (RUNS, 1)))
+    np.testing.assert_allclose(found.covariance, np.tile(PRIOR.covariance, (RUNS, 1, 1)), atol=1e-12)
+    assert (found.log_evidence == 0).all()
+
+
+SAMPLED = {
+    "particle": ParticleFilter(PROBLEM, 20_000),
+    "bootstrap": ParticleFilter(PROBLEM, 20_000, regularise=False, resampling="residual"),
+    "kernel": ParticleFilter(PROBLEM, 20_000, bandwidth=1.0),
+    "tempered": ParticleFilter(PROBLEM, 20_000, temper=True),
+    "enkf": EnsembleKalmanFilter(PROBLEM, 20_000),
+}
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["standing", "moving"])
+@pytest.mark.parametrize("name", SAMPLED)
+def test_samples_equal_the_kalman_filter_within_their_error(name, moves):
+    """Over 12 repetitions, mean, covariance and evidence agree within 6 standard errors of their average.
+
+    The standard errors are those seen between repetitions (t with 11 degrees of freedom: beyond 6 in fewer
+    than 1 case in 10 000, for 7 numbers and 10 cases fewer than 1 seed in 150), plus 1 % of a posterior
+    standard deviation or variance for a bias of the order 1 / N. One run alone is off by less than 8 % of it.
+    """
+    rng = np.random.default_rng(5)
+    state, values = PRIOR.sample(1, rng), []
+    for missing in ([1], [0, 2], [3]):
+        state = MOTION.sample(state, CONTROL, rng) if moves else state
+        values.append(SENSOR.expected(state) + rng.normal(0, SENSOR.noise.stds, (1, 4)))
+        values[-1][0, missing] = NAN
+    values = np.array(values)
+    found = filtered(SAMPLED[name], np.repeat(values, 12, axis=1), moves)
+    mean, covariance, log_evidence = kalman(values[:, 0], moves=moves)
+    std = np.sqrt(np.diagonal(covariance))
+    scales = std, np.outer(std, std), 1.0
+    for several, exact, scale in zip(found, (mean, covariance, log_evidence), scales, strict=True):
+        error = (several - exact) / scale
+        assert (np.abs(error.mean(0)) < 6 * error.std(0, ddof=1) / np.sqrt(12) + 0.01).all()
+        assert np.sqrt((error**2).mean()) < 0.08
+
+
+@pytest.mark.parametrize("make", [ExtendedKalmanFilter, UnscentedKalmanFilter])
+def test_angles_come_back_wrapped(make):
+    """A heading just short of the cut, pushed over it, comes out on the other side."""
+    space = pose_space()
+    prior = NormalPrior(np.array([0.0, 0.0, np.pi - 0.05]), np.diag([1.0, 1.0, 0.04]))
+    sensor = LinearSensor(space, np.eye(3), np.zeros(3), Gaussian(0.01))
+    motion = LinearMotion(np.eye(3), np.diag([0.0, 0.0, 0.01]))
+    problem = Problem(space, motion, sensor, prior)
+    batch = BatchExtendedKalmanFilter if make is ExtendedKalmanFilter else BatchUnscentedKalmanFilter
+    for estimator in (EachRun(make(problem)), batch(problem)):
+        rngs = [np.random.default_rng(0)]
+        belief = estimator.predict(estimator.init(prior, rngs), CONTROL, rngs)
+        belief = estimator.update(belief, np.array([[0.1, 0.2, np.pi + 0.1]]), rngs)
+        mean, covariance, _ = estimator.estimate(belief)
+        assert mean[0] == pytest.approx([0.1, 0.2, 0.1 - np.pi], abs=1e-3)
+        assert covariance[0, 2, 2] == pytest.approx(1 / (1 / 0.05 + 1 / 0.01**2))
