@@ -48,8 +48,9 @@ def nees(errors: Array, covariance: Array) -> Array:
     not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
     """
     values, vectors, positive = _eigen(covariance)
-    parts = np.einsum("...ij,...i->...j", vectors, errors) ** 2
-    result = (parts / np.where(positive[..., None], values, 1.0)).sum(-1)
+    with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
+        parts = np.einsum("...ij,...i->...j", vectors, errors) ** 2
+        result = (parts / np.where(positive[..., None], values, 1.0)).sum(-1)
     wrong = np.where((np.asarray(errors) == 0).all(-1), 0.0, np.inf)
     return np.where(positive, result, wrong)
 

@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 from ..filters.space import Array
 
 LEVEL = 0.95  # of every interval in the tables and figures
+HUGE = 1e100  # counts as infinite: its square would overflow
 
 
 class Interval(NamedTuple):
@@ -41,19 +42,20 @@ def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
         level: Confidence level.
 
     Returns:
-        With a single sample the interval is NaN; with an infinite sample the value is infinite and the lower
-        end is that of the finite samples.
+        The interval of samples that are nowhere negative is cut at 0. With a single sample the ends are NaN;
+        with an infinite sample the value is infinite and the lower end is that of the finite samples.
     """
     samples = np.asarray(samples, dtype=float)
     if not samples.size:
         return UNKNOWN
-    if not np.isfinite(samples).all():
-        finite = mean_interval(samples[np.isfinite(samples)], level)
-        return UNKNOWN if np.isnan(samples).any() else Interval(np.inf, finite.low, np.inf)
+    finite = np.abs(samples) < HUGE
+    if not finite.all():
+        some = mean_interval(samples[finite], level)
+        return UNKNOWN if np.isnan(samples).any() else Interval(np.inf, some.low, np.inf)
     mean = float(samples.mean())
     if samples.size < 2:
         return Interval(mean, np.nan, np.nan)
-    return _around(mean, samples - mean, level)
+    return _around(mean, samples - mean, level, 0.0 if samples.min() >= 0 else -np.inf)
 
 
 def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
@@ -68,16 +70,17 @@ def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL)
         level: Confidence level.
     """
     mean = float(np.mean(denominators)) if np.size(denominators) else 0.0
-    if not (mean > 0 and np.isfinite(numerators).all() and np.isfinite(mean)):
+    if not (0 < mean < HUGE and (np.abs(numerators) < HUGE).all()):
         return UNKNOWN
     ratio = float(np.mean(numerators)) / mean
     if np.size(numerators) < 2:
         return Interval(ratio, np.nan, np.nan)
-    return _around(ratio, (numerators - ratio * denominators) / mean, level)
+    bound = 0.0 if np.min(numerators) >= 0 else -np.inf
+    return _around(ratio, (numerators - ratio * denominators) / mean, level, bound)
 
 
-def _around(value: float, deviations: Array, level: float) -> Interval:
-    """Hall's interval for a value that varies as the mean of the deviations does."""
+def _around(value: float, deviations: Array, level: float, bound: float) -> Interval:
+    """Hall's interval, cut at a lower bound, for a value that varies as the mean of the deviations does."""
     count = deviations.size
     spread = float(np.sqrt((deviations**2).sum() / (count - 1)))
     if spread == 0.0:
@@ -85,7 +88,7 @@ def _around(value: float, deviations: Array, level: float) -> Interval:
     c = float(np.mean((deviations / spread) ** 3)) / np.sqrt(count)
     tail = float(stdtrit(count - 1, 0.5 + level / 2))
     low, high = (value - spread / np.sqrt(count) * _unskew(t, c) for t in (tail, -tail))
-    return Interval(value, float(low), float(high))
+    return Interval(value, max(float(low), bound), float(high))
 
 
 def _unskew(t: float, c: float) -> float:

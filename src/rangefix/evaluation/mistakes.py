@@ -19,6 +19,10 @@ class StudyError(ValueError):
         super().__init__("\n".join(mistakes))
         self.mistakes = list(mistakes)
 
+    def __reduce__(self) -> tuple[type[StudyError], tuple[list[str]]]:
+        """So that it crosses processes."""
+        return StudyError, (self.mistakes,)
+
 
 @dataclass
 class Mistakes:
@@ -41,11 +45,19 @@ class Mistakes:
     def add_all(self, error: ValidationError, at: Path, raw: Any, model: type[BaseModel] | None) -> None:
         """Note what pydantic found in a section."""
         found = error.errors(include_url=False)
+        names = model.model_fields if model else ()
+        misspelt = {
+            close for each in found if each["type"] == "extra_forbidden"
+            for close in get_close_matches(str(each["loc"][-1]), names, n=1)
+        }  # fmt: skip
         for each in found:
-            path = _real_path(each["loc"], raw)
             same = [other for other in found if other["loc"][:1] == each["loc"][:1]]
-            if len(same) > 1 and each["type"] in ("list_type", "float_type") and same[0] is not each:
+            form = "float_type" if isinstance(each["input"], list) else "list_type"
+            if len(same) > 1 and each["type"] == form:
                 continue  # the other form that the key might have had
+            if each["type"] == "missing" and each["loc"][-1] in misspelt:
+                continue  # the unknown key says so
+            path = _real_path(each["loc"], raw)
             self.add((*at, *path), _sentence(each, path, model))
 
     def check(self) -> None:

@@ -10,6 +10,7 @@ import os
 import platform
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
@@ -163,7 +164,9 @@ def one_thread() -> Iterator[list[str]]:
     """Hold the libraries' thread pools to one thread for timing; yields the names of those it could hold."""
     held = []
     numba = sys.modules.get("numba")
-    before = numba.get_num_threads() if numba else 0
+    with warnings.catch_warnings():  # numba says which of its threading layers it cannot take
+        warnings.simplefilter("ignore")
+        before = numba.get_num_threads() if numba else 0
     try:
         limits: Any = importlib.import_module("threadpoolctl").threadpool_limits(1)
         held += ["BLAS", "OpenMP"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -65,15 +66,22 @@ def run(
 
     Raises:
         ResultsError: If the folder cannot be written.
+        StudyError: If the study is not sound.
+        ValueError: If there is no worker.
     """
+    if workers < 1:
+        raise ValueError(f"need at least one worker, got {workers}")
     experiment = study if isinstance(study, Experiment) else study.experiment()
     if out is None:
         with tempfile.TemporaryDirectory(prefix="rangefix-") as kept:
-            return run(
+            results = run(
                 experiment, kept, workers=workers, progress=progress, command_line=command_line, timing=timing
             )
+            return replace(results, folder=None)
     folder = Path(out)
     world, trials = keys(experiment)
+    for left in folder.glob("parts/**/*.tmp"):  # of a run that was killed while writing
+        left.unlink(missing_ok=True)
     plan = Plan.of(experiment, world, trials)
     manifest = plan.manifest(experiment, surroundings(), list(command_line or ()))
     write_json(folder / MANIFEST, manifest | {"state": "running"})

@@ -65,7 +65,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         ResultsError: If the file is missing, cut short or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except FileNotFoundError:
         raise ResultsError(f"{path} is missing: run the study again with the same --out to make it") from None

@@ -1,0 +1,104 @@
+"""Intervals: closed forms, and how often they cover what they should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+from scipy.stats import t as student
+
+from rangefix.evaluation import Interval, mean_interval, noncredibility, ratio_interval, share_interval
+
+REPEATS = 400
+
+
+def covered(intervals, true):
+    return np.mean([interval.low <= true <= interval.high for interval in intervals])
+
+
+def samples(kind, size, rng):
+    if kind == "gaussian":
+        return 3.0 + rng.normal(size=size)
+    if kind == "squared gaussian":
+        return 3.0 * rng.normal(size=size) ** 2
+    return 3.0 * np.exp(rng.normal(size=size) - 0.5)
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "squared gaussian", "lognormal"])
+def test_coverage_of_a_mean(kind):
+    """95 % intervals of 500 samples cover the mean in 92 to 97.5 % of 400 repeats.
+
+    The three have skewness 0, 2.8 and 6.2. With a true coverage of 94.5 to 95 % a correct interval leaves the
+    band for fewer than 1 seed in 60.
+    """
+    rng = np.random.default_rng(1)
+    share = covered([mean_interval(samples(kind, 500, rng)) for _ in range(REPEATS)], 3.0)
+    assert 0.92 <= share <= 0.975
+
+
+def test_coverage_of_a_ratio_with_varying_claims():
+    """An exact filter whose P varies by a factor of 50: 92 to 97.5 % of 400 repeats cover the ratio 1."""
+    rng = np.random.default_rng(2)
+    intervals = []
+    for _ in range(REPEATS):
+        variances = np.exp(rng.normal(size=1000))
+        intervals.append(ratio_interval(variances * rng.normal(size=1000) ** 2, variances))
+    assert 0.92 <= covered(intervals, 1.0) <= 0.975
+
+
+def test_coverage_of_noncredibility():
+    """The interval counts the error of G: without it, it would have no width at all for a constant P."""
+    rng = np.random.default_rng(3)
+    true = np.array([[2.0, 0.5], [0.5, 1.0]])
+    claimed = np.broadcast_to(true / 2, (300, 2, 2))
+    pairs = [noncredibility(rng.multivariate_normal([0, 0], true, size=300), claimed) for _ in range(REPEATS)]
+    for intervals in zip(*pairs, strict=True):
+        assert 0.92 <= covered(intervals, 10 * np.log10(2)) <= 0.975
+
+
+def test_long_tails_are_served_better_than_by_the_symmetric_interval():
+    """Negative control: the symmetric interval of 200 lognormal samples (sigma 1.5) covers under 90 %."""
+    rng = np.random.default_rng(4)
+    draws = np.exp(1.5 * rng.normal(size=(REPEATS, 200)))
+    true = np.exp(1.5**2 / 2)
+    errors = draws.std(1, ddof=1) / np.sqrt(200) * student.ppf(0.975, 199)
+    symmetric = np.mean(np.abs(draws.mean(1) - true) <= errors)
+    ours = covered([mean_interval(draw) for draw in draws], true)
+    assert symmetric < 0.9
+    assert ours > symmetric + 0.02
+
+
+def test_symmetric_samples_give_students_interval():
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    half = student.ppf(0.975, 4) * values.std(ddof=1) / np.sqrt(5)
+    assert mean_interval(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half))
+
+
+def test_edge_cases_of_a_mean():
+    assert np.isnan(mean_interval(np.array([]))).all()
+    assert mean_interval(np.array([2.0]))[0] == 2.0
+    assert np.isnan(mean_interval(np.array([2.0]))[1:]).all()
+    assert mean_interval(np.full(9, 2.0)) == (2.0, 2.0, 2.0)
+    value, low, high = mean_interval(np.array([1.0, 2.0, 3.0, np.inf, 1e200]))
+    assert (value, high) == (np.inf, np.inf)
+    assert low < 2.0
+    assert np.isnan(mean_interval(np.array([1.0, np.nan, 2.0]))).all()
+    assert mean_interval(np.array([0.0] * 5 + [1e6])).low >= 0.0
+
+
+def test_ratio_scales_and_edges():
+    rng = np.random.default_rng(5)
+    a, b = rng.random(100), 1 + rng.random(100)
+    assert ratio_interval(6 * a, 2 * b) == pytest.approx([3 * end for end in ratio_interval(a, b)])
+    assert np.isnan(ratio_interval(a, np.zeros(100))).all()
+
+
+@pytest.mark.parametrize(("hits", "total"), [(0, 50), (3, 50), (50, 50), (480, 1000)])
+def test_share_is_wilsons(hits, total):
+    expected = binomtest(hits, total).proportion_ci(method="wilson")
+    interval = share_interval(hits, total)
+    assert interval == pytest.approx((hits / total, expected.low, expected.high), abs=1e-12)
+
+
+def test_square_root():
+    assert Interval(4.0, -1.0, 9.0).sqrt() == (2.0, 0.0, 3.0)

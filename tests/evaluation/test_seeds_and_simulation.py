@@ -1,0 +1,93 @@
+"""Streams by purpose and run: what is added changes nothing that was there."""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from rangefix.evaluation import Experiment, stream, streams
+from rangefix.evaluation.simulate import evidence_floor, simulate
+
+from .conftest import PriorOnly, make_problem
+
+
+def experiment(**changes):
+    return Experiment(make_problem(), {"prior": PriorOnly}, **({"runs": 50, "seed": 7} | changes))
+
+
+def test_stream_is_the_stated_one():
+    expected = np.random.default_rng([3, crc32(b"truth"), 12]).random(4)
+    assert (stream(3, "truth", 12).random(4) == expected).all()
+    assert (streams(3, "truth", [11, 12])[1].random(4) == expected).all()
+
+
+@pytest.mark.parametrize("other", [(4, "truth", 12), (3, "measurement", 12), (3, "truth", 13)])
+def test_streams_differ_by_seed_purpose_and_run(other):
+    assert stream(3, "truth", 12).random() != stream(*other).random()
+
+
+def test_split_of_runs_changes_nothing():
+    whole = simulate(experiment(), 0, 20)
+    parts = [simulate(experiment(runs=999, block=3), *ends) for ends in ((0, 7), (7, 20))]
+    for name in ("truth", "measurement"):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert (joined == getattr(whole, name)).all()
+
+
+def test_truths_are_uniform_over_the_room():
+    """Means within 5 standard errors of the room's centre: fails for fewer than 1 seed in 800 000."""
+    truth = simulate(experiment(), 0, 2000).truth[:, 0]
+    error = (truth.mean(0) - [2, 3]) / (np.sqrt([16 / 12, 36 / 12]) / np.sqrt(2000))
+    assert (np.abs(error) < 5).all()
+
+
+def test_noise_is_the_sensors():
+    """Variance of 6000 readings within 5 standard errors of 0.05^2: false alarms as above."""
+    runs = simulate(experiment(), 0, 2000)
+    noise = runs.measurement - make_problem().sensor.expected(runs.truth)
+    assert abs(noise.var() / 0.05**2 - 1) < 5 * np.sqrt(2 / noise.size)
+
+
+def test_fixed_start_and_repeated_measurements():
+    runs = simulate(experiment(start=[1.0, 2.0], controls=np.zeros((2, 1))), 0, 3)
+    assert runs.truth.shape == (3, 3, 2)
+    assert runs.measurement.shape == (3, 3, 3)
+    assert (runs.truth == [1.0, 2.0]).all()
+    assert len(np.unique(runs.measurement)) == 27
+
+
+def test_floor_counts_measured_beams_only():
+    sensor = make_problem(std=0.1).sensor
+    readings = np.array([[[1.0, np.nan, 2.0], [1.0, 1.0, 1.0]], [[np.nan] * 3, [np.nan] * 3]])
+    floor = evidence_floor(sensor, readings)
+    level = -np.log(0.1 * np.sqrt(2 * np.pi))
+    assert floor[0, 0] == pytest.approx(2 * level - chi2.isf(1e-9, 2) / 2 - 30)
+    assert floor[0, 1] == pytest.approx(5 * level - chi2.isf(1e-9, 5) / 2 - 30)
+    assert floor[1].tolist() == [-30, -30]
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"runs": 0}, "runs"),
+        ({"beam_sets": [[1, 4]]}, "from 1 to 3"),
+        ({"beam_sets": [[1, 2], [2, 1]]}, "twice"),
+        ({"beam_sets": [[]]}, "from 1 to 3"),
+        ({"start": [1.0]}, "start"),
+        ({"estimators": {}}, "estimator"),
+    ],
+)
+def test_unsound_experiments(changes, word):
+    with pytest.raises(ValueError, match=word):
+        Experiment(**({"truth": make_problem(), "estimators": {"prior": PriorOnly}} | changes))
+
+
+def test_labels_of_beams():
+    assert experiment().beam_labels == ("all",)
+    assert experiment(beam_sets=[[1], [1, 2, 3]]).beam_labels == ("1", "1+2+3")
+    from rangefix.evaluation.experiment import beam_label
+
+    assert beam_label([*range(1, 41), 50, *range(60, 100)]) == "1-40+50+60-99"

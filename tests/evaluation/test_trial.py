@@ -1,0 +1,128 @@
+"""What goes wrong in a run costs that run alone, and is named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation import STATUSES, stream
+from rangefix.evaluation.trial import Trial, batch_size, nbytes, seconds_per_update
+from rangefix.filters import EachRun, Estimate
+
+from .conftest import PriorOnly, make_problem
+
+RUNS = 12
+MEASUREMENT = np.arange(float(RUNS))[:, None, None] * np.ones(3)
+
+
+@dataclass(frozen=True)
+class Faulty(PriorOnly):
+    """Does something wrong in run 5 (the measurement tells it), whichever the batch."""
+
+    fault: str = ""
+
+    def update(self, belief, measurement, rngs):
+        guilty = measurement[:, 0] == 5
+        if self.fault == "raise" and guilty.any():
+            raise ZeroDivisionError("five\nis too much")
+        if self.fault == "write" and guilty.any():
+            measurement[guilty] = 0
+        if self.fault == "shape" and guilty.any():
+            return belief[:, :1]
+        if self.fault in ("nan", "inf"):
+            return np.where(guilty[:, None], float(self.fault), belief)
+        return np.where(guilty[:, None], 100.0, belief) if self.fault == "diverge" else belief
+
+    def estimate(self, belief):
+        mean, covariance, evidence = super().estimate(belief)
+        lost = belief[:, 0] == 100.0
+        return Estimate(mean, covariance, np.where(lost, -np.inf, evidence))
+
+
+def run(estimator, first=0, count=RUNS):
+    trial = Trial(make_problem(), np.zeros((0, 0)), seed=3)
+    return trial.run(estimator, MEASUREMENT[first : first + count], first)
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "words"),
+    [
+        ("raise", "error", "update() failed: ZeroDivisionError: five is too much"),
+        ("write", "error", "update() failed: ValueError: assignment destination is read-only"),
+        ("shape", "error", "estimate() failed: ValueError: mean has shape (1, 1), not (1, 2)"),
+        ("nan", "nan", "an estimate is not finite at step 1"),
+        ("inf", "nan", "an estimate is not finite at step 1"),
+        ("diverge", "diverged", "-inf"),
+    ],
+)
+def test_only_the_guilty_run_is_lost(fault, status, words):
+    problem = make_problem()
+    good = run(PriorOnly(problem, jitter=0.1))
+    outcome = run(Faulty(problem, jitter=0.1, fault=fault))
+    assert [STATUSES[code] for code in outcome.status] == ["ok"] * 5 + [status] + ["ok"] * 6
+    assert list(outcome.reasons) == [5]
+    assert words in outcome.reasons[5]
+    others = np.arange(RUNS) != 5
+    assert (outcome.mean[others] == good.mean[others]).all()
+    assert (outcome.covariance[others] == good.covariance[others]).all()
+
+
+def test_each_run_draws_from_its_own_stream_whatever_the_batch():
+    estimator = PriorOnly(make_problem(), jitter=0.1)
+    whole = run(estimator)
+    parts = np.concatenate([run(estimator, 0, 5).mean, run(estimator, 5, 7).mean])
+    assert (whole.mean == parts).all()
+    drawn = stream(3, "estimator", 4).standard_normal(2)
+    assert whole.mean[4, 0] == pytest.approx(np.array([2.0, 3.0]) + 0.1 * drawn)
+
+
+def test_wrong_number_of_things():
+    class Two(PriorOnly):
+        def estimate(self, belief):
+            return super().estimate(belief)[:2]
+
+    outcome = run(Two(make_problem()))
+    assert (outcome.status == STATUSES.index("error")).all()
+    assert "2 things" in outcome.reasons[0]
+
+
+def test_no_evidence_is_no_failure():
+    class Silent(PriorOnly):
+        def estimate(self, belief):
+            return Estimate(*super().estimate(belief)[:2])
+
+    outcome = run(Silent(make_problem()))
+    assert not outcome.reasons
+    assert np.isnan(outcome.log_evidence).all()
+
+
+def test_several_steps():
+    trial = Trial(make_problem(), np.zeros((2, 1)), seed=3)
+    outcome = trial.run(PriorOnly(make_problem()), np.ones((4, 3, 3)), 0)
+    assert outcome.mean.shape == (4, 3, 2)
+    assert outcome.covariance.shape == (4, 3, 2, 2)
+
+
+def test_batches_fit_the_memory():
+    class Big(PriorOnly):
+        def init(self, prior, rngs):
+            return [np.zeros((len(rngs), 1_000_000)), {"shared": np.zeros(5_000_000)}]
+
+    trial = Trial(make_problem(), np.zeros((0, 0)), seed=3)
+    assert batch_size(trial, Big(make_problem()), MEASUREMENT[:2]) == 16
+    single = EachRun(PriorOnly(make_problem()))  # its verbs do not fit: its trials will say so
+    assert batch_size(trial, single, MEASUREMENT[:2]) > 1000
+    assert nbytes({"a": [np.zeros(3), (np.zeros(2), None)], "b": "text"}) == 40
+
+
+def test_timing_is_per_update_and_run():
+    """A clock of one second per reading of it: a batch of 8 over 2 steps takes 2 s, 1/8 s each."""
+    ticks = iter(range(1000))
+    trial = Trial(make_problem(), np.zeros((1, 1)), seed=3)
+    seconds = seconds_per_update(
+        trial, PriorOnly(make_problem()), np.ones((8, 2, 3)), budget=100.0, clock=lambda: float(next(ticks))
+    )
+    assert seconds == 1 / 8
+    assert np.isnan(seconds_per_update(trial, Faulty(make_problem(), fault="raise"), np.full((4, 2, 3), 5.0)))
