@@ -47,7 +47,7 @@ def digests(paths: list[Path]) -> dict[str, str]:
 def test_figures_are_reproducible(
     kind: str, names: set[str], request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    """PNG and SVG of every figure come out byte for byte the same, from a moved folder and altered settings."""
+    """Every figure comes out byte for byte the same, from a moved folder and under altered settings."""
     folder: Path = request.getfixturevalue(kind)
     first = draw(folder)
     assert {path.name for path in first} == {f"{name}.{end}" for name in names for end in ("png", "svg")}

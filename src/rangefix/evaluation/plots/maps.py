@@ -51,7 +51,7 @@ def map_figure(results: Results, title: str) -> Figure:
     box = scene["prior_lower"], scene["prior_upper"]
     part = np.prod(box[1] - box[0]) < 0.6 * size.prod()
     height = min(7.5, max(4.2, 4.4 * size[1] / size[0]))
-    figure = Figure(figsize=(4.4 + (5.6 if part else 0.8), height), layout="constrained")
+    figure = Figure(figsize=(4.4 + (5.6 if part else 2.0), height), layout="constrained")
     panels = figure.subplots(1, 2 if part else 1, squeeze=False, width_ratios=(1, 1.35) if part else None)[0]
     whole, near = panels[0], panels[-1]
     _frame(whole, low - 0.02 * size.max(), high + 0.02 * size.max())
