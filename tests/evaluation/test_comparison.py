@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, load_study, run, summarise
+from rangefix.evaluation.simulate import evidence_floor
+from rangefix.evaluation.trial import Trial
 
 from .conftest import PriorOnly, make_problem
 
@@ -81,3 +83,22 @@ def test_the_extended_kalman_filter_must_not_be_trusted(paper):
     assert row.anees.low > 100
     assert row.inclination.low > 10
     assert row.coverage[0.9].high < 0.5
+
+
+def test_an_impossible_reading_is_flagged():
+    """Straight ahead 2.5 m too short, against what the other two beams say of the room.
+
+    All estimators stay finite; those that hold the whole posterior say how improbable it was. A Kalman filter
+    does not: its linear model of the room finds the reading likely elsewhere.
+    """
+    made = load_study("paper").experiment()
+    problem = made.told
+    measurement = problem.sensor.expected(np.array([[2.0, 3.0]]))[:, None]
+    measurement[..., 1] -= 2.5
+    floor = evidence_floor(problem.sensor, measurement)[0, 0]
+    for label, build in made.estimators.items():
+        outcome = Trial(problem, made.moves, seed=1).run(build(problem), measurement, 0)
+        assert outcome.status.tolist() == [0], label
+        assert np.isfinite(outcome.log_evidence[0, 0])
+        if label in ("point-mass", "particle"):
+            assert outcome.log_evidence[0, 0] < floor - 500
