@@ -1,8 +1,10 @@
 """What an estimator believes after measuring."""
 
 from .beam_noise import BeamMixture, Quantised
+from .compound_priors import Mixture, WithVelocity
 from .confined import Confined, is_clear, sample_runs
 from .estimator import EachRun, Estimate, Estimator, SingleRunEstimator
+from .gaussian_prior import GaussianPrior
 from .motion import ConstantVelocity, RandomWalk, Stationary
 from .noise import Gaussian, RangeProportional, StudentT
 from .odometry import Odometry
@@ -20,6 +22,8 @@ __all__ = [
     "Estimate",
     "Estimator",
     "Gaussian",
+    "GaussianPrior",
+    "Mixture",
     "Motion",
     "Noise",
     "Odometry",
@@ -36,6 +40,7 @@ __all__ = [
     "Stationary",
     "StudentT",
     "Uniform",
+    "WithVelocity",
     "available",
     "build",
     "is_clear",
