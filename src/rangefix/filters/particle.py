@@ -181,6 +181,8 @@ class ParticleFilter:
             states, log_density = self._resampled(states, log_weights, posterior, reading, power, rng)
             log_weights = equal(self.particles)
         log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
+        if gain == -np.inf:
+            return belief.states[run], belief.log_weights[run], gain
         return states, log_weights, gains + gain
 
     def _log_density(self, reading: Array | None, states: Array) -> Array:
