@@ -115,7 +115,7 @@ class GaussianPrior:
         turns: Array = np.zeros(1)
         if angle.any():
             most = int(np.ceil(REACH * np.sqrt((self.root[angle] ** 2).sum()) / TURN + 0.5))
-            turns = TURN * np.arange(-most, most + 1)
+            turns = TURN * np.arange(-most, most + 1, dtype=np.float64)
         exponents = [-0.5 * (((deviation + turn * angle) @ whiten.T) ** 2).sum(-1) for turn in turns]
         logs = np.logaddexp.reduce(exponents, axis=0) - level
         if self.room is not None:
