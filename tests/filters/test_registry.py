@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -23,7 +25,7 @@ from rangefix.filters import (
     build,
     position_space,
 )
-from rangefix.filters.checks import run_checks
+from rangefix.filters.checks import check_names, run_checks
 from rangefix.filters.registry import BUILT_IN, resolve
 from rangefix.maps import RectangularRoom
 
@@ -275,7 +277,8 @@ def test_dead_reckoning_example(problem: Problem) -> None:
 def test_example_package_as_a_third_party_has_it(tmp_path: Path) -> None:
     """Built as a wheel, installed, listed and put through its own tests, from a folder of its own."""
     pytest.importorskip("stonesoup", reason="the example wraps Stone Soup, which is not installed")
-    example = ROOT / "examples" / "rangefix-stonesoup"
+    example = tmp_path / "example"  # a copy: building leaves files behind
+    shutil.copytree(ROOT / "examples" / "rangefix-stonesoup", example)
     site, pip = tmp_path / "site", [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
     subprocess.run([*pip, "wheel", "--no-deps", "-w", tmp_path / "wheels", example], check=True)
     (wheel,) = (tmp_path / "wheels").glob("rangefix_stonesoup-*.whl")
@@ -297,3 +300,24 @@ def test_example_package_as_a_third_party_has_it(tmp_path: Path) -> None:
     assert "stonesoup-particle" in listed
     tests = [sys.executable, "-m", "pytest", "-q", "-c", example / "pyproject.toml", example / "tests"]
     subprocess.run([*tests, "-p", "no:cacheprovider"], env=environment, cwd=tmp_path, check=True)
+
+
+def test_the_tutorial_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python blocks of docs/plugins.md run, in order; one that begins with a file's name is that file."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    text = (ROOT / "docs" / "plugins.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    names: dict[str, Any] = {"__name__": "tutorial"}
+    for block in blocks:
+        if match := re.match(r"# (\w+\.py)\n", block):
+            (tmp_path / match[1]).write_text(block)
+        else:
+            exec(compile(block, "docs/plugins.md", "exec"), names)
+    sys.modules.pop("my_filter", None)
+    assert len(blocks) == 6
+    assert all(f"| `{name}` |" in text for name in check_names())
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", "-p", "no:cacheprovider", str(tmp_path)]
+    command += ["-k", "built or shapes"]
+    tests = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert "2 passed, 18 deselected" in tests.stdout
