@@ -12,6 +12,7 @@ from .confined import is_clear
 from .problem import Prior, Sensor
 from .space import Array, StateSpace
 
+BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
 SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
 
 
@@ -69,23 +70,26 @@ def metropolis(
     Returns:
         Where they end, (N, n), and the log density of the fresh measurement there, (N,).
     """
-    size = len(states)
-    known, fresh = log_densities
-    spread = np.log(LARGEST / SMALLEST)
-    for _ in range(steps):
-        scale = SMALLEST * np.exp(spread * rng.random(size))
-        step = (rng.standard_normal(states.shape) @ root.T) * scale[:, None]
-        proposal = space.wrap(states + step)
-        known_there, fresh_there = posterior.log_densities(proposal)
-        with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
-            gain = known_there - known
-            if power > 0:
-                gain += power * (fresh_there - fresh)
-            accepted = np.log(rng.random(size)) < gain
-        states = np.where(accepted[:, None], proposal, states)
-        known = np.where(accepted, known_there, known)
-        fresh = np.where(accepted, fresh_there, fresh)
-    return states, fresh
+    ends, log_fresh = np.empty_like(states), np.empty(len(states))
+    for start in range(0, len(states), BLOCK):
+        part = slice(start, start + BLOCK)
+        here = states[part]
+        known, fresh = log_densities[0][part], log_densities[1][part]
+        for _ in range(steps):
+            scale = SMALLEST * np.exp(np.log(LARGEST / SMALLEST) * rng.random(len(here)))
+            step = (rng.standard_normal(here.shape) @ root.T) * scale[:, None]
+            proposal = space.wrap(here + step)
+            known_there, fresh_there = posterior.log_densities(proposal)
+            with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
+                gain = known_there - known
+                if power > 0:
+                    gain += power * (fresh_there - fresh)
+                accepted = -rng.standard_exponential(len(here)) < gain
+            here = np.where(accepted[:, None], proposal, here)
+            known = np.where(accepted, known_there, known)
+            fresh = np.where(accepted, fresh_there, fresh)
+        ends[part], log_fresh[part] = here, fresh
+    return ends, log_fresh
 
 
 def kernel_step(
