@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, load, run, summarise
+from rangefix.evaluation import Experiment, Named, ResultsError, load, provenance, run, summarise
 from rangefix.evaluation import crew as crew_module
-from rangefix.evaluation import provenance
 
 from .conftest import PriorOnly, make_problem
 
