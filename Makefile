@@ -10,6 +10,7 @@ BIN := $(VENV)/bin
 OUT ?= results
 BUILDING ?= ../shared/data/avz/avz.ply
 RUNS ?= 1000
+BUILDING_RUNS ?= 400
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: demo test bench lint clean
@@ -19,11 +20,11 @@ demo: $(VENV)/.base
 	$(BIN)/rangefix run paper --runs $(RUNS) --out $(OUT)/room
 	$(BIN)/rangefix plot $(OUT)/room > $(OUT)/room/figures.txt
 ifneq ($(wildcard $(BUILDING)),)
-	$(BIN)/rangefix run mesh --map $(BUILDING) --runs $(RUNS) --out $(OUT)/building
+	$(BIN)/rangefix run mesh --map $(BUILDING) --runs $(BUILDING_RUNS) --out $(OUT)/building
 else
 	@echo "No mesh at $(BUILDING): a small building is made up instead."
 	$(BIN)/python docs/demo/make_building.py $(OUT)/building.ply
-	$(BIN)/rangefix run docs/demo/building.toml --map $(OUT)/building.ply --runs $(RUNS) --out $(OUT)/building
+	$(BIN)/rangefix run docs/demo/building.toml --map $(OUT)/building.ply --runs $(BUILDING_RUNS) --out $(OUT)/building
 endif
 	$(BIN)/rangefix plot $(OUT)/building > $(OUT)/building/figures.txt
 	@echo "Pictures: $(OUT)/paper/figures  $(OUT)/room/figures  $(OUT)/building/figures"

@@ -112,7 +112,7 @@ def paper(
         Path | None, typer.Option(help="Folder for the table, the posteriors and figures.")
     ] = None,
     as_json: Json = False,
-    draws: Annotated[int, typer.Option(min=20, help="Noise draws for the bands.")] = 2000,
+    draws: Annotated[int, typer.Option(min=20, help="Noise draws for the bands.")] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise draws.")] = 0,
 ) -> None:
     """The table and figures of the paper of Stepanov and Mansour."""

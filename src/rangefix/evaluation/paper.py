@@ -150,7 +150,7 @@ def only(measurement: Array, beams: str) -> Array:
     return np.where(chosen, measurement, np.nan)
 
 
-def solve(draws: int = 2000, seed: int = 0) -> Paper:
+def solve(draws: int = 1000, seed: int = 0) -> Paper:
     """Work out the example: noise-free posteriors on ever finer grids, and the band over noise draws.
 
     Args:
