@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -514,6 +515,16 @@ def test_an_estimator_that_cannot_be_built_fails_once() -> None:
     assert "predict" in results[0].detail
     assert {result.outcome for result in results[1:]} == {"skipped"}
     assert render(results)[-1] == "1 of 20 checks ran: 1 failed, 19 skipped"
+
+
+def test_an_unknown_name_is_no_result(tmp_path: Path) -> None:
+    """A name that is not there raises; a file that does not import is an estimator that is not built."""
+    with pytest.raises(KeyError, match="no estimator 'kalmann'"):
+        run_checks("kalmann")
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    first, *_ = run_checks(f"{tmp_path / 'broken.py'}:Filter")
+    assert first.outcome == "failed"
+    assert "division by zero" in first.detail
 
 
 def test_an_error_is_told_in_one_line_with_its_place() -> None:

@@ -23,6 +23,7 @@ from unittest import SkipTest
 
 from . import checks_answers, checks_beliefs, checks_contract
 from .checks_subject import CheckFailure, Claim, Factory, Subject
+from .registry import resolve
 
 if TYPE_CHECKING:
     import pytest
@@ -166,11 +167,14 @@ def run_checks(
 ) -> list[CheckResult]:
     """Run the checks of one estimator; arguments as for `checks_for`.
 
-    Where the estimator cannot be built, the first check says why and the others are skipped.
+    Where the estimator cannot be imported or built, the first check says why and the others are skipped.
 
     Raises:
         KeyError: If there is no such estimator.
+        ValueError: If an expected failure names no check or gives no reason.
     """
+    if isinstance(target, str):
+        _need_known(target)
     first, *others = checks_for(target, expected_failures=expected_failures, **options)
     results = [first.result()]
     for check in others:
@@ -220,6 +224,16 @@ def parametrize_with_checks(
             marks = [pytest.mark.xfail(reason=check.expected, strict=True)] if check.expected else []
             cases.append(pytest.param(check, marks=marks, id=f"{check.subject.name}-{check.name}"))
     return pytest.mark.parametrize("check", cases)
+
+
+def _need_known(name: str) -> None:
+    """Let the KeyError of an unknown name out, and nothing else: that is for the first check to tell."""
+    try:
+        resolve(name)
+    except KeyError:
+        raise
+    except Exception:
+        return
 
 
 def _located(error: Exception) -> str:
