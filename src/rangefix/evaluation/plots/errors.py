@@ -108,9 +108,9 @@ def _ellipses_panel(axes: Axes, results: Results, estimator: str, beams: str) ->
     if not len(errors):
         return
     true, claimed = errors.T @ errors / len(errors), claims.mean(0)
-    axes.plot(*errors[:MOST_POINTS].T, ".", markersize=2, color="0.6", zorder=1, label="error of one run")
+    axes.plot(*errors[:MOST_POINTS].T, ".", markersize=2, color="0.7", zorder=1, label="error of one run")
     label = "claimed: 95 % ellipse of a Gaussian with mean P"
-    axes.add_patch(_ellipse(claimed, edgecolor="#56B4E9", linewidth=3.2, zorder=3, label=label))
+    axes.add_patch(_ellipse(claimed, edgecolor=CLAIMED, linewidth=2.8, zorder=3, label=label))
     axes.add_patch(_ellipse(true, edgecolor="black", linestyle="--", zorder=4, label="true: the same with G"))
     reach = 1.3 * ELLIPSE_95 * np.sqrt(np.maximum(np.diagonal(true), np.diagonal(claimed)))
     if (reach > 0).all():
