@@ -65,11 +65,14 @@ def table1_notes(paper: Paper) -> list[str]:
     """What must be said with Table 1."""
     agreeing = round(paper.agreeing * paper.draws)
     outside = sum(not inside for row in paper.rows for inside in row.in_band())
-    inside = "Every printed figure lies" if not outside else f"All but {outside} printed figures lie"
+    if outside:
+        inside = f"All printed figures but {outside} lie in their bands."
+    else:
+        inside = "Every printed figure lies in its band."
     return [
         "The paper prints one unstated draw of the noise and cuts off: 0.64 is anything from 0.64 to 0.65,"
         " hence a range of percentiles.",
-        f"{inside} in its band. All 14 at once come out for {agreeing} of {paper.draws} draws"
+        f"{inside} All 14 at once come out for {agreeing} of {paper.draws} draws"
         + ("." if agreeing else ": the rows hardly come from a single draw."),
     ]
 
