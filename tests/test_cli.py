@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from rangefix import __version__
-from rangefix.cli import gather_bearings, main
+from rangefix.arguments import gather_bearings
+from rangefix.cli import main
 
 STUDY = """
 runs = 12

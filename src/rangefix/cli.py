@@ -11,6 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from . import __version__
+from .arguments import explain, gather_bearings
 
 FINE, SOME_FAILED, BAD_INPUT, NOTHING_RAN, GATE_FAILED = range(5)
 INTERRUPTED = 130
@@ -40,42 +41,6 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             print(f"rangefix: {line}", file=sys.stderr)
         code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else FINE)
-
-
-def explain(error: Exception) -> list[str] | None:
-    """Mistakes of the user, one line each; None for an error that is ours."""
-    if hasattr(error, "format_message"):  # a wrong option or argument
-        lines = [error.format_message()]
-    elif hasattr(error, "mistakes"):  # a study file
-        lines = list(error.mistakes)
-    elif isinstance(error, KeyError | ValueError | OSError):
-        lines = [str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)]
-    else:
-        return None
-    return [" ".join(line.split()) for line in lines]
-
-
-def gather_bearings(arguments: list[str]) -> list[str]:
-    """Join the numbers after --bearings-deg by commas, so that they may also stand apart."""
-    joined: list[str] = []
-    gathering = False
-    for argument in arguments:
-        if gathering and _are_numbers(argument):
-            joined[-1] += ("," if joined[-1] else "") + argument.strip(",")
-            continue
-        gathering = False
-        joined.append(argument)
-        if argument == "--bearings-deg":
-            gathering = True
-            joined.append("")
-    return [each for each in joined if each] if "--bearings-deg" in arguments else joined
-
-
-def _are_numbers(text: str) -> bool:
-    try:
-        return bool([float(part) for part in text.strip(",").split(",")])
-    except ValueError:
-        return False
 
 
 def _print_json(document: Any) -> None:

@@ -49,8 +49,8 @@ def draw(folder: Path) -> list[Path]:
 
 def paper_figures(example: paper.Paper) -> Iterator[tuple[str, Figure]]:
     """Figs. 2 and 3 of the paper by file name."""
-    two = "Posterior density after one or two of the paper's beams, measured without noise"
-    three = "Posterior density after all three of the paper's beams, measured without noise"
+    two = "Posterior density after one or two of the paper's beams,\nmeasured without noise"
+    three = "Posterior density after all three of the paper's beams,\nmeasured without noise"
     yield "figure2_maps", posterior_maps(example, paper.FIGURE_2, two)
     yield "figure2_surfaces", posterior_surfaces(example, paper.FIGURE_2, two)
     yield "figure3_map", posterior_maps(example, paper.FIGURE_3, three)
