@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .compiled import njit, prange
 from .space import Array, BoolArray
 
 Places = NDArray[np.int64]
 
 BLOCK = 64
+
 MARGIN = 60.0
 
 
@@ -28,7 +29,7 @@ def block_bounds(values: Array) -> tuple[Array, Array]:
     return np.minimum.reduceat(values, starts, axis=0), np.maximum.reduceat(values, starts, axis=0)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _penalty(reading: float, precision: float, expected: float) -> float:
     """-log of the Gaussian likelihood ratio of one beam, in nats; inf readings meet inf ranges only."""
     if precision == 0.0:
@@ -38,14 +39,14 @@ def _penalty(reading: float, precision: float, expected: float) -> float:
     return 0.5 * precision * (reading - expected) ** 2
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _least_penalty(reading: float, precision: float, low: float, high: float) -> float:
     """The least penalty of any expected range in [low, high]."""
     nearest = high if math.isinf(reading) else min(max(reading, low), high)
     return _penalty(reading, precision, nearest)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cells(
     first: int, last: int, reading: Array, precision: Array, ranges: Array, log_mass: Array, floor: float,
     chosen: Places, logs: Array, count: int, best: float,
@@ -64,7 +65,7 @@ def _cells(
     return count, best
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _select(
     reading: Array, precision: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
     top_mass: Array, chosen: Places, logs: Array, bounds: Array,
@@ -96,7 +97,7 @@ def _select(
     return count, best
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _moments(
     chosen: Places, logs: Array, count: int, best: float, centres: Array, is_angle: BoolArray,
     mean: Array, covariance: Array,
@@ -135,7 +136,7 @@ def _moments(
     return best + math.log(total)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, parallel=True)
 def gaussian_moments(
     readings: Array, precisions: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
     top_mass: Array, centres: Array, is_angle: BoolArray, means: Array, covariances: Array, log_sums: Array,
@@ -151,7 +152,7 @@ def gaussian_moments(
         means, covariances, log_sums: Results, (M, n), (M, n, n), (M,). Where no cell is possible the log sum
             is -inf and the other two are left as they were.
     """
-    for run in numba.prange(len(readings)):
+    for run in prange(len(readings)):
         row = run % len(log_mass)
         chosen = np.empty(len(centres), np.int64)
         logs = np.empty(len(centres))

@@ -91,6 +91,10 @@ class Sensor(Protocol):
         """
         ...
 
+    def beam_log_density(self, measurement: Array, expected: Array) -> Array:
+        """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B)."""
+        ...
+
     def sample(self, states: Array, rng: Generator) -> Array:
         """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
         ...

@@ -135,13 +135,18 @@ class Rangefinder:
             total = self._gaussian(self.noise.stds, measurement, expected)
             if np.isfinite(total).all() and not (measurement > self.max_range * (1 + ROUNDING)).any():
                 return total
+        return np.asarray(self.beam_log_density(measurement, expected).sum(-1))
+
+    def beam_log_density(self, measurement: Array, expected: Array) -> Array:
+        """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B); nats."""
+        measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         measured, silent = ~np.isnan(measurement), np.isposinf(measurement)
         possible = np.isfinite(measurement) & (measurement <= self.max_range * (1 + ROUNDING))
         terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
         terms = np.where(possible, terms, -np.inf)
         if silent.any():
             terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
-        return np.asarray(np.where(measured, terms, 0.0).sum(-1), dtype=float)
+        return np.where(measured, terms, 0.0)
 
     @staticmethod
     def _gaussian(stds: Array, measurement: Array, expected: Array) -> Array:

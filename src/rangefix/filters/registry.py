@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import sys
 from importlib.metadata import entry_points
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,8 +19,12 @@ GROUP = "rangefix.estimators"
 BUILT_IN = {
     "point-mass": "rangefix.filters.point_mass:PointMassFilter",
     "particle": "rangefix.filters.particle:ParticleFilter",
-    "ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
-    "ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",
+    "ekf": "rangefix.filters.gaussian_batch:BatchExtendedKalmanFilter",
+    "ukf": "rangefix.filters.gaussian_batch:BatchUnscentedKalmanFilter",
+    "ckf": "rangefix.filters.gaussian_batch:cubature",
+    "enkf": "rangefix.filters.ensemble:EnsembleKalmanFilter",
+    "filterpy-ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
+    "filterpy-ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",
 }
 
 
@@ -42,6 +48,7 @@ def build(name: str, problem: Problem, **options: Any) -> Estimator[Any]:
 
     Raises:
         KeyError: If there is no such estimator.
+        ImportError: If its code fails to import.
         TypeError: If it has no such option, or lacks one of the four verbs.
         ValueError: If an option's value does not fit.
     """
@@ -63,33 +70,42 @@ def resolve(name: str) -> Any:
 
     Raises:
         KeyError: If there is no such estimator.
+        ImportError: If its code fails to import.
     """
     if name in BUILT_IN:
-        return _load(BUILT_IN[name])
+        return _load(BUILT_IN[name], name)
     for entry in entry_points(group=GROUP, name=name):
-        return entry.load()
+        return _load(f"{entry.module}:{entry.attr}", name)
     if ":" in name:
-        return _load(name)
+        return _load(name, name)
     raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
 
 
-def _load(target: str) -> Any:
-    """The attribute named by "module:attribute" or "file.py:attribute"."""
+def _load(target: str, name: str) -> Any:
+    """The attribute named by "module:attribute" or "file.py:attribute", for the estimator of that name."""
     where, _, attribute = target.rpartition(":")
     try:
         module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
-    except (ModuleNotFoundError, FileNotFoundError) as error:
-        raise KeyError(f"no estimator {target!r}: {error}") from None
-    if not hasattr(module, attribute):
-        raise KeyError(f"no estimator {target!r}: {where} has no {attribute!r}")
-    return getattr(module, attribute)
+        return attrgetter(attribute)(module)
+    except FileNotFoundError as error:
+        raise KeyError(f"no estimator {name!r}: {error}") from None
+    except Exception as error:  # whatever a plug-in's code may raise
+        absent = isinstance(error, ModuleNotFoundError) and where.startswith(error.name or where)
+        if name == target and (absent or isinstance(error, AttributeError)):
+            raise KeyError(f"no estimator {name!r}: {error}") from None
+        cause = " ".join(str(error).split())
+        raise ImportError(f"estimator {name!r} failed to import: {type(error).__name__}: {cause}") from error
 
 
 def _file_module(path: Path) -> ModuleType:
     """A module made from a file outside any package."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"rangefix_file_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
         raise FileNotFoundError(f"no file {path}")
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.modules[spec.name] = module  # dataclasses look there while they are made
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        del sys.modules[spec.name]  # or pickling would refer to a module that a worker cannot import
     return module
