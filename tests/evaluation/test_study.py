@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Study, StudyError, load_study, parse_study, run, study_names
-from rangefix.evaluation.schema import EstimatorSection, RectangleMap, SensorSection, TruthSection
+from rangefix.evaluation.schema import EstimatorSection, RectangleMap, TruthSection
+from rangefix.evaluation.sensor_sections import SensorSection
 from rangefix.evaluation.toml_lines import key_lines
 
 GOOD = """\

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -22,6 +22,15 @@ class StudyError(ValueError):
     def __reduce__(self) -> tuple[type[StudyError], tuple[list[str]]]:
         """So that it crosses processes."""
         return StudyError, (self.mistakes,)
+
+
+class Misfit(ValueError):
+    """A key of a section that does not fit the rest of the study; `path` counts from the section."""
+
+    def __init__(self, key: str, text: str, *further: str | int) -> None:
+        super().__init__(text)
+        self.text = text
+        self.path: Path = (key, *further)
 
 
 @dataclass
@@ -42,23 +51,35 @@ class Mistakes:
         name = dotted(path)
         self.found.append((line or 0, f"{where}: {name}: {text}" if name else f"{where}: {text}"))
 
-    def add_all(self, error: ValidationError, at: Path, raw: Any, model: type[BaseModel] | None) -> None:
-        """Note what pydantic found in a section."""
-        found = error.errors(include_url=False)
-        names = model.model_fields if model else ()
+    def add_all(
+        self,
+        error: ValidationError,
+        at: Path,
+        raw: Any,
+        model: type[BaseModel] | None,
+        ignored: Collection[str] = (),
+    ) -> None:
+        """Note what pydantic found in a section, but for keys that are ignored."""
+        found = [
+            each
+            for each in error.errors(include_url=False)
+            if each["loc"][:1] not in {(key,) for key in ignored}
+        ]
         misspelt = {
-            close for each in found if each["type"] == "extra_forbidden"
-            for close in get_close_matches(str(each["loc"][-1]), names, n=1)
+            (*each["loc"][:-1], close) for each in found if each["type"] == "extra_forbidden"
+            for close in get_close_matches(str(each["loc"][-1]), _names(model, each["loc"]), n=1)
         }  # fmt: skip
         for each in found:
-            same = [other for other in found if other["loc"][:1] == each["loc"][:1]]
+            path = _real_path(each["loc"], raw)
+            same = [other for other in found if _real_path(other["loc"], raw)[: len(path)] == path]
             form = "float_type" if isinstance(each["input"], list) else "list_type"
             if len(same) > 1 and each["type"] == form:
                 continue  # the other form that the key might have had
-            if each["type"] == "missing" and each["loc"][-1] in misspelt:
+            if each["type"] == "missing" and each["loc"] in misspelt:
                 continue  # the unknown key says so
-            path = _real_path(each["loc"], raw)
-            self.add((*at, *path), _sentence(each, path, model))
+            if isinstance(misfit := each.get("ctx", {}).get("error"), Misfit):
+                path = (*path, *misfit.path)
+            self.add((*at, *path), _sentence(each, path, innermost(model, each["loc"])))
 
     def check(self) -> None:
         """Raise StudyError if there is any mistake."""
@@ -110,11 +131,36 @@ def _real_path(loc: Iterable[int | str], raw: Any) -> Path:
     return path
 
 
+def innermost(model: type[BaseModel] | None, loc: Sequence[int | str]) -> type[BaseModel] | None:
+    """The model that the last part of a location is a key of: pydantic names the kinds on the way."""
+    kinds: dict[str, type[BaseModel]] = {}
+    for part in loc[:-1]:
+        if part in kinds:
+            model, kinds = kinds[str(part)], {}
+        elif model is not None and part in model.model_fields:
+            kinds = _kinds(model.model_fields[str(part)].annotation)
+    return model
+
+
+def _names(model: type[BaseModel] | None, loc: Sequence[int | str]) -> Iterable[str]:
+    """The keys that might stand at the end of a location."""
+    inner = innermost(model, loc)
+    return inner.model_fields if inner else ()
+
+
+def _kinds(annotation: Any) -> dict[str, type[BaseModel]]:
+    """The models in a type, by the kinds that they stand for."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        kind = annotation.model_fields.get("kind")
+        return {str(name): annotation for name in get_args(kind.annotation)} if kind else {}
+    return {name: found for each in get_args(annotation) for name, found in _kinds(each).items()}
+
+
 def _sentence(error: Any, path: Path, model: type[BaseModel] | None) -> str:
     """What is wrong and how to mend it."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     fields = model.model_fields if model else {}
-    key = str(path[0]) if path else ""
+    key = next((part for part in reversed(path) if isinstance(part, str)), "")
     hint = fields[key].description if key in fields else None
     example = f" ({hint})" if hint else ""
     if kind == "extra_forbidden":
@@ -137,8 +183,16 @@ def _sentence(error: Any, path: Path, model: type[BaseModel] | None) -> str:
         "int_type": "must be a whole number",
         "string_type": "must be a text in quotation marks",
         "list_type": "must be a list",
+        "bool_type": "must be true or false",
         "model_type": "must be a table of keys",
+        "model_attributes_type": "must be a table of keys",
+        "union_tag_not_found": "needs a kind, one of {kinds}",
+        "union_tag_invalid": "no kind '{tag}'; there are {kinds}",
+        "less_than_equal": "must be at most {le:g}",
         "dict_type": "must be a table of keys",
     }
+    if kind.startswith("union_tag"):
+        kinds = _kinds(fields[key].annotation) if key in fields else {}
+        return bounds[kind].format(**context, kinds=", ".join(kinds))
     text = bounds.get(kind)
     return (text.format(**context) if text else str(error["msg"])) + f", got {value!r}{example}"

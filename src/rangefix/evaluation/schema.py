@@ -8,18 +8,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ..filters import (
-    Gaussian,
-    Rangefinder,
-    RangeMap,
-    StateSpace,
-    Uniform,
-    position_space,
-    sweep,
-)
-from ..filters.space import Array
+from ..filters import RangeMap, StateSpace
+from ..filters.space import Array, wrap
+from .mistakes import Misfit
 
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 LATTICE = 40  # steps along the shorter side of a box that looks for its place
 
@@ -85,82 +79,69 @@ class MeshMap(Section):
         )
 
 
-class SensorSection(Section):
-    """A rangefinder: its beams, clockwise from straight ahead, and its noise."""
+class StateSection(Section):
+    """What is estimated: x1 and x2; the heading where it is not known; velocities where asked for."""
 
-    bearings_deg: Annotated[list[float], Field(min_length=1)] | None = None
-    resolution_deg: Positive | None = None
-    blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
-    std_m: Positive | Annotated[list[Positive], Field(min_length=1)] = Field(
-        description="standard deviation of a reading, one or one per beam, for example std_m = 0.05"
+    heading: Literal["known", "unknown"] = Field(
+        default="known", description='"unknown": it is estimated, from what [prior] says of it'
     )
+    heading_deg: float = Field(
+        default=0.0,
+        description='the known heading, clockwise from +x2; an unknown one: heading = "unknown", '
+        "and heading_deg in [prior]",
+    )
+    velocities: bool = Field(default=False, description="whether v1 and v2 are estimated too")
 
     @model_validator(mode="after")
-    def _one_way(self) -> SensorSection:
-        if (self.bearings_deg is None) == (self.resolution_deg is None):
-            raise ValueError("give either bearings_deg, for example [326.3, 0.0, 33.7], or resolution_deg")
-        if isinstance(self.std_m, list) and len(self.std_m) != len(self.bearings):
-            raise ValueError(
-                f"std_m has {len(self.std_m)} numbers for {len(self.bearings)} beams: give one for each"
+    def _one_way(self) -> StateSection:
+        if self.heading == "unknown" and "heading_deg" in self.model_fields_set:
+            raise Misfit(
+                "heading_deg", "is for a known heading; what is known of an unknown one stands in [prior]"
             )
         return self
 
-    @property
-    def bearings(self) -> Array:
-        """Bearings in rad, (B,)."""
-        if self.resolution_deg is None:
-            return np.asarray(np.deg2rad(self.bearings_deg or []))
-        return sweep(np.deg2rad(self.resolution_deg), np.deg2rad(self.blind_sector_deg))
-
-    def build(self, room: RangeMap, space: StateSpace) -> Rangefinder:
-        """The rangefinder in a map."""
-        return Rangefinder(
-            room, self.bearings, Gaussian(self.std_m), space, np.deg2rad(self.blind_sector_deg)
-        )
-
-
-class StateSection(Section):
-    """What is estimated: x1 and x2 under a known heading, clockwise from +x2."""
-
-    heading_deg: float = 0.0
-
     def build(self) -> StateSpace:
         """The state space."""
-        return position_space(heading=float(np.deg2rad(self.heading_deg)))
-
-
-class PriorSection(Section):
-    """Uniform over free space: of the whole map, of a box, or of a box of a size where most space is free."""
-
-    kind: Literal["uniform"] = "uniform"
-    lower_m: Point | None = None
-    upper_m: Point | None = None
-    size_m: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
-
-    @model_validator(mode="after")
-    def _one_way(self) -> PriorSection:
-        if (self.lower_m is None) != (self.upper_m is None):
-            raise ValueError("give both corners of the box, lower_m and upper_m, or neither")
-        if self.size_m is not None and self.lower_m is not None:
-            raise ValueError("give either the corners lower_m and upper_m, or size_m, not both")
-        return self
-
-    def build(self, room: RangeMap, space: StateSpace) -> Uniform:
-        """The prior on a map."""
-        if self.size_m is not None:
-            return Uniform(room, space, *roomiest_box(room, np.array(self.size_m)))
-        return Uniform(room, space, self.lower_m, self.upper_m)
+        names = ["x1", "x2"]
+        names += ["heading"] if self.heading == "unknown" else []
+        names += ["v1", "v2"] if self.velocities else []
+        known = None if self.heading == "unknown" else float(np.deg2rad(self.heading_deg))
+        return StateSpace(tuple(names), heading=known)
 
 
 class TruthSection(Section):
-    """Where the object truly is: drawn from the prior for each run, or at one place."""
+    """Where the object truly is at first: drawn from the prior for each run, or at one place."""
 
     draw: Literal["prior"] = Field(default="prior", alias="from")
     at_m: Point | None = None
+    heading_deg: float | None = None
+    velocity_m_per_s: Point | None = None
 
-    def start(self) -> Array | None:
-        """The place, if there is one."""
-        return None if self.at_m is None else np.array(self.at_m, dtype=float)
+    @model_validator(mode="after")
+    def _one_way(self) -> TruthSection:
+        if self.at_m is None and (self.heading_deg is not None or self.velocity_m_per_s is not None):
+            raise ValueError("a true heading or velocity needs a place: give at_m too")
+        return self
+
+    def start(self, space: StateSpace) -> Array | None:
+        """The true first state, if it is the same for all runs.
+
+        Raises:
+            Misfit: If a component of the state is missing here, or the other way round.
+        """
+        if self.at_m is None:
+            return None
+        state = dict(zip(("x1", "x2"), self.at_m, strict=True))
+        if self.heading_deg is not None:
+            state["heading"] = float(wrap(np.deg2rad(self.heading_deg)))
+        if self.velocity_m_per_s is not None:
+            state |= dict(zip(("v1", "v2"), self.velocity_m_per_s, strict=True))
+        for key, name in (("heading_deg", "heading"), ("velocity_m_per_s", "v1")):
+            if name in space.names and name not in state:
+                raise Misfit(key, f"is missing: the {key.partition('_')[0]} is part of the state")
+            if name in state and name not in space.names:
+                raise Misfit(key, f"the {key.partition('_')[0]} is no part of the state: see [state]")
+        return np.array([state[name] for name in space.names])
 
 
 class EstimatorSection(Section):

@@ -2,14 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from .mistakes import Mistakes, suggestion
-from .schema import EstimatorSection, FloorPlanMap, MeshMap, RectangleMap, Section
+from .motion_sections import ConstantVelocityMotion, OdometryMotion, RandomWalkMotion, StationaryMotion
+from .prior_sections import CentredPrior, MixturePrior, UniformPrior
+from .schema import EstimatorSection, FloorPlanMap, MeshMap, RectangleMap, Section, StateSection
+from .sensor_sections import SensorSection
 
-MAPS: dict[str, type[Section]] = {"rectangle": RectangleMap, "floor-plan": FloorPlanMap, "mesh": MeshMap}
+KINDS: dict[str, dict[str, type[Section]]] = {
+    "map": {"rectangle": RectangleMap, "floor-plan": FloorPlanMap, "mesh": MeshMap},
+    "motion": {
+        "stationary": StationaryMotion,
+        "random-walk": RandomWalkMotion,
+        "constant-velocity": ConstantVelocityMotion,
+        "odometry": OdometryMotion,
+    },
+    "prior": {"uniform": UniformPrior, "gaussian": CentredPrior, "mixture": MixturePrior},
+}
+DEFAULT_KINDS = {"motion": "stationary", "prior": "uniform"}
+ASSUMED: dict[str, type[Section] | None] = {
+    "state": StateSection, "sensor": SensorSection, "motion": None, "prior": None
+}  # fmt: skip
+# Of these keys those in the true section are left out where one is in the assumed section.
+INSTEAD: dict[str, tuple[set[str], ...]] = {
+    "sensor": ({"std_m", "noise"}, {"bearings_deg", "resolution_deg"}),
+    "prior": ({"lower_m", "upper_m", "size_m"}, {"parts", "weights"}),
+}
+OF_THE_DRIVE = ("steps", "waypoints_m", "step_m", "turn_deg", "clearance_m", "start_m", "drive_seed")
+# These are taken from a true section of another kind.
+COMMON = ("steps", "confined", "tries", "heading_deg", "heading_std_deg", "velocity_m_per_s",
+          "velocity_std_m_per_s")  # fmt: skip
 
 
 def sound_sections(model: type[BaseModel], raw: dict[str, Any], mistakes: Mistakes) -> dict[str, Any]:
@@ -24,13 +50,17 @@ def sound_sections(model: type[BaseModel], raw: dict[str, Any], mistakes: Mistak
                 mistakes.add((name,), f"is missing: {hint}")
             else:
                 sections[name] = entry.get_default(call_default_factory=True)
-        elif name == "map":
-            _section(name, MAPS.get(_kind(raw[name], mistakes)), raw[name], sections, mistakes)
+        elif name in KINDS:
+            _section(name, _of_kind(name, raw[name], mistakes, (name,)), raw[name], sections, mistakes)
+        elif name == "assumed":
+            checked = _assumed(raw, mistakes)
+            if checked is not None:
+                sections[name] = entry.annotation(**checked)  # type: ignore[misc]
         elif name == "estimators" and isinstance(raw[name], list) and raw[name]:
-            checked: dict[str, Any] = {}
+            found: dict[str, Any] = {}
             for place, each in enumerate(raw[name]):
-                _section(place, EstimatorSection, each, checked, mistakes, at=(name,))
-            sections[name] = list(checked.values())
+                _section(place, EstimatorSection, each, found, mistakes, at=(name,))
+            sections[name] = list(found.values())
         elif isinstance(entry.annotation, type) and issubclass(entry.annotation, BaseModel):
             _section(name, entry.annotation, raw[name], sections, mistakes)
         else:
@@ -43,17 +73,58 @@ def sound_sections(model: type[BaseModel], raw: dict[str, Any], mistakes: Mistak
     return sections
 
 
-def _kind(raw: Any, mistakes: Mistakes) -> str:
-    """The kind of map; "" with a mistake noted if there is no such kind."""
+def _of_kind(name: str, raw: Any, mistakes: Mistakes, at: tuple[str, ...]) -> type[Section] | None:
+    """The model of a section that has kinds; None with a mistake noted if there is no such kind."""
+    kinds = KINDS[name]
     if not isinstance(raw, dict):
-        mistakes.add(("map",), 'must be a table [map] with, for example, kind = "rectangle"')
-    elif "kind" not in raw:
-        mistakes.add(("map", "kind"), f"is missing: one of {', '.join(MAPS)}")
-    elif raw["kind"] not in MAPS:
-        mistakes.add(("map", "kind"), f"no kind {raw['kind']!r}; there are {', '.join(MAPS)}")
-    else:
-        return str(raw["kind"])
-    return ""
+        mistakes.add(at, f'must be a table [{".".join(at)}] with, for example, kind = "{next(iter(kinds))}"')
+        return None
+    kind = raw.get("kind", DEFAULT_KINDS.get(name))
+    if kind is None:
+        mistakes.add((*at, "kind"), f"is missing: one of {', '.join(kinds)}")
+    elif kind not in kinds:
+        mistakes.add((*at, "kind"), f"no kind {kind!r}; there are {', '.join(kinds)}")
+    return kinds.get(kind) if isinstance(kind, str) else None
+
+
+def _assumed(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any] | None:
+    """What estimators are told otherwise than it is: keys not given are those of the true section."""
+    given = raw["assumed"]
+    if not isinstance(given, dict):
+        mistakes.add(("assumed",), "must be tables, for example [assumed.sensor]")
+        return None
+    checked: dict[str, Any] = {}
+    for name, section in given.items():
+        at = ("assumed", name)
+        if name not in ASSUMED:
+            mistakes.add(at, f"unknown key; {suggestion(name, ASSUMED)}")
+            continue
+        if not isinstance(section, dict):
+            mistakes.add(at, f"must be a table [assumed.{name}]")
+            continue
+        if name == "motion" and (wrong := [key for key in OF_THE_DRIVE if key in section]):
+            for key in wrong:
+                mistakes.add((*at, key), "the drive is that of [motion]: leave it out")
+            continue
+        true = raw.get(name, {})
+        merged = _merged(name, true if isinstance(true, dict) else {}, section)
+        model = ASSUMED[name] or _of_kind(name, merged, mistakes, at)
+        inherited = merged.keys() - section.keys()  # mistakes in these are noted where they stand
+        _section(name, model, merged, checked, mistakes, ("assumed",), inherited)
+    return checked
+
+
+def _merged(name: str, true: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    default = DEFAULT_KINDS.get(name)
+    kept = set(true)
+    if given.get("kind", true.get("kind", default)) != true.get("kind", default):
+        kinds = KINDS[name]
+        model = kinds.get(given["kind"]) if isinstance(given["kind"], str) else None
+        kept &= set(COMMON) & set(model.model_fields if model else ())
+    for group in INSTEAD.get(name, ()):
+        if group & given.keys():
+            kept -= group
+    return {key: value for key, value in true.items() if key in kept} | given
 
 
 def _section(
@@ -63,10 +134,11 @@ def _section(
     sections: dict[Any, Any],
     mistakes: Mistakes,
     at: Any = (),
+    ignored: Collection[str] = (),
 ) -> None:
     if model is None:
         return
     try:
         sections[name] = model.model_validate(raw)
     except ValidationError as error:
-        mistakes.add_all(error, (*at, name), raw, model)
+        mistakes.add_all(error, (*at, name), raw, model, ignored)

@@ -15,24 +15,36 @@ from pydantic import Field, PrivateAttr
 from ..filters import Problem
 from .experiment import Builder, Experiment, Named
 from .mistakes import Mistakes, StudyError, one_line
-from .schema import (
-    EstimatorSection,
-    FloorPlanMap,
-    MeshMap,
-    PriorSection,
-    RectangleMap,
-    Section,
-    SensorSection,
-    StateSection,
-    TruthSection,
-)
+from .motion_sections import AnyMotion, StationaryMotion
+from .prior_sections import AnyPrior, UniformPrior
+from .provenance import PACKAGE, source_digest
+from .schema import EstimatorSection, FloorPlanMap, MeshMap, RectangleMap, Section, StateSection, TruthSection
 from .sections import sound_sections
-from .study_checks import check_world
+from .sensor_sections import SensorSection
+from .study_checks import World, check_world
 from .toml_lines import key_lines
+
+WORLD = {"map", "sensor", "state", "motion", "prior", "assumed"}  # the sections that make the problems
+BUILDERS = tuple(
+    f"evaluation/{name}.py"
+    for name in ("schema", "sensor_sections", "motion_sections", "prior_sections", "study_checks")
+)
+
+
+class AssumedSection(Section):
+    """What estimators are told, where that is not the truth: whole sections instead of the true ones.
+
+    In a file, keys that are not given are those of the true section.
+    """
+
+    state: StateSection | None = None
+    sensor: SensorSection | None = None
+    motion: AnyMotion | None = None
+    prior: AnyPrior | None = None
 
 
 class Study(Section):
-    """A map, a sensor, a prior, truths, sets of beams and the estimators to compare.
+    """A map, a sensor, a motion, a prior, truths, sets of beams and the estimators to compare.
 
     A study file has the same keys. `experiment()` makes of it what `run` runs.
     """
@@ -44,7 +56,9 @@ class Study(Section):
     map: Annotated[RectangleMap | FloorPlanMap | MeshMap, Field(discriminator="kind")]
     sensor: SensorSection
     state: StateSection = StateSection()
-    prior: PriorSection = PriorSection()
+    motion: AnyMotion = StationaryMotion()
+    prior: AnyPrior = UniformPrior()
+    assumed: AssumedSection = AssumedSection()
     truth: TruthSection = TruthSection()
     beam_sets: list[Annotated[list[int], Field(min_length=1)]] | None = None
     estimators: list[EstimatorSection] = Field(
@@ -52,7 +66,7 @@ class Study(Section):
     )
     _folder: Path = PrivateAttr(default=Path())
     _text: str = PrivateAttr(default="")
-    _built: tuple[str, Problem] | None = PrivateAttr(default=None)
+    _built: tuple[str, World] | None = PrivateAttr(default=None)
 
     @property
     def text(self) -> str:
@@ -65,17 +79,25 @@ class Study(Section):
         return self._folder
 
     def problem(self) -> Problem:
-        """The true problem, which is also what the estimators are told; built once.
+        """The true problem.
+
+        Raises:
+            StudyError: With every mistake that building it shows.
+        """
+        return self.world().truth
+
+    def world(self) -> World:
+        """The true problem, what estimators are told of it, and the drive; built once.
 
         Raises:
             StudyError: With every mistake that building it shows.
         """
         if self._built is None or self._built[0] != self._sections_text():
             mistakes = Mistakes(self.name)
-            problem = check_world(dict(self), mistakes, self._folder)
+            world = check_world(dict(self), mistakes, self._folder)
             mistakes.check()
-            assert problem is not None  # else there would be a mistake
-            self._built = (self._sections_text(), problem)
+            assert world is not None  # else there would be a mistake
+            self._built = (self._sections_text(), world)
         return self._built[1]
 
     def experiment(self) -> Experiment:
@@ -87,13 +109,16 @@ class Study(Section):
         builders: dict[str, Builder] = {
             each.title: Named(each.name, each.converted()) for each in self.estimators
         }
+        world = self.world()
         return Experiment(
-            truth=self.problem(),
+            truth=world.truth,
+            assumed=world.assumed,
+            controls=world.controls,
             estimators=builders,
             runs=self.runs,
             seed=self.seed,
             beam_sets=self.beam_sets or (),
-            start=self.truth.start(),
+            start=world.start,
             name=self.name,
             title=self.title,
             config=self.text,
@@ -104,14 +129,12 @@ class Study(Section):
         """What tells its problem from another's: the sections, and the bytes of the map's file."""
         file = self._folder / self.map.path if isinstance(self.map, MeshMap) else None
         content = sha256(file.read_bytes()).hexdigest() if file else ""
-        parts = self.model_dump(mode="json", include={"map", "sensor", "state", "prior"})
+        parts = self.model_dump(mode="json", include=WORLD)
         parts["map"].pop("path", None)
-        return json.dumps([parts, content], sort_keys=True)
+        return json.dumps([parts, content, source_digest(PACKAGE, BUILDERS)], sort_keys=True)
 
     def _sections_text(self) -> str:
-        return self.model_dump_json(
-            include={"map", "sensor", "state", "prior", "truth", "estimators", "beam_sets"}
-        )
+        return self.model_dump_json(include=WORLD | {"truth", "estimators", "beam_sets"})
 
 
 def study_names() -> tuple[str, ...]:
@@ -183,12 +206,12 @@ def parse_study(
     given = frozenset(cast(tuple[str | int, ...], tuple(key.split("."))) for key in changed)
     mistakes = Mistakes(source, key_lines(text), given)
     sections = sound_sections(Study, {"name": Path(source).stem} | raw, mistakes)
-    problem = check_world(sections, mistakes, folder)
+    world = check_world(sections, mistakes, folder)
     mistakes.check()
     study = Study(**sections)
     study._folder = folder
-    if problem is not None:
-        study._built = (study._sections_text(), problem)
+    if world is not None:
+        study._built = (study._sections_text(), world)
     notes = "".join(f"# given on the command line: {key} = {value!r}\n" for key, value in changed.items())
     study._text = notes + text
     return study

@@ -1,41 +1,80 @@
-"""What of a study can only be checked by building it: map, sensor, prior, place, beams, estimators."""
+"""Builds what a study describes, and checks what can only be checked so: from the map to the estimators."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from ..filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
-from ..filters.problem import Prior, RangeMap, Sensor
+from ..filters.problem import RangeMap
 from ..filters.registry import resolve
-from .mistakes import Mistakes, one_line, suggestion
+from ..filters.space import Array
+from .mistakes import Misfit, Mistakes, one_line, suggestion
 from .schema import EstimatorSection, MeshMap
+from .trajectories import Drive
 
 UNITS = ("_m", "_deg")
 
 
-def check_world(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -> Problem | None:
+@dataclass(frozen=True)
+class World:
+    """What a study describes, built.
+
+    truth: The true problem.
+    assumed: What estimators are told; None where that is the truth.
+    drive: The planned drive, where there is one.
+    controls: Moves between measurements, (T - 1, k); None where there is one measurement only.
+    start: A true first state for all runs, (n,); None where it is drawn from the prior.
+    """
+
+    truth: Problem
+    assumed: Problem | None = None
+    drive: Drive | None = None
+    controls: Array | None = None
+    start: Array | None = None
+
+    @property
+    def told(self) -> Problem:
+        """The problem as the estimators know it."""
+        return self.truth if self.assumed is None else self.assumed
+
+
+def check_world(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -> World | None:
     """Build all that can be built of the sound sections, and note what cannot.
 
     Returns:
-        The problem, if all its parts are sound.
+        The world, if all its parts are sound.
     """
     room = _room(sections, mistakes, folder)
-    sensor = _sensor(sections, room, mistakes)
-    prior = _prior(sections, room, mistakes)
-    _truth(sections, room, prior, mistakes)
+    motion = sections.get("motion")
+    drive = _try(("motion",), mistakes, lambda: motion.drive(room)) if motion and room else None
+    truth = _problem(sections, room, drive, mistakes, {})
+    assumed = _assumed(sections, room, drive, truth, mistakes)
+    start = _start(sections, room, assumed or truth, mistakes)
     if sections.get("sensor") and sections.get("beam_sets"):
         _beam_sets(sections["beam_sets"], len(sections["sensor"].bearings), mistakes)
-    problem = None
-    if sensor is not None and prior is not None:
-        space = sensor.space
-        problem = Problem(space, Stationary(space), sensor, prior)
-    _estimators(sections.get("estimators", []), problem, mistakes)
-    return problem
+    world = None
+    if truth is not None and motion is not None:
+        world = World(truth, assumed, drive, motion.controls(drive), start)
+    _estimators(sections.get("estimators", []), world.told if world else None, mistakes)
+    return world
+
+
+def _try(at: tuple[str, ...], mistakes: Mistakes, build: Callable[[], Any]) -> Any:
+    """What is built; None with its mistake noted if it cannot be."""
+    try:
+        return build()
+    except Misfit as misfit:
+        mistakes.add((*at, *misfit.path), one_line(misfit))
+    except ValueError as error:
+        mistakes.add(at, one_line(error))
+    return None
 
 
 def _room(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -> RangeMap | None:
@@ -52,47 +91,91 @@ def _room(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -> Rang
     return None
 
 
-def _sensor(sections: Mapping[str, Any], room: RangeMap | None, mistakes: Mistakes) -> Sensor | None:
-    """The sensor; its own parts are checked even where there is no map."""
-    if "sensor" not in sections or "state" not in sections:
+def _problem(
+    sections: Mapping[str, Any],
+    room: RangeMap | None,
+    drive: Drive | None,
+    mistakes: Mistakes,
+    assumed: Mapping[str, Any],
+) -> Problem | None:
+    """The true problem, or the assumed one from its sections; those that are not given are true."""
+    used: dict[str, Any] = {name: sections.get(name) for name in ("state", "sensor", "motion", "prior")}
+    used |= assumed
+    if used["state"] is None:
         return None
-    try:
-        sensor: Sensor = sections["sensor"].build(cast(RangeMap, room), sections["state"].build())
-    except ValueError as error:
-        mistakes.add(("sensor",), one_line(error))
+    space = used["state"].build()
+    start = None if drive is None else drive.states[0]
+    parts: dict[str, Any] = {}
+    for name, further in (("sensor", ()), ("motion", ()), ("prior", (start,))):
+        if used[name] is not None and (room is not None or name != "prior"):
+            at = ("assumed", name) if name in assumed else (name,)
+            parts[name] = _try(at, mistakes, partial(used[name].build, room, space, *further))
+    if room is None or len(parts) < 3 or any(part is None for part in parts.values()):
         return None
-    return sensor if room is not None else None
+    return Problem(space, parts["motion"], parts["sensor"], parts["prior"])
 
 
-def _prior(sections: Mapping[str, Any], room: RangeMap | None, mistakes: Mistakes) -> Uniform | None:
-    if room is None or "prior" not in sections or "state" not in sections:
+def _assumed(
+    sections: Mapping[str, Any],
+    room: RangeMap | None,
+    drive: Drive | None,
+    truth: Problem | None,
+    mistakes: Mistakes,
+) -> Problem | None:
+    """What estimators are told, where that is not the truth."""
+    section = sections.get("assumed")
+    given = {name: value for name, value in section if value is not None} if section else {}
+    if not given:
         return None
-    try:
-        prior: Uniform = sections["prior"].build(room, sections["state"].build())
-    except ValueError as error:
-        mistakes.add(("prior",), one_line(error))
+    if "state" in given and sections.get("state"):
+        one, other = (each.build().names for each in (given["state"], sections["state"]))
+        if one != other:
+            mistakes.add(("assumed", "state"), "must have the same components as [state]")
+            return None
+    if "sensor" in given and sections.get("sensor"):
+        one, other = (len(each.bearings) for each in (given["sensor"], sections["sensor"]))
+        if one != other:
+            mistakes.add(("assumed", "sensor"), f"must have as many beams as [sensor], {other}, not {one}")
+            return None
+    if "motion" in given and given["motion"].kind == "odometry" and drive is None:
+        mistakes.add(("assumed", "motion", "kind"), "odometry needs controls: [motion] must be odometry too")
         return None
-    return prior
+    return _problem(sections, room, drive, Mistakes("") if truth is None else mistakes, given)
 
 
-def _truth(
-    sections: Mapping[str, Any], room: RangeMap | None, prior: Prior | None, mistakes: Mistakes
-) -> None:
-    start = sections["truth"].start() if sections.get("truth") else None
-    if start is None or room is None:
-        return
+def _start(
+    sections: Mapping[str, Any], room: RangeMap | None, told: Problem | None, mistakes: Mistakes
+) -> Array | None:
+    """The true first state of all runs, if it is given; in free space and possible for the prior."""
+    section, state = sections.get("truth"), sections.get("state")
+    if section is None or state is None or room is None:
+        return None
+    space = state.build()
+    start: Array | None = _try(("truth",), mistakes, lambda: section.start(space))
+    if start is None:
+        return None
     lower, upper = room.bounds
-    if not room.is_free(start[None])[0]:
+    place = start[space.position_indices]
+    if not room.is_free(place[None])[0]:
         mistakes.add(
             ("truth", "at_m"),
-            f"{start.tolist()} is inside a wall or outside the map, which spans {_box(lower, upper)}: "
+            f"{place.tolist()} is inside a wall or outside the map, which spans {_box(lower, upper)}: "
             "choose a point in free space",
         )
-    elif prior is not None and not prior.log_density(start[None])[0] > -np.inf:
-        box = _box(*(corner[:2] for corner in prior.support))
+    elif told is not None and not told.prior.log_density(start[None])[0] > -np.inf:
+        corners = (corner[space.position_indices] for corner in told.prior.support)
         mistakes.add(
-            ("truth", "at_m"), f"{start.tolist()} is outside the prior, {box}: enlarge the prior's box"
+            ("truth", "at_m"),
+            f"{place.tolist()} is outside the prior, {_box(*corners)}: enlarge the prior"
+            if not _inside(place, told)
+            else f"{place.tolist()} is in the prior's box, but it gives this state no probability",
         )
+    return start
+
+
+def _inside(place: Array, told: Problem) -> bool:
+    lower, upper = (corner[told.space.position_indices] for corner in told.prior.support)
+    return bool(((place >= lower) & (place <= upper)).all())
 
 
 def _box(lower: Any, upper: Any) -> str:
