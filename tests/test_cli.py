@@ -117,7 +117,7 @@ def test_run_tells_whom_not_to_trust(rangefix: Callable[..., Said], tmp_path: Pa
     study = write(tmp_path / "study.toml", STUDY)
     said = rangefix("run", study, "--runs", "60", "--seed", "3", "--out", tmp_path / "r")
     assert (said.code, said.err) == (0, "")
-    assert "DO NOT TRUST: claims" in said.out
+    assert "DO NOT TRUST: overconfident" in said.out
     assert "honest" in said.out
     again = rangefix("run", study, "--runs", "60", "--seed", "3", "--out", tmp_path / "r", "--json")
     document = json.loads(again.out)

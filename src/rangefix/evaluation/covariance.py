@@ -15,6 +15,7 @@ from scipy.special import chdtri
 from ..filters.space import Array, BoolArray, wrap
 from .intervals import LEVEL, UNKNOWN, Interval, mean_interval, ratio_interval, share_interval
 from .summary import Row
+from .verdict_evidence import doubts
 
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
 
@@ -174,6 +175,7 @@ def judge(
     beams: str = "",
     step: int = 0,
     seconds: float = np.nan,
+    one_truth: bool = False,
 ) -> Row:
     """The row of the runs that went well, errors (M, n) and covariances (M, n, n), out of those planned."""
     runs, size = errors.shape
@@ -204,4 +206,6 @@ def judge(
         diverged=share_interval(failures.get("diverged", 0), planned),
         improbable=share_interval(improbable, runs),
         seconds=seconds,
+        doubts=doubts(errors, covariance, normalised / size, names),
+        one_truth=one_truth,
     )

@@ -118,6 +118,8 @@ class Results:
 def summarise(results: Results) -> list[Row]:
     """One row for each estimator, set of beams and step, over the runs that went well."""
     rows = []
+    starts = results.truth[:, 0]
+    one_truth = len(starts) > 1 and bool((starts == starts[0]).all())
     for trials in results.trials:
         errors, ok = results.errors(trials), trials.ok
         for step in range(errors.shape[1]):
@@ -133,6 +135,7 @@ def summarise(results: Results) -> list[Row]:
                     beams=trials.beams,
                     step=step,
                     seconds=results.timing.get((trials.estimator, trials.beams), np.nan),
+                    one_truth=one_truth,
                 )
             )
     return rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..filters.space import Array
 from .intervals import Interval
@@ -40,6 +40,9 @@ class Row:
         diverged: Share of planned runs in which no hypothesis explained the measurement.
         improbable: Share of ok runs whose evidence lies below the floor.
         seconds: Per update and run, from a serial pass; NaN if not timed.
+        doubts: Figure -> p-value against an honest estimator: see `verdict_evidence.py`.
+        one_truth: Whether all runs have the same true state: an exact Bayesian filter is honest on average
+            over its prior, and need not be at one place of it.
     """
 
     estimator: str
@@ -64,6 +67,8 @@ class Row:
     diverged: Interval
     improbable: Interval
     seconds: float
+    doubts: dict[str, float] = field(default_factory=dict)
+    one_truth: bool = False
 
     @property
     def rmse(self) -> tuple[Interval, ...]:

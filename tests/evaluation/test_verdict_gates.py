@@ -1,0 +1,91 @@
+"""Gates: how they are written, and which rows pass them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation import credibility
+from rangefix.evaluation.summary import Row
+from rangefix.evaluation.verdict_gates import check_gates, parse_gates
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    errors = np.random.default_rng(1).normal(size=(1000, 2))
+    return [
+        credibility(np.zeros(2), errors, np.eye(2), label="exact"),
+        credibility(np.zeros(2), errors, np.eye(2) / 3, label="ukf alpha=1"),
+        credibility(np.zeros(2), np.full((4, 2), np.nan), np.eye(2), label="mine.py:make"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "estimator", "figure", "low", "high"),
+    [
+        ("anees=0.8:1.25", None, "anees", 0.8, 1.25),
+        (" anees = 0.8 : 1.25 ", None, "anees", 0.8, 1.25),
+        ("anees=:1.25", None, "anees", -math.inf, 1.25),
+        ("ok=990:", None, "ok", 990.0, math.inf),
+        ("ukf alpha=1:ratio_x1=.5:2e0", "ukf alpha=1", "ratio_x1", 0.5, 2.0),
+        ("mine.py:make:anees=-1:+1", "mine.py:make", "anees", -1.0, 1.0),
+        ("exact", "exact", None, -math.inf, math.inf),
+        ("ukf alpha=1", "ukf alpha=1", None, -math.inf, math.inf),
+        ("mine.py:make", "mine.py:make", None, -math.inf, math.inf),
+    ],
+)
+def test_gates_are_read(
+    text: str, estimator: str | None, figure: str | None, low: float, high: float
+) -> None:
+    (gate,) = parse_gates([text])
+    assert (gate.estimator, gate.figure, gate.low, gate.high) == (estimator, figure, low, high)
+
+
+@pytest.mark.parametrize("text", ["", "  ", "anees=", "anees=:", "anees=2:1", "=1:2", "exact:=1:2"])
+def test_gates_that_say_nothing_are_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="gate"):
+        parse_gates([text])
+
+
+def test_the_figure_decides_and_the_interval_says_whether_it_is_settled(rows: list[Row]) -> None:
+    low, value, high = rows[0].anees.low, rows[0].anees.value, rows[0].anees.high
+    bands = {
+        f"exact:anees={low - 0.1}:{high + 0.1}": (True, True),
+        f"exact:anees={value - 0.001}:{high + 0.1}": (True, False),
+        f"exact:anees={value + 0.001}:": (False, False),
+        f"exact:anees={high + 0.1}:": (False, True),
+    }
+    lines = check_gates(parse_gates(bands), rows)
+    assert [(line.passed, line.settled) for line in lines] == list(bands.values())
+    assert [line.text[:4] for line in lines] == ["pass", "pass", "FAIL", "FAIL"]
+    assert "1000 runs do not settle it" in lines[1].text
+
+
+def test_a_gate_without_estimator_holds_for_all_and_no_number_fails(rows: list[Row]) -> None:
+    lines = check_gates(parse_gates(["anees=0.8:1.25"]), rows)
+    assert [line.passed for line in lines] == [True, False, False]
+    assert "nan" in lines[2].text
+
+
+def test_a_label_alone_asks_for_no_overconfidence(rows: list[Row]) -> None:
+    lines = check_gates(parse_gates(["exact", "ukf alpha=1", "mine.py:make"]), rows)
+    assert [line.passed for line in lines] == [True, False, False]
+    assert "overconfident by a factor of 3" in lines[1].text
+
+
+def test_whole_numbers_have_gates_too(rows: list[Row]) -> None:
+    (line,) = check_gates(parse_gates(["exact:ok=1000:"]), rows)
+    assert line.passed
+    assert line.settled
+    assert line.text == "pass  exact, measurement 1: ok = 1000 is in [1000, inf]"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [("nobody", "there are exact, ukf alpha=1"), ("exact:size=1:2", "there are step, planned")],
+)
+def test_what_is_not_there_is_listed(rows: list[Row], text: str, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        check_gates(parse_gates([text]), rows)
