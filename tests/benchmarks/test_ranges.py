@@ -52,7 +52,7 @@ def million(lower, upper, beams):
 
 
 @pytest.mark.parametrize("beams", [8, 100])
-def test_real_building(beams):
+def test_real_building(beams, board):
     """At most 1.3 times the bare call on the building's mesh; 1.5 is asserted, for busy machines."""
     path = DATA / "avz" / "avz.ply"
     if not path.exists():
@@ -69,16 +69,14 @@ def test_real_building(beams):
         lambda: room._walls._scene.cast_rays(rays),
         lambda: room.ranges(poses, bearings),
     )
-    print(
-        f"\n{beams} beams: ranges {ours:.3f} s; bare on mesh {bare:.3f} s, ratio {ours / bare:.2f}; ", end=""
-    )
-    print(f"bare on cut {cut:.3f} s, ratio {ours / cut:.2f}")
-    assert ours < 1.5 * bare
+    what = f"ranges: 10^6 rays, building, {beams} beams"
+    board.add(what, ours, "bare Open3D, mesh", bare, target=1 / 1.3, slack=1.3 / 1.5)
+    board.add(what, ours, "bare Open3D, cut", cut)
 
 
 @pytest.mark.parametrize("beams", [8, 100])
 @pytest.mark.parametrize("headings", ["equal", "unequal"])
-def test_empty_box(beams, headings):
+def test_empty_box(beams, headings, board):
     """The hardest case: four walls, where the bare call has next to nothing to do."""
     room = FloorPlan([(0, 0), (4, 0), (4, 6), (0, 6)])
     poses, bearings = million(*room.bounds, beams)
@@ -87,7 +85,7 @@ def test_empty_box(beams, headings):
     rays = ready_rays(poses, bearings, np.array([2.0, 3.0, 0.0]))
     scene = room._walls._scene
     bare, ours = best(lambda: scene.cast_rays(rays), lambda: room.ranges(poses, bearings))
-    print(f"\n{beams} beams, {headings} headings: {ours:.3f} s, bare {bare:.3f} s, ratio {ours / bare:.2f}")
+    board.add(f"ranges: 10^6 rays, box, {beams} beams, {headings} headings", ours, "bare Open3D", bare)
     assert ours < 2.5 * bare
 
 
