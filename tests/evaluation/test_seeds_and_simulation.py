@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from time import process_time
 from zlib import crc32
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from rangefix.evaluation import Experiment, stream, streams
+from rangefix.evaluation import Experiment, parse_study, stream, streams
 from rangefix.evaluation.simulate import evidence_floor, simulate
 
 from .conftest import PriorOnly, make_problem
@@ -35,6 +37,79 @@ def test_split_of_runs_changes_nothing():
     for name in ("truth", "measurement"):
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert (joined == getattr(whole, name)).all()
+
+
+DRIVE = """
+[map]
+kind = "floor-plan"
+outer_m = [[0, 0], [6, 0], [6, 4], [0, 4]]
+walls_m = [[3, 0, 3, 2.5]]
+[state]
+heading = "unknown"
+[sensor]
+bearings_deg = [0, 90, 180, 270]
+NOISE
+[motion]
+MOTION
+[prior]
+kind = "gaussian"
+mean_m = [1.0, 1.0]
+std_m = 0.3
+[[estimators]]
+name = "ekf"
+"""
+MOTIONS = (
+    'kind = "odometry"\nsteps = 6\nfloor_m = 0.05\nfloor_deg = 3.0\nalphas = [0.1, 0.1, 0.1, 0.1]',
+    'kind = "random-walk"\nsteps = 6\nstd_m = 0.5\nheading_std_deg = 20',
+    "steps = 6",
+)
+NOISES = ("std_m = 0.05", 'noise = { kind = "student-t", scale_m = 0.05, dof = 3 }',
+          'noise = { kind = "beam-mixture", hit = 0.8, short = 0.1, max = 0.05, random = 0.05, std_m = 0.05, '
+          "max_range_m = 5.0, step_m = 0.01 }")  # fmt: skip
+
+
+@pytest.mark.parametrize(("motion", "noise"), list(zip(MOTIONS, NOISES, strict=True)))
+def test_runs_on_the_move_depend_on_their_streams_alone(motion, noise):
+    """Runs 3 to 4 alone equal those among 9, bit for bit, and equal the models run by hand."""
+    made = parse_study(DRIVE.replace("MOTION", motion).replace("NOISE", noise)).experiment()
+    among, alone = simulate(made, 0, 9), simulate(made, 3, 4)
+    assert among.truth.shape == (9, 7, 3)
+    for one, other in zip(among, alone, strict=True):
+        np.testing.assert_array_equal(one[3:4], other)
+    problem = made.truth
+    state = problem.prior.sample(1, stream(1, "truth", 3))
+    moves, noise_rng = stream(1, "motion", 3), stream(1, "measurement", 3)
+    for step in range(7):
+        if step:
+            state = problem.motion.sample(state, made.moves[step - 1], moves)
+        np.testing.assert_array_equal(state[0], among.truth[3, step])
+        reading = problem.sensor.sample(state, noise_rng)[0]
+        np.testing.assert_allclose(reading, among.measurement[3, step], rtol=1e-12)
+
+
+def test_a_sensor_of_somebody_else(problem):
+    """A sensor that only samples, one state at a time, reads the same."""
+
+    class Plain:
+        def __init__(self, sensor):
+            self.space, self.bearings, self.noise = sensor.space, sensor.bearings, sensor.noise
+            self.sample = sensor.sample
+
+    theirs = replace(problem, sensor=Plain(problem.sensor))
+    one, other = (
+        simulate(Experiment(each, {"prior": PriorOnly}, controls=np.zeros((2, 0))), 0, 5)
+        for each in (problem, theirs)
+    )
+    np.testing.assert_array_equal(one.measurement, other.measurement)
+
+
+def test_a_thousand_runs_of_fifty_steps_take_seconds():
+    """1000 runs of 50 steps, four beams: 1.5 s where it was measured; one by one it took a minute."""
+    study = DRIVE.replace("MOTION", MOTIONS[0].replace("6", "50")).replace("NOISE", NOISES[0])
+    made = parse_study(study).experiment()
+    start = process_time()
+    simulate(made, 0, 1000)
+    assert process_time() - start < 10
 
 
 def test_truths_are_uniform_over_the_room():

@@ -10,9 +10,11 @@ from scipy.special import chdtri
 from ..filters.problem import Sensor
 from ..filters.space import Array
 from .experiment import Experiment
-from .seeds import stream
+from .seeds import streams
+from .trajectories import follow
 
 RARE = 1e-9  # share of honest measurements that the best pose explains worse than the floor
+MOST = 1 << 20  # ranges cast at once
 ALLOWANCE = 30.0  # nats for how much wider the prior is than the posterior
 
 
@@ -28,22 +30,39 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
 
     Its streams are "truth" for the first state, "motion" for the moves and "measurement" for the readings.
     """
-    problem, moves = experiment.truth, experiment.moves
-    truth = np.empty((end - first, experiment.steps, problem.space.size))
-    measurement = np.empty((end - first, experiment.steps, len(problem.sensor.bearings)))
-    for row, run in enumerate(range(first, end)):
-        if experiment.start is None:
-            state = problem.prior.sample(1, stream(experiment.seed, "truth", run))
-        else:
-            state = np.asarray(experiment.start, dtype=float)[None]
-        motion = stream(experiment.seed, "motion", run) if len(moves) else None
-        noise = stream(experiment.seed, "measurement", run)
-        for step in range(experiment.steps):
-            if motion is not None and step:
-                state = problem.motion.sample(state, moves[step - 1], motion)
-            truth[row, step] = state[0]
-            measurement[row, step] = problem.sensor.sample(state, noise)[0]
+    problem, moves, seed = experiment.truth, experiment.moves, experiment.seed
+    runs = range(first, end)
+    if experiment.start is None:
+        starts = np.concatenate([problem.prior.sample(1, rng) for rng in streams(seed, "truth", runs)])
+    else:
+        starts = np.tile(np.asarray(experiment.start, dtype=float), (len(runs), 1))
+    truth = starts[:, None]
+    if len(moves):
+        truth = follow(problem.motion, starts, moves, streams(seed, "motion", runs))
+    measurement = np.empty((*truth.shape[:2], len(problem.sensor.bearings)))
+    read = getattr(problem.sensor, "read", None)
+    size = max(1, MOST // measurement[0].size)
+    for place in range(0, len(runs), size):
+        part = slice(place, place + size)
+        expected = _expected(problem.sensor, truth[part]) if read else None
+        for row, rng in enumerate(streams(seed, "measurement", runs[part]), start=place):
+            for step in range(experiment.steps):
+                if read is not None and expected is not None:
+                    measurement[row, step] = read(expected[row - place, step], rng)
+                else:
+                    measurement[row, step] = problem.sensor.sample(truth[row, step], rng)
     return Simulation(truth, measurement)
+
+
+def _expected(sensor: Sensor, states: Array) -> Array:
+    """Ranges without noise, (M, T, n) -> (M, T, B), each the same whichever others are asked for.
+
+    Maps may go another way, with another rounding, where all headings are the same, as they are for a single
+    state: so a state with another heading goes along.
+    """
+    along = states[:1].copy()
+    along[..., sensor.space.is_angle] += 1.0
+    return np.asarray(sensor.expected(np.concatenate([states, along]))[:-1])
 
 
 def evidence_floor(sensor: Sensor, measurement: Array) -> Array:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.random import Generator
 
+from .motion import RandomWalk
+from .odometry import Odometry
 from .problem import Motion, RangeMap
 from .space import Array, BoolArray, StateSpace
 
@@ -84,6 +87,19 @@ class Confined:
         return is_clear(self.room, np.asarray(starts)[..., where], np.asarray(ends)[..., where])
 
 
+@dataclass(frozen=True)
+class RowByRow:
+    """Draws for many runs at once: row m of what is drawn comes from rngs[m] alone."""
+
+    rngs: Sequence[Generator]
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Standard normal numbers, (M, ...)."""
+        if len(size) == 1:
+            return np.array([rng.standard_normal() for rng in self.rngs])
+        return np.stack([rng.standard_normal(size[1:]) for rng in self.rngs])
+
+
 def is_clear(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
     """Whether ends are free and nothing stands between: (..., 2), (..., 2) -> (...).
 
@@ -111,6 +127,8 @@ def sample_runs(motion: Motion, states: Array, control: Array, rngs: Sequence[Ge
     """
     states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
     controls = np.broadcast_to(control, (len(states), control.shape[-1]))
+    if type(motion) in (Odometry, RandomWalk):  # they draw one normal number after the other for each state
+        return motion.sample(states, controls, cast(Generator, RowByRow(rngs)))
     if not isinstance(motion, Confined):
         return np.stack([motion.sample(*each) for each in zip(states, controls, rngs, strict=True)])
     ends = states.copy()

@@ -165,6 +165,10 @@ class Rangefinder:
 
     def sample(self, states: Array, rng: Generator) -> Array:
         """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
-        reading = self.noise.sample(self.expected(states), rng)
+        return self.read(self.expected(states), rng)
+
+    def read(self, expected: Array, rng: Generator) -> Array:
+        """One measurement where these ranges are expected: (..., B) -> (..., B) m; `sample` past the map."""
+        reading = self.noise.sample(expected, rng)
         reading = np.where(reading > self.max_range * (1 + ROUNDING), np.inf, reading)
         return np.where(self.blind, np.nan, reading)
