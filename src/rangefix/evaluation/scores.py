@@ -1,0 +1,188 @@
+"""Scores and calibration of claims beyond covariance: each run's truth against the belief as a whole.
+
+Everything here takes the GAUSSIAN CLAIM, N(mean, P), which every estimator makes by what it answers; what it
+believes beyond two moments is in `scores_belief.py`. Lower scores are better, and the scores are proper: on
+average none is lower than that of claiming what one believes (Gneiting and Raftery, "Strictly proper scoring
+rules, prediction, and estimation", J. Am. Stat. Assoc. 102, 2007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc, chdtri, ndtr
+
+from ..filters.space import Array
+from .covariance import is_positive, nees
+from .intervals import Interval, mean_interval
+
+DIRECTIONS = 180  # over which the energy score averages
+LEVELS = np.linspace(0.05, 0.95, 19)  # of the ellipses of a coverage curve
+BINS = 10
+
+
+def log_score(errors: Array, covariance: Array) -> Array:
+    """Minus the log density of the Gaussian claim at the truth, nats: (M, n), (M, n, n) -> (M,).
+
+    inf where P is not positive definite. Units matter: compare estimators of one study only.
+    """
+    size = np.shape(errors)[-1]
+    positive = is_positive(covariance)
+    some = np.where(positive[..., None, None], covariance, np.eye(size))
+    logs = np.linalg.slogdet(some)[1] + nees(errors, covariance) + size * np.log(2 * np.pi)
+    return np.where(positive, 0.5 * logs, np.inf)
+
+
+def crps(errors: Array, stds: Array) -> Array:
+    """Continuous ranked probability score of a Gaussian claim, in the unit of the error, elementwise.
+
+    std (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)) with z = error / std (Gneiting and Raftery, 2007, (21));
+    the absolute error where the claimed std is zero.
+    """
+    stds = np.asarray(stds, dtype=float)
+    sure = stds <= 0
+    z = np.asarray(errors) / np.where(sure, 1.0, stds)
+    density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+    score = stds * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi))
+    return np.where(sure, np.abs(errors), score)
+
+
+def energy_score(errors: Array, covariance: Array) -> Array:
+    """Energy score E|X - x| - E|X - X'| / 2 of the Gaussian claim in the plane, m: (M, 2), (M, 2, 2) -> (M,).
+
+    The length of a plane vector is pi / 2 times the mean over all directions of its absolute projection, so
+    the score is pi / 2 times the mean CRPS of the projected claim: no draws are needed.
+    """
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    units = np.stack([np.sin(angles), np.cos(angles)])
+    variances = np.einsum("ik,...ij,jk->...k", units, covariance, units)
+    return np.asarray(0.5 * np.pi * crps(errors @ units, np.sqrt(np.maximum(variances, 0.0))).mean(-1))
+
+
+def pit(errors: Array, stds: Array) -> Array:
+    """Probability integral transform of the truth under each component's Gaussian claim, elementwise.
+
+    Phi(error / std): uniform where the beliefs are Gaussian and right. Where the claimed std is zero it is
+    0, 1/2 or 1, as the truth lies.
+    """
+    sure = np.asarray(stds) <= 0
+    return np.where(sure, 0.5 + 0.5 * np.sign(errors), ndtr(errors / np.where(sure, 1.0, stds)))
+
+
+def histogram(values: Array, bins: int = BINS) -> Array:
+    """Counts of values in [0, 1] in equal bins, (bins,)."""
+    return np.histogram(values, bins=bins, range=(0.0, 1.0))[0].astype(float)
+
+
+def uniform_band(count: int, bins: int = BINS, level: float = 0.95) -> tuple[float, float]:
+    """Between which counts ALL bins lie with at least this probability if values are uniform (Bonferroni)."""
+    from scipy.stats import binom
+
+    tail = (1 - level) / (2 * bins)
+    return float(binom.ppf(tail, count, 1 / bins)), float(binom.isf(tail, count, 1 / bins))
+
+
+def uniform_p_value(counts: Array) -> float:
+    """P-value of equal bins by Pearson's chi-square; NaN below five expected in a bin."""
+    expected = counts.sum() / len(counts)
+    if expected < 5:
+        return float("nan")
+    return float(chdtrc(len(counts) - 1, ((counts - expected) ** 2).sum() / expected))
+
+
+class Curve(NamedTuple):
+    """Share of truths inside the ellipses of each level, and how far chance may carry it as a whole.
+
+    levels, shares: (L,).
+    margin: Half width of the 95 % band about the diagonal that holds the whole curve (Dvoretzky, Kiefer and
+        Wolfowitz, with Massart's constant, 1990).
+    """
+
+    levels: Array
+    shares: Array
+    margin: float
+
+
+def coverage_curve(distances: Array, size: int, levels: Array = LEVELS) -> Curve:
+    """Coverage of the ellipses e' P^-1 e <= chi-square quantile, from NEES (M,) of n components.
+
+    An honest belief that is not Gaussian may leave the diagonal: its 50 % ellipse holds another share.
+    """
+    quantiles = np.array([chdtri(size, 1 - level) for level in levels])
+    return curve(np.sort(distances), quantiles, levels)
+
+
+def curve(values: Array, limits: Array, levels: Array) -> Curve:
+    """The share of values up to each limit."""
+    count = max(len(values), 1)
+    shares = np.searchsorted(np.sort(values), limits, side="right") / count
+    return Curve(np.asarray(levels), shares, float(np.sqrt(np.log(2 / 0.05) / (2 * count))))
+
+
+class Reliability(NamedTuple):
+    """Runs with about the same claimed spread: root mean P, and root mean squared error with interval."""
+
+    claimed: float
+    true: Interval
+    runs: int
+
+
+def reliability(errors: Array, stds: Array, bins: int = BINS) -> list[Reliability]:
+    """Error against claimed sigma, in bins of equally many runs in the order of the claim.
+
+    An honest estimator's points lie on the diagonal wherever its claim varies (Levi et al., "Evaluating and
+    calibrating uncertainty prediction in regression tasks", 2022).
+
+    Args:
+        errors: Of one component, (M,).
+        stds: Claimed, (M,).
+        bins: How many at most; each has at least 20 runs, or there is one.
+    """
+    if not len(errors):
+        return []
+    bins = max(1, min(bins, len(errors) // 20))
+    order = np.argsort(stds, kind="stable")
+    return [
+        Reliability(
+            float(np.sqrt(np.mean(stds[part] ** 2))), mean_interval(errors[part] ** 2).sqrt(), len(part)
+        )
+        for part in np.array_split(order, bins)
+    ]
+
+
+class Scores(NamedTuple):
+    """Mean scores of one estimator on one set of beams at one step, over the runs that went well.
+
+    log: Minus log density of the Gaussian claim at the truth, nats.
+    energy: Energy score of the Gaussian claim of the position, m.
+    crps: Of each component, m or rad.
+    evidence: Mean log evidence of the measurements up to this step, nats: HIGHER is better. It judges the
+        estimator's prediction of measurements, not of the state; NaN where the estimator gives none.
+    """
+
+    log: Interval
+    energy: Interval
+    crps: tuple[Interval, ...]
+    evidence: Interval
+
+
+def score(errors: Array, covariance: Array, log_evidence: Array, position: Sequence[int]) -> Scores:
+    """The mean scores of M runs.
+
+    Args:
+        errors: x - x^, (M, n).
+        covariance: Claims, (M, n, n).
+        log_evidence: (M,).
+        position: Where x1 and x2 stand among the components.
+    """
+    stds = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+    place = list(position)
+    plane = covariance[:, place][:, :, place]
+    return Scores(
+        mean_interval(log_score(errors, covariance)),
+        mean_interval(energy_score(errors[:, place], plane)),
+        tuple(mean_interval(each) for each in crps(errors, stds).T),
+        mean_interval(log_evidence),
+    )

@@ -1,0 +1,67 @@
+"""Measures of beliefs in the parts of a study: what a runner adds to a part, and how it is read again.
+
+After `estimate` of each step a runner that knows the truths calls, for runs first, first + 1, ...:
+
+    found = judge_belief(estimator, belief, truth[:, step], space, seed, runs, step)   # None: cannot sample
+
+and adds `belief_arrays([found of step 0, found of step 1, ...])`, stacked to (M, T, ...), to the part's arrays.
+Batches and single runs give the same numbers, and no other number changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..filters.space import Array, StateSpace
+from .parts import Plan, trials_path
+from .results import Results, Trials
+from .scores_belief import DRAWS, BeliefScores, draw, measure
+from .seeds import streams
+from .store import read_part
+
+PREFIX = "belief_"
+
+
+def judge_belief(
+    estimator: Any, belief: Any, truth: Array, space: StateSpace, seed: int, runs: Iterable[int], step: int
+) -> BeliefScores | None:
+    """Draws from the beliefs of some runs against their truths (M, n); None if the estimator cannot sample.
+
+    Raises:
+        ValueError: If `sample` gives draws of the wrong shape or not finite.
+    """
+    draws = draw(estimator, belief, DRAWS, streams(seed, f"belief {step}", runs))
+    return None if draws is None else measure(draws, truth, space)
+
+
+def belief_arrays(steps: Sequence[BeliefScores]) -> dict[str, Array]:
+    """The arrays for a part, (M, T, ...) each."""
+    return {
+        PREFIX + name: np.stack([getattr(step, name) for step in steps], axis=1)
+        for name in BeliefScores._fields
+    }
+
+
+def read_belief(results: Results, trials: Trials) -> BeliefScores | None:
+    """What the parts of a folder hold of an estimator's beliefs, (M, T, ...); None where they hold nothing.
+
+    Runs of a part that is missing, or was made without, are NaN.
+    """
+    if results.folder is None:
+        return None
+    plan = Plan.read(results.manifest)
+    found: dict[str, Array] = {}
+    for first, end in plan.blocks():
+        path = trials_path(results.folder, trials.estimator, trials.beams, first, end)
+        if not path.exists():
+            continue
+        part = read_part(path)
+        for name in BeliefScores._fields:
+            if PREFIX + name in part:
+                array = part[PREFIX + name]
+                whole = found.setdefault(name, np.full((plan.runs, *array.shape[1:]), np.nan))
+                whole[first:end] = array
+    return BeliefScores(**found) if len(found) == len(BeliefScores._fields) else None

@@ -1,0 +1,137 @@
+"""Scores against closed forms and draws; calibration curves on planted claims."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, multivariate_normal, norm
+
+from rangefix.evaluation.covariance import nees
+from rangefix.evaluation.scores import (
+    coverage_curve,
+    crps,
+    energy_score,
+    histogram,
+    log_score,
+    pit,
+    reliability,
+    score,
+    uniform_band,
+    uniform_p_value,
+)
+
+P = np.array([[0.5, 0.3], [0.3, 0.4]])
+
+
+@pytest.fixture(scope="module")
+def errors():
+    return np.random.default_rng(21).multivariate_normal([0, 0], P, size=4000)
+
+
+def claims(scale, runs=4000):
+    return np.broadcast_to(scale * P, (runs, 2, 2))
+
+
+def test_log_score_is_the_density(errors):
+    expected = -multivariate_normal([0, 0], P).logpdf(errors)
+    np.testing.assert_allclose(log_score(errors, claims(1.0)), expected, rtol=1e-10)
+    assert log_score(errors[:1], np.zeros((1, 2, 2))) == np.inf
+
+
+def test_crps_is_the_integral():
+    """Integral of (Phi((t - m) / s) - [t >= x])^2 on a fine lattice, within 1e-6."""
+    t = np.linspace(-15, 15, 600_001)
+    for error, std in ((0.0, 1.0), (0.7, 0.5), (-2.0, 0.3)):
+        integral = ((norm.cdf(t / std) - (t >= error)) ** 2).sum() * (t[1] - t[0])
+        assert crps(np.array([error]), np.array([std]))[0] == pytest.approx(integral, abs=1e-4)
+    assert crps(np.array([-0.4]), np.array([0.0]))[0] == 0.4
+
+
+@pytest.mark.parametrize("claim", [P, np.diag([1.0, 1e-4]), 1e-6 * np.eye(2)])
+def test_energy_score_agrees_with_draws(claim):
+    """Against 200 000 pairs of draws, within 6 standard errors (about 1e-3 of the spread) and 0.1 %."""
+    rng = np.random.default_rng(22)
+    error = np.array([0.6, -0.2])
+    one, other = (rng.multivariate_normal([0, 0], claim, size=200_000) for _ in range(2))
+    terms = np.linalg.norm(one - error, axis=1) - 0.5 * np.linalg.norm(one - other, axis=1)
+    found = energy_score(error[None], claim[None])[0]
+    assert abs(found - terms.mean()) < 6 * terms.std() / np.sqrt(terms.size) + 1e-3 * found
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.8, 1.25, 2.0])
+def test_scores_are_best_for_the_honest(errors, scale):
+    """Claims of another width have higher mean scores, on the same errors; so has a shifted mean."""
+    for each in (log_score, energy_score):
+        honest = each(errors, claims(1.0))
+        gap = each(errors, claims(scale)) - honest
+        assert gap.mean() > 3 * gap.std() / np.sqrt(gap.size)
+        shift = each(errors + 0.3, claims(1.0)) - honest
+        assert shift.mean() > 3 * shift.std() / np.sqrt(shift.size)
+
+
+def test_pit_is_uniform_for_the_honest_and_not_for_the_others(errors):
+    """Kolmogorov-Smirnov p > 0.001 (1 seed in 1000 fails), and < 1e-9 for a doubled variance and a bias."""
+    std = np.sqrt(P[0, 0])
+    assert kstest(pit(errors[:, 0], std), "uniform").pvalue > 1e-3
+    assert kstest(pit(errors[:, 0], np.sqrt(2) * std), "uniform").pvalue < 1e-9
+    assert kstest(pit(errors[:, 0] + 0.2, std), "uniform").pvalue < 1e-9
+    assert pit(np.array([-1.0, 0.0, 1.0]), np.zeros(3)).tolist() == [0.0, 0.5, 1.0]
+
+
+def test_histograms_have_bands_and_p_values(errors):
+    good = histogram(pit(errors[:, 1], np.sqrt(P[1, 1])))
+    sharp = histogram(pit(errors[:, 1], 0.6 * np.sqrt(P[1, 1])))
+    low, high = uniform_band(4000)
+    assert ((low <= good) & (good <= high)).all()
+    assert sharp[0] > high
+    assert uniform_p_value(good) > 1e-3
+    assert uniform_p_value(sharp) < 1e-9
+    assert np.isnan(uniform_p_value(np.ones(10)))
+
+
+def test_uniform_band_holds_all_bins():
+    """Of 2000 uniform histograms of 500 values at least 95 % (less 4 standard errors) lie inside whole."""
+    rng = np.random.default_rng(23)
+    counts = rng.multinomial(500, np.full(10, 0.1), size=2000)
+    low, high = uniform_band(500)
+    inside = ((low <= counts) & (counts <= high)).all(1).mean()
+    assert inside > 0.95 - 4 * np.sqrt(0.05 * 0.95 / 2000)
+
+
+def test_coverage_curves(errors):
+    """The honest curve keeps to the diagonal; that of half the covariance falls to 1 - sqrt(1 - level)."""
+    honest = coverage_curve(nees(errors, claims(1.0)), 2)
+    assert np.abs(honest.shares - honest.levels).max() < honest.margin
+    half = coverage_curve(nees(errors, claims(0.5)), 2)
+    assert np.abs(half.shares - (1 - np.sqrt(1 - half.levels))).max() < half.margin
+    assert (half.levels - half.shares).max() > 3 * half.margin
+
+
+def test_reliability_follows_claims_that_vary():
+    """Claims from 0.1 to 1: every bin of an honest estimator holds its claim within 3 half widths."""
+    rng = np.random.default_rng(24)
+    stds = rng.uniform(0.1, 1.0, size=3000)
+    errors = stds * rng.normal(size=3000)
+    points = reliability(errors, stds)
+    assert len(points) == 10
+    assert sum(point.runs for point in points) == 3000
+    assert points[-1].claimed > 5 * points[0].claimed
+    for point in points:
+        wide = max(point.true.high - point.true.value, point.true.value - point.true.low)
+        assert abs(point.true.value - point.claimed) < 3 * wide
+    flat = reliability(0.5 * rng.normal(size=3000), stds)
+    assert flat[0].true.low > flat[0].claimed
+    assert flat[-1].true.high < flat[-1].claimed
+
+
+def test_few_runs_have_few_bins():
+    assert reliability(np.zeros(0), np.zeros(0)) == []
+    assert len(reliability(np.ones(30), np.ones(30))) == 1
+
+
+def test_all_scores_of_a_row(errors):
+    found = score(errors, claims(1.0), np.full(4000, -3.0), [0, 1])
+    assert found.log.value == pytest.approx(log_score(errors, claims(1.0)).mean())
+    assert found.evidence.value == -3.0
+    assert len(found.crps) == 2
+    assert found.energy.low < found.energy.value < found.energy.high

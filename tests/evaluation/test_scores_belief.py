@@ -1,0 +1,165 @@
+"""Samples of beliefs: ranks that are uniform for any exact belief, and main modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation import Experiment, run
+from rangefix.evaluation.parts import Plan, trials_path
+from rangefix.evaluation.scores import energy_score, uniform_p_value
+from rangefix.evaluation.scores_belief import DRAWS, CanSample, draw, main_mode, measure, rank_histogram
+from rangefix.evaluation.scores_parts import belief_arrays, judge_belief, read_belief
+from rangefix.evaluation.seeds import streams
+from rangefix.evaluation.store import read_part, write_part
+from rangefix.filters import EachRun, pose_space, position_space
+
+from .conftest import PriorOnly, make_problem
+
+SPACE = position_space(heading=0.0)
+
+
+def ring(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Points on a noisy half ring about (0, 0): as far from Gaussian as beliefs from one beam are."""
+    angle = rng.uniform(0, np.pi, size=count)
+    radius = 2 + 0.1 * rng.normal(size=count)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Believes in the ring, or in one that is too thin about its middle by `squeeze`."""
+
+    squeeze: float = 1.0
+
+    def sample(self, belief: Any, size: int, rng: np.random.Generator) -> np.ndarray:
+        points = ring(size, rng)
+        middle = np.array([0.0, 4 / np.pi])
+        return middle + self.squeeze * (points - middle)
+
+
+@pytest.fixture(scope="module")
+def truth() -> np.ndarray:
+    return ring(1000, np.random.default_rng(31))
+
+
+def measured(truth: np.ndarray, squeeze: float) -> Any:
+    lifted = EachRun(Ring(squeeze))  # type: ignore[type-var]
+    draws = draw(lifted, [None] * len(truth), DRAWS, streams(1, "belief", range(len(truth))))
+    assert draws is not None
+    return measure(draws, truth, SPACE)
+
+
+def test_ranks_of_an_exact_belief_are_uniform_though_it_is_no_gaussian(truth):
+    """Chi-square p > 0.001 for both components and the distance: a correct belief fails 3 seeds in 1000."""
+    found = measured(truth, 1.0)
+    for ranks in (*found.ranks.T, found.distance_rank):
+        assert uniform_p_value(rank_histogram(ranks)) > 1e-3
+
+
+@pytest.mark.parametrize("squeeze", [0.8, 1.3])
+def test_ranks_of_a_wrong_belief_are_not(truth, squeeze):
+    """Negative control: too narrow and too wide."""
+    found = measured(truth, squeeze)
+    assert uniform_p_value(rank_histogram(found.distance_rank)) < 1e-6
+    many = rank_histogram(found.distance_rank)[-1] / 100
+    assert many > 1.5 if squeeze < 1 else many < 0.7
+
+
+def test_energy_from_draws_agrees_with_the_gaussian_claim():
+    """Draws from N(0, I): the mean over 2000 runs agrees with the closed form within 4 standard errors."""
+    rng = np.random.default_rng(32)
+    truth = rng.normal(size=(2000, 2))
+    drawn = measure(rng.normal(size=(2000, 20, 2)), truth, SPACE).energy
+    gap = drawn - energy_score(truth, np.broadcast_to(np.eye(2), (2000, 2, 2)))
+    assert abs(gap.mean()) < 4 * gap.std() / np.sqrt(2000)
+
+
+def test_a_run_s_draws_are_its_own(truth):
+    """The same numbers alone and in a batch."""
+    lifted = EachRun(Ring())  # type: ignore[type-var]
+    whole = draw(lifted, [None] * 3, 9, streams(1, "belief", range(3)))
+    alone = draw(lifted, [None], 9, streams(1, "belief", [2]))
+    assert whole is not None
+    assert alone is not None
+    np.testing.assert_array_equal(whole[2:], alone)
+
+
+def test_estimators_that_cannot_sample_are_let_be():
+    assert draw(object(), None, 9, streams(1, "belief", range(2))) is None
+    assert not isinstance(object(), CanSample)
+
+
+@pytest.mark.parametrize(("shape", "says"), [((2, 8, 2), "shape"), ((2, 9), "shape"), ((2, 9, 2), "finite")])
+def test_bad_draws_are_refused(shape, says):
+    class Bad:
+        def sample(self, belief: Any, size: int, rngs: Any) -> Any:
+            return np.full(shape, np.nan)
+
+    with pytest.raises(ValueError, match=says):
+        draw(Bad(), None, 9, streams(1, "belief", range(2)))
+
+
+def test_main_mode():
+    """Two clouds come apart, the larger one is found; a band, a ring and a Gaussian stay whole."""
+    rng = np.random.default_rng(33)
+    for _ in range(20):
+        clouds = np.concatenate([rng.normal(size=(65, 2)) * 0.1, [4, 0] + rng.normal(size=(34, 2)) * 0.1])
+        assert main_mode(clouds)[:65].mean() > 0.9
+        assert not main_mode(clouds)[65:].any()
+        band = rng.uniform(size=(99, 2)) * [4.0, 0.05]
+        for whole in (band, ring(99, rng), rng.normal(size=(99, 2))):
+            assert main_mode(whole).mean() > 0.9
+    assert main_mode(np.zeros((5, 2))).all()
+
+
+def test_whole_belief_and_main_mode_side_by_side():
+    rng = np.random.default_rng(34)
+    far = np.where(rng.uniform(size=(50, 99, 1)) < 0.7, 0.0, 4.0) * [1.0, 0.0]
+    found = measure(far + 0.1 * rng.normal(size=(50, 99, 2)), np.zeros((50, 2)), SPACE)
+    assert found.mode_share.mean() == pytest.approx(0.7, abs=0.05)
+    assert np.sqrt(found.mode_covariance[:, 0, 0].mean()) == pytest.approx(0.1, rel=0.1)
+    assert np.sqrt(found.spread[:, 0, 0].mean()) > 1.5
+
+
+def test_angles_go_the_short_way_round():
+    """Headings about pi: ranks are those of headings about 0."""
+    rng = np.random.default_rng(35)
+    draws, truth = rng.normal(size=(20, 99, 3)) * 0.1, rng.normal(size=(20, 3)) * 0.1
+    space = pose_space()
+    turned = np.array([0.0, 0.0, np.pi])
+    straight, back = measure(draws, truth, space), measure(space.wrap(draws + turned), truth + turned, space)
+    np.testing.assert_array_equal(straight.ranks, back.ranks)
+
+
+def test_a_belief_in_a_single_point_is_outranked():
+    found = measure(np.zeros((4, 99, 2)), np.ones((4, 2)), SPACE)
+    assert found.distance_rank.tolist() == [99.0] * 4
+
+
+def test_ranks_go_into_equal_bins():
+    assert rank_histogram(np.arange(100)).tolist() == [10.0] * 10
+    with pytest.raises(ValueError, match="equal bins"):
+        rank_histogram(np.arange(9), draws=98)
+
+
+def test_beliefs_survive_in_parts(tmp_path):
+    """What a runner adds to a part is read again, (M, T, ...); a study without it has none."""
+    results = run(Experiment(make_problem(), {"prior": PriorOnly}, runs=6, block=4), tmp_path, timing=False)
+    trials = results.trials[0]
+    assert read_belief(results, trials) is None
+    plan = Plan.read(results.manifest)
+    for first, end in plan.blocks():
+        path = trials_path(tmp_path, "prior", "all", first, end)
+        truth = results.truth[first:end, 0]
+        found = judge_belief(EachRun(Ring()), [None] * (end - first), truth, SPACE, 1, range(first, end), 0)  # type: ignore[type-var]
+        assert found is not None
+        write_part(path, read_part(path) | belief_arrays([found]), plan.key("prior", "all"))
+    again = read_belief(results, trials)
+    assert again is not None
+    assert again.ranks.shape == (6, 1, 2)
+    assert again.mode_covariance.shape == (6, 1, 2, 2)
+    assert np.isfinite(again.energy).all()
