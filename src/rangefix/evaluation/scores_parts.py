@@ -4,7 +4,7 @@ After `estimate` of each step a runner that knows the truths calls, for runs fir
 
     found = judge_belief(estimator, belief, truth[:, step], space, seed, runs, step)   # None: cannot sample
 
-and adds `belief_arrays([found of step 0, found of step 1, ...])`, stacked to (M, T, ...), to the part's arrays.
+and adds `belief_arrays([found of step 0, found of step 1, ...])`, (M, T, ...), to the arrays of a part.
 Batches and single runs give the same numbers, and no other number changes.
 """
 
