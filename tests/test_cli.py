@@ -141,7 +141,7 @@ def test_ranges(rangefix: Callable[..., Said]) -> None:
 
 def test_estimators(rangefix: Callable[..., Said]) -> None:
     listed = json.loads(rangefix("estimators", "--json").out)["estimators"]
-    assert [each["name"] for each in listed][:4] == ["point-mass", "particle", "ekf", "ukf"]
+    assert {"point-mass", "particle", "ekf", "ukf"} <= {each["name"] for each in listed}
     assert "cell" in listed[0]["options"]
     assert "ukf" in rangefix("estimators").out
 

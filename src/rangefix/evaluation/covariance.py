@@ -12,60 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from ..filters.space import Array, BoolArray, wrap
-from .intervals import LEVEL, UNKNOWN, Interval, mean_interval, ratio_interval, share_interval
+from ..filters.space import Array, wrap
+from .intervals import LEVEL, Interval, share_interval
+from .judgement import Chunk, Judgement, anees_band, is_positive, nees
 from .summary import Row
-from .verdict_evidence import doubts
 
-LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
-
-
-def is_positive(covariance: Array) -> BoolArray:
-    """Whether each covariance is positive definite beyond rounding: (..., n, n) -> (...).
-
-    Judged on the correlation matrix, so that the units of the components do not matter: its smallest
-    eigenvalue must exceed n 1e-14.
-    """
-    return _eigen(covariance)[2]
-
-
-def _eigen(covariance: Array) -> tuple[Array, Array, BoolArray]:
-    """Eigenvalues and vectors of P whitened by its diagonal (row i over std_i), and whether P is positive."""
-    covariance = np.asarray(covariance, dtype=float)
-    size = covariance.shape[-1]
-    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
-    sound = np.asarray(np.isfinite(covariance).all((-2, -1)) & (variances > 0).all(-1))
-    stds = np.sqrt(np.where(sound[..., None], variances, 1.0))
-    scaled = np.where(sound[..., None, None], covariance, np.eye(size)) / stds[..., None] / stds[..., None, :]
-    values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, -1, -2)))
-    positive = sound & (values[..., 0] > size * 1e-14)
-    return values, vectors / stds[..., None], positive
-
-
-def nees(errors: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared e' P^-1 e of each run: (M, n), (M, n, n) -> (M,).
-
-    Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
-    not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
-    """
-    values, vectors, positive = _eigen(covariance)
-    with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
-        parts = np.einsum("...ij,...i->...j", vectors, errors) ** 2
-        result = (parts / np.where(positive[..., None], values, 1.0)).sum(-1)
-    wrong = np.where((np.asarray(errors) == 0).all(-1), 0.0, np.inf)
-    return np.where(positive, result, wrong)
-
-
-def anees_band(runs: int, size: int, level: float = LEVEL) -> tuple[float, float]:
-    """Where ANEES / n would lie for Gaussian posteriors: a REFERENCE only, theirs are not Gaussian here.
-
-    M n times ANEES / n is chi-square with M n degrees of freedom (Bar-Shalom et al., 5.4.2-12).
-    """
-    degrees = runs * size
-    if not degrees:
-        return np.nan, np.nan
-    tail = (1 - level) / 2
-    return float(chdtri(degrees, 1 - tail)) / degrees, float(chdtri(degrees, tail)) / degrees
+__all__ = ["anees_band", "coverage", "credibility", "is_positive", "judge", "nees", "noncredibility"]
 
 
 def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tuple[Interval, Interval]:
@@ -79,31 +31,9 @@ def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tu
     Returns:
         (NCI, inclination); inf where a P is not positive definite, NaN where G is singular.
     """
-    errors = np.asarray(errors, dtype=float)
-    runs = len(errors)
-    if runs < 2:
-        return UNKNOWN, UNKNOWN
-    moment = errors.T @ errors / runs
-    if not is_positive(moment):
-        return UNKNOWN, UNKNOWN
-    inverse = np.linalg.inv(moment)
-    whitened = errors @ inverse
-    true = (whitened * errors).sum(-1)
-    claimed = nees(errors, covariance)
-    apart = true > 0
-    with np.errstate(divide="ignore"):
-        logs = np.where(apart, np.log10(np.where(apart, claimed, 1.0) / np.where(apart, true, 1.0)), 0.0)
-    if not np.isfinite(logs).all():
-        worst = Interval(np.inf, np.nan, np.inf)
-        return worst, worst
-
-    def index(signs: Array) -> Interval:
-        weights = np.where(apart, signs / np.where(apart, true, 1.0), 0.0) / np.log(10.0)
-        slope = whitened.T @ (whitened * weights[:, None]) / runs
-        influence = ((errors @ slope) * errors).sum(-1) - float((slope * moment).sum())
-        return mean_interval(10.0 * (signs * logs + influence), level)
-
-    return index(np.sign(logs)), index(np.ones(runs))
+    judgement = Judgement(np.shape(errors)[-1])
+    judgement.add_all([Chunk(np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float))])
+    return judgement.noncredibility(level)
 
 
 def coverage(errors: Array, covariance: Array, level: float) -> Interval:
@@ -178,34 +108,16 @@ def judge(
     one_truth: bool = False,
 ) -> Row:
     """The row of the runs that went well, errors (M, n) and covariances (M, n, n), out of those planned."""
-    runs, size = errors.shape
-    squares, variances = errors**2, np.diagonal(covariance, axis1=-2, axis2=-1)
-    normalised = nees(errors, covariance)
-    index, inclination = noncredibility(errors, covariance)
-    every = range(size)
-    return Row(
+    judgement = Judgement(errors.shape[1])
+    judgement.add_all([Chunk(errors, covariance)])
+    return judgement.row(
+        names,
+        planned=planned,
+        failures=failures,
+        improbable=improbable,
         estimator=estimator,
         beams=beams,
         step=step,
-        names=names,
-        planned=planned,
-        ok=runs,
-        failures=failures,
-        G=errors.T @ errors / runs if runs else np.full((size, size), np.nan),
-        P=covariance.mean(0) if runs else np.full((size, size), np.nan),
-        g=tuple(mean_interval(squares[:, i]) for i in every),
-        p=tuple(mean_interval(variances[:, i]) for i in every),
-        ratio=tuple(ratio_interval(squares[:, i], variances[:, i]) for i in every),
-        bias=tuple(mean_interval(errors[:, i]) for i in every),
-        anees=mean_interval(normalised / size),
-        anees_band=anees_band(runs, size),
-        nci=index,
-        inclination=inclination,
-        coverage={level: coverage(errors, covariance, level) for level in LEVELS},
-        indefinite=share_interval(int((~is_positive(covariance)).sum()), runs),
-        diverged=share_interval(failures.get("diverged", 0), planned),
-        improbable=share_interval(improbable, runs),
         seconds=seconds,
-        doubts=doubts(errors, covariance, normalised / size, names),
         one_truth=one_truth,
     )

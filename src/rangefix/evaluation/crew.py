@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..filters.estimator import Estimator
 from ..filters.space import Array
+from .child import Refused, Stopped
+from .contestant import Contestant, Note, silent
 from .experiment import Experiment
-from .parts import Plan, part_arrays, trials_path, world_path
+from .guard import Guard
+from .mistakes import one_line
+from .parts import part_arrays
 from .simulate import evidence_floor, simulate
-from .store import read_part, write_part
-from .summary import STATUSES
-from .trial import Outcome, Trial, batch_size, joined, seconds_per_update
-
-TIMED = 128  # runs timed at once
+from .trial import Outcome, Trial, batch_size, blank
 
 
 class Task(NamedTuple):
@@ -30,83 +28,109 @@ class Task(NamedTuple):
     end: int
 
 
+class Unbuilt(Exception):
+    """Why there is no estimator."""
+
+
 @dataclass
 class Crew:
     """Builds what tasks share, once in each process: the experiment's estimators and their batch sizes."""
 
     experiment: Experiment
-    plan: Plan
-    folder: Path
-    built: dict[str, Estimator[Any] | Exception] = field(default_factory=dict)
+    built: dict[str, Contestant | Unbuilt] = field(default_factory=dict)
+    guards: dict[str, Guard] = field(default_factory=dict)
     sizes: dict[tuple[str, int], int] = field(default_factory=dict)
+    first: Array | None = None
 
     @property
     def trial(self) -> Trial:
+        """What all estimators are put to."""
         return Trial(self.experiment.told, self.experiment.moves, self.experiment.seed)
 
-    def estimator(self, label: str) -> Estimator[Any] | Exception:
-        """The estimator, or what its builder raised."""
+    def contestant(self, label: str) -> Contestant:
+        """The estimator, in this process.
+
+        Raises:
+            Unbuilt: With what its builder raised.
+        """
         if label not in self.built:
             try:
-                self.built[label] = self.experiment.estimators[label](self.experiment.told)
+                self.built[label] = Contestant.of(self.trial, self.experiment.estimators[label])
             except Exception as error:  # a plug-in may raise anything
-                self.built[label] = error
-        return self.built[label]
+                self.built[label] = Unbuilt(f"{type(error).__name__}: {one_line(error)}")
+        found = self.built[label]
+        if isinstance(found, Unbuilt):
+            raise found
+        return found
 
-    def batch(self, label: str, beams: int, estimator: Estimator[Any]) -> int:
-        """Runs at a time; from runs 0 and 1, so that all processes and resumed runs agree."""
+    def guard(self, label: str, limit: float) -> Guard:
+        """The estimator in a process of its own; those of other estimators are ended.
+
+        Raises:
+            Unbuilt: If it cannot be sent there.
+        """
+        for other in self.guards.keys() - {label}:
+            self.guards[other].close()
+        if label not in self.guards:
+            try:
+                self.guards[label] = Guard.over(self.trial, self.experiment.estimators[label], limit)
+            except Exception as error:  # whatever refuses to be pickled
+                text = f"it cannot be sent to a process of its own: {type(error).__name__}: {one_line(error)}"
+                raise Unbuilt(f"{text}; timeout 0 runs it in this one") from None
+        return self.guards[label]
+
+    def close(self) -> None:
+        """End the processes of guarded estimators."""
+        for guard in self.guards.values():
+            guard.close()
+
+    def seen(self, beams: int, measurement: Array) -> Array:
+        """Measurements as a set of beams shows them: NaN for the others."""
+        return np.where(self.experiment.masks()[beams], measurement, np.nan)
+
+    def first_two(self, beams: int) -> Array:
+        """Measurements of runs 0 and 1, which size batches the same way in all processes."""
+        if self.first is None:
+            self.first = simulate(self.experiment, 0, 2).measurement
+        return self.seen(beams, self.first)
+
+    def work(self, task: Task, measurement: Array, note: Note = silent) -> dict[str, NDArray[Any]]:
+        """The part of a task whose runs measured (M, T, B); `note` hears what is about to be done."""
+        seen = self.seen(task.beams, measurement)
+        size = self.experiment.told.space.size
+        try:
+            outcome = self._outcome(task, seen, note)
+        except (Unbuilt, Refused) as error:
+            outcome = blank(seen.shape, size, "error", f"it cannot be built: {error}")
+        except Stopped as stopped:
+            outcome = blank(seen.shape, size, stopped.status, str(stopped))
+        return part_arrays(outcome, evidence_floor(self.experiment.told.sensor, seen))
+
+    def _outcome(self, task: Task, seen: Array, note: Note) -> Outcome:
+        label, beams = task.estimator, task.beams
+        limit = self.experiment.limit(label)
+        if limit is not None:
+            return self.guard(label, limit).run(seen, task.first, self.first_two(beams))
+        contestant = self.contestant(label)
         if (label, beams) not in self.sizes:
-            measurement = simulate(self.experiment, 0, 2).measurement
-            seen = np.where(self.experiment.masks()[beams], measurement, np.nan)
-            self.sizes[label, beams] = batch_size(self.trial, estimator, seen)
-        return self.sizes[label, beams]
+            size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
+            self.sizes[label, beams] = size
+        return contestant.run(seen, task.first, self.sizes[label, beams], note)
 
-    def work(self, task: Task, tick: Callable[[int, int], None]) -> int:
-        """Do a task and save its part; `tick` hears of trials done and failed. Returns the failed ones."""
-        world = read_part(world_path(self.folder, task.first, task.end), self.plan.world)
-        measurement = np.where(self.experiment.masks()[task.beams], world["measurement"], np.nan)
-        outcome = self._outcome(task, measurement, tick)
-        floor = evidence_floor(self.experiment.told.sensor, measurement)
-        labels = (task.estimator, self.experiment.beam_labels[task.beams])
-        path = trials_path(self.folder, *labels, task.first, task.end)
-        write_part(path, part_arrays(outcome, floor), self.plan.key(*labels))
-        return len(outcome.reasons)
-
-    def _outcome(self, task: Task, measurement: Array, tick: Callable[[int, int], None]) -> Outcome:
-        estimator = self.estimator(task.estimator)
-        if isinstance(estimator, Exception):
-            outcome = _unbuilt(estimator, measurement, self.experiment.told.space.size)
-            tick(len(measurement), len(measurement))
-            return outcome
-        size = self.batch(task.estimator, task.beams, estimator)
-        outcomes = []
-        for start in range(0, len(measurement), size):
-            some = measurement[start : start + size]
-            outcomes.append(self.trial.run(estimator, some, task.first + start))
-            tick(len(some), len(outcomes[-1].reasons))
-        return joined(outcomes)
-
-    def time(self, label: str, beams: int) -> dict[str, Any]:
-        """Seconds per update and run, None if it fails; and how many runs were timed at once."""
-        row = {"estimator": label, "beams": self.experiment.beam_labels[beams]}
-        estimator = self.estimator(label)
-        if isinstance(estimator, Exception):
-            return row | {"seconds": None}
-        count = min(TIMED, self.experiment.runs, self.batch(label, beams, estimator))
-        measurement = simulate(self.experiment, 0, count).measurement
-        seen = np.where(self.experiment.masks()[beams], measurement, np.nan)
-        seconds = seconds_per_update(self.trial, estimator, seen)
-        return row | {"seconds": seconds if seconds == seconds else None, "runs_at_once": count}
-
-
-def _unbuilt(error: Exception, measurement: Array, size: int) -> Outcome:
-    """The outcome of an estimator that could not be built."""
-    runs, steps = measurement.shape[:2]
-    text = f"it cannot be built: {type(error).__name__}: {' '.join(str(error).split())}"
-    return Outcome(
-        np.full((runs, steps, size), np.nan),
-        np.full((runs, steps, size, size), np.nan),
-        np.full((runs, steps), np.nan),
-        np.full(runs, STATUSES.index("error"), dtype=np.int8),
-        dict.fromkeys(range(runs), text),
-    )
+    def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
+        """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
+        row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
+        seen, limit = self.seen(beams, measurement), self.experiment.limit(label)
+        if not len(seen):
+            return row
+        try:
+            if limit is None:
+                contestant = self.contestant(label)
+                size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
+                return row | contestant.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
+            guard = self.guard(label, limit)
+            probe = guard.probe(self.first_two(beams))
+            size = 1 if probe is None else probe.size
+            return row | guard.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
+        except (Unbuilt, Refused, Stopped):
+            return row

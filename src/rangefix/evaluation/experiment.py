@@ -17,6 +17,7 @@ from ..filters.space import Array, BoolArray
 Builder = Callable[[Problem], Estimator[Any]]
 
 SPELT_OUT = 8  # sets of more beams are labelled by ranges
+PATIENCE = 60.0  # s for a trial of a plug-in, unless the study says otherwise
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,13 @@ class Named:
         from ..filters.registry import build
 
         return build(self.name, problem, **self.options)
+
+    @property
+    def ours(self) -> bool:
+        """Whether it comes with this package."""
+        from ..filters.registry import BUILT_IN
+
+        return self.name in BUILT_IN
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,9 @@ class Experiment:
         name, title, config: What it is called, and the text of its file.
         block: Runs to a part, the unit that is saved and resumed. Blocks start at its multiples.
         identity: What tells this experiment's problem from another's; by pickling the problems unless given.
+        timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
+            limit. None: PATIENCE for plug-ins that are known by name, none for our own estimators and for
+            builders that are Python objects.
 
     Raises:
         ValueError: If any of these does not fit.
@@ -67,6 +78,7 @@ class Experiment:
     config: str = ""
     block: int = 500
     identity: str = ""
+    timeout: float | None = None
 
     def __post_init__(self) -> None:
         if not self.estimators:
@@ -75,6 +87,8 @@ class Experiment:
             raise ValueError(
                 f"need runs and block > 0, seed >= 0: got {self.runs}, {self.block}, {self.seed}"
             )
+        if self.timeout is not None and not 0 <= self.timeout < np.inf:
+            raise ValueError(f"the timeout must be some seconds, or 0 for no limit, got {self.timeout}")
         if self.truth.space.names != self.told.space.names:
             raise ValueError("the true and the assumed problem must have the same state components")
         beams = len(self.truth.sensor.bearings)
@@ -115,6 +129,13 @@ class Experiment:
         if len(self.beam_sets) == 1 and len(self.beam_sets[0]) == beams:
             return ("all",)
         return tuple(beam_label(each) for each in self.beam_sets)
+
+    def limit(self, label: str) -> float | None:
+        """Seconds that a trial of an estimator may take; None: as long as it likes."""
+        builder = self.estimators[label]
+        if self.timeout is not None:
+            return self.timeout or None
+        return PATIENCE if isinstance(builder, Named) and not builder.ours else None
 
     def masks(self) -> BoolArray:
         """Which beams each set holds, (S, B)."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import stdtr, stdtrit
 
 from ..filters.space import Array
 
@@ -28,6 +29,91 @@ class Interval(NamedTuple):
 UNKNOWN = Interval(np.nan, np.nan, np.nan)
 
 
+@dataclass
+class Moments:
+    """Count, mean and central moments of samples that come in chunks (Pebay, SAND2008-6212).
+
+    Chunks in the same order give the same bits. Samples beyond HUGE are counted, and are in no moment.
+    """
+
+    count: int = 0
+    mean: float = 0.0
+    square: float = 0.0
+    cube: float = 0.0
+    least: float = np.inf
+    huge: int = 0
+    unknown: bool = False
+
+    def add(self, samples: Array) -> None:
+        """Take in a chunk (M,)."""
+        finite = np.abs(samples) < HUGE
+        if not finite.all():
+            self.unknown |= bool(np.isnan(samples).any())
+            self.huge += int((~finite).sum())
+            samples = samples[finite]
+        size = samples.size
+        if not size:
+            return
+        mean = float(samples.mean())
+        deviations = samples - mean
+        squares = deviations**2
+        square, cube = float(squares.sum()), float((squares * deviations).sum())
+        self.least = min(self.least, float(samples.min()))
+        if not self.count:
+            self.count, self.mean, self.square, self.cube = size, mean, square, cube
+            return
+        a, b, total, gap = self.count, size, self.count + size, mean - self.mean
+        self.cube += cube + gap**3 * (a * b * (a - b) / total**2)
+        self.cube += 3 * gap * (a * square - b * self.square) / total
+        self.square += square + gap**2 * (a * b / total)
+        self.mean += gap * b / total
+        self.count = total
+
+    def interval(self, level: float = LEVEL) -> Interval:
+        """The interval of `mean_interval`."""
+        if self.unknown or not self.count + self.huge:
+            return UNKNOWN
+        if self.huge:
+            return Interval(np.inf, replace(self, huge=0).interval(level).low, np.inf)
+        return self.around(self.mean, level, 0.0 if self.least >= 0 else -np.inf)
+
+    def around(self, value: float, level: float = LEVEL, bound: float = -np.inf) -> Interval:
+        """Hall's interval, cut at a lower bound, for a value that varies as the mean of the samples does."""
+        if self.count < 2:
+            return Interval(value, np.nan, np.nan)
+        spread = float(np.sqrt(self.square / (self.count - 1)))
+        if spread == 0.0:
+            return Interval(value, value, value)
+        root = float(np.sqrt(self.count))
+        c = self.cube / self.count / spread**3 / root
+        tail = float(stdtrit(self.count - 1, 0.5 + level / 2))
+        low, high = (value - spread / root * _unskew(t, c) for t in (tail, -tail))
+        return Interval(value, max(float(low), bound), float(high))
+
+    def p_value(self, value: float, honest: float) -> float:
+        """Two-sided p-value of "the true figure is `honest`", for a value that varies as the mean does.
+
+        It inverts `around`: below 0.05 exactly where the 95 % interval leaves out the honest value. NaN with
+        fewer than two samples; where all are equal, 1 if the value is `honest`, else 0.
+        """
+        if self.count < 2 or not np.isfinite(value):
+            return float("nan")
+        spread = float(np.sqrt(self.square / (self.count - 1)))
+        if spread == 0.0:
+            return float(value == honest)
+        root = float(np.sqrt(self.count))
+        c = self.cube / self.count / spread**3 / root
+        t, a = (value - honest) / (spread / root), c / 3
+        corrected = t + a * t**2 + a**2 * t**3 / 3 + c / 6
+        return float(2 * stdtr(self.count - 1, -abs(corrected)))
+
+    def doubt(self, honest: float) -> float:
+        """The p-value of the mean; 0 where it is infinite."""
+        if self.unknown or self.huge:
+            return float("nan") if self.unknown else 0.0
+        return self.p_value(self.mean, honest)
+
+
 def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
     """The mean of independent samples and its interval, corrected for skewness.
 
@@ -45,17 +131,9 @@ def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
         The interval of samples that are nowhere negative is cut at 0. With a single sample the ends are NaN;
         with an infinite sample the value is infinite and the lower end is that of the finite samples.
     """
-    samples = np.asarray(samples, dtype=float)
-    if not samples.size:
-        return UNKNOWN
-    finite = np.abs(samples) < HUGE
-    if not finite.all():
-        some = mean_interval(samples[finite], level)
-        return UNKNOWN if np.isnan(samples).any() else Interval(np.inf, some.low, np.inf)
-    mean = float(samples.mean())
-    if samples.size < 2:
-        return Interval(mean, np.nan, np.nan)
-    return _around(mean, samples - mean, level, 0.0 if samples.min() >= 0 else -np.inf)
+    moments = Moments()
+    moments.add(np.asarray(samples, dtype=float))
+    return moments.interval(level)
 
 
 def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
@@ -69,26 +147,20 @@ def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL)
         denominators: b, (M,), with a positive mean.
         level: Confidence level.
     """
-    mean = float(np.mean(denominators)) if np.size(denominators) else 0.0
-    if not (0 < mean < HUGE and (np.abs(numerators) < HUGE).all()):
+    a, b = Moments(), Moments()
+    a.add(np.asarray(numerators, dtype=float))
+    b.add(np.asarray(denominators, dtype=float))
+    if not can_divide(a, b):
         return UNKNOWN
-    ratio = float(np.mean(numerators)) / mean
-    if np.size(numerators) < 2:
-        return Interval(ratio, np.nan, np.nan)
-    bound = 0.0 if np.min(numerators) >= 0 else -np.inf
-    return _around(ratio, (numerators - ratio * denominators) / mean, level, bound)
+    slope = Moments()
+    slope.add((numerators - a.mean / b.mean * denominators) / b.mean)
+    return slope.around(a.mean / b.mean, level, 0.0 if a.least >= 0 else -np.inf)
 
 
-def _around(value: float, deviations: Array, level: float, bound: float) -> Interval:
-    """Hall's interval, cut at a lower bound, for a value that varies as the mean of the deviations does."""
-    count = deviations.size
-    spread = float(np.sqrt((deviations**2).sum() / (count - 1)))
-    if spread == 0.0:
-        return Interval(value, value, value)
-    c = float(np.mean((deviations / spread) ** 3)) / np.sqrt(count)
-    tail = float(stdtrit(count - 1, 0.5 + level / 2))
-    low, high = (value - spread / np.sqrt(count) * _unskew(t, c) for t in (tail, -tail))
-    return Interval(value, max(float(low), bound), float(high))
+def can_divide(numerators: Moments, denominators: Moments) -> bool:
+    """Whether the ratio of two means is a number."""
+    sound = not (numerators.huge or denominators.huge or numerators.unknown or denominators.unknown)
+    return sound and 0 < denominators.mean < HUGE
 
 
 def _unskew(t: float, c: float) -> float:

@@ -23,8 +23,14 @@ import numpy as np
 from .experiment import Builder, Experiment, Named
 
 PACKAGE = Path(__file__).parent.parent
-NUMERIC = ("maps", "filters", "evaluation/experiment.py", "evaluation/seeds.py", "evaluation/simulate.py",
-           "evaluation/trial.py", "evaluation/crew.py")  # fmt: skip
+NUMERIC = (
+    "maps",
+    "filters",
+    *(
+        f"evaluation/{name}.py"
+        for name in ("experiment", "seeds", "simulate", "trial", "contestant", "guard", "crew")
+    ),
+)
 LIBRARIES = ("numpy", "scipy", "filterpy", "open3d", "numba")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -109,8 +115,20 @@ def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
             source = plugin_source(builder)
         except Exception:  # its trials will say what is wrong
             source = "not found"
-        trials[label] = digest(world, who, source)
+        trials[label] = digest(world, who, source, experiment.limit(label))
     return world, trials
+
+
+def fingerprint(experiment: Experiment) -> dict[str, str | None]:
+    """What must be the same on all machines that compute: our source, the libraries and the plug-ins."""
+    prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, NUMERIC)}
+    prints |= {name: version_of(name) for name in LIBRARIES}
+    for label, builder in experiment.estimators.items():
+        try:
+            prints[f"estimator {label!r}"] = plugin_source(builder)
+        except Exception:  # it is not there
+            prints[f"estimator {label!r}"] = None
+    return prints
 
 
 def version_of(name: str) -> str | None:

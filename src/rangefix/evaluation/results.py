@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..filters.space import Array, BoolArray, StateSpace
-from .covariance import judge
+from .judgement import PASSES, Chunk, Judgement
 from .parts import FORMAT, MANIFEST, TIMING, Plan, read_timing, trials_path, world_path
 from .store import ResultsError, read_json, read_npz, read_part
 from .store import write_json as write_json  # also for those who save beside our results
 from .store import write_npz as write_npz
 from .summary import STATUSES, Row
+
+MOST = 10_000  # runs whose trials are held at once; of more, nothing is read before it is asked for
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,20 @@ class Trials:
     status: NDArray[np.int8]
     reasons: Mapping[int, str] = field(default_factory=dict)
 
+    def part(self, first: int, end: int) -> Trials:
+        """Runs first to end - 1."""
+        some = slice(first, end)
+        return Trials(
+            self.estimator,
+            self.beams,
+            self.mean[some],
+            self.covariance[some],
+            self.log_evidence[some],
+            self.log_evidence_floor[some],
+            self.status[some],
+            {run: text for run, text in self.reasons.items() if first <= run < end},
+        )
+
     @property
     def ok(self) -> BoolArray:
         """Which runs went well, (M,)."""
@@ -61,16 +78,29 @@ class Trials:
         return {name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"}
 
 
+class Source(Protocol):
+    """Where the arrays of runs come from: a folder, or memory."""
+
+    def world(self, first: int, end: int) -> tuple[Array, Array]:
+        """True states (M, T, n) and measurements (M, T, B) of runs first to end - 1."""
+        ...
+
+    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
+        """Trials of runs first to end - 1; the keys of `reasons` count from run 0 of the study."""
+        ...
+
+
 @dataclass(frozen=True)
 class Results:
-    """All trials of a study.
+    """All trials of a study. Those of a large one are read from its folder when they are asked for.
 
     Attributes:
         manifest: Name, title, seed, runs, config, versions, machine: see `manifest.json`.
         space: State space of truths and estimates.
-        truth: True states, (M, T, n).
-        measurement: Readings of all beams, m, (M, T, B); each trial sees those of its set of beams.
-        trials: By estimator, then by beams.
+        estimators: Labels of the estimators, in the study's order.
+        beam_sets: Labels of the sets of beams, in the study's order.
+        runs: Runs planned, M.
+        source: Where the arrays come from.
         timing: (estimator, beams) -> seconds per update and run.
         scene: Walls, free space, prior, beams to draw: see `scene.py`; empty if it was not saved.
         folder: Where they are saved, if anywhere.
@@ -78,22 +108,45 @@ class Results:
 
     manifest: dict[str, Any]
     space: StateSpace
-    truth: Array
-    measurement: Array
-    trials: tuple[Trials, ...]
+    estimators: tuple[str, ...]
+    beam_sets: tuple[str, ...]
+    runs: int
+    source: Source
     timing: Mapping[tuple[str, str], float] = field(default_factory=dict)
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     folder: Path | None = None
 
-    @property
-    def estimators(self) -> tuple[str, ...]:
-        """Labels of the estimators, in the study's order."""
-        return tuple(dict.fromkeys(trials.estimator for trials in self.trials))
+    @cached_property
+    def truth(self) -> Array:
+        """True states, (M, T, n)."""
+        return self.source.world(0, self.runs)[0]
 
-    @property
-    def beam_sets(self) -> tuple[str, ...]:
-        """Labels of the sets of beams, in the study's order."""
-        return tuple(dict.fromkeys(trials.beams for trials in self.trials))
+    @cached_property
+    def measurement(self) -> Array:
+        """Readings of all beams, m, (M, T, B); each trial sees those of its set of beams."""
+        return self.source.world(0, self.runs)[1]
+
+    @cached_property
+    def trials(self) -> tuple[Trials, ...]:
+        """All trials, by estimator, then by beams."""
+        pairs = product(self.estimators, self.beam_sets)
+        return tuple(self.source.trials(*pair, 0, self.runs) for pair in pairs)
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """One row for each estimator, set of beams and step, over the runs that went well."""
+        return [row for pair in product(self.estimators, self.beam_sets) for row in _rows(self, *pair)]
+
+    @cached_property
+    def one_truth(self) -> bool:
+        """Whether all runs have the same true first state."""
+        starts = (self.source.world(*block)[0][:, 0] for block in self.blocks())
+        first = self.source.world(0, 1)[0][0, 0]
+        return self.runs > 1 and all(bool((each == first).all()) for each in starts)
+
+    def blocks(self) -> Iterator[tuple[int, int]]:
+        """First run and end of the blocks in which a large study is gone through."""
+        return ((first, min(first + MOST, self.runs)) for first in range(0, self.runs, MOST))
 
     def get(self, estimator: str, beams: str | None = None) -> Trials:
         """The trials of one estimator on one set of beams; the last set (usually all beams) unless named.
@@ -102,49 +155,159 @@ class Results:
             KeyError: If there is no such estimator or set; it lists those there are.
         """
         beams = self.beam_sets[-1] if beams is None else beams
-        for trials in self.trials:
-            if (trials.estimator, trials.beams) == (estimator, beams):
-                return trials
-        raise KeyError(
-            f"no trials of {estimator!r} on beams {beams!r}; there are estimators "
-            f"{', '.join(self.estimators)} and beams {', '.join(self.beam_sets)}"
-        )
+        if estimator not in self.estimators or beams not in self.beam_sets:
+            raise KeyError(
+                f"no trials of {estimator!r} on beams {beams!r}; there are estimators "
+                f"{', '.join(self.estimators)} and beams {', '.join(self.beam_sets)}"
+            )
+        if self.runs > MOST and "trials" not in vars(self):
+            return self.source.trials(estimator, beams, 0, self.runs)
+        place = self.estimators.index(estimator) * len(self.beam_sets) + self.beam_sets.index(beams)
+        return self.trials[place]
 
     def errors(self, trials: Trials) -> Array:
         """Truth minus estimate, angles the short way round, (M, T, n); NaN where the trial failed."""
         return self.space.difference(self.truth, trials.mean)
 
+    def in_memory(self) -> Results:
+        """The same, with all arrays in memory and no folder."""
+        return replace(self, source=Held(self.truth, self.measurement, self.trials), folder=None)
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame with a row for each trial and step: see `frames.py`."""
+        from .frames import to_dataframe
+
+        return to_dataframe(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset with labelled dimensions: see `frames.py`."""
+        from .frames import to_xarray
+
+        return to_xarray(self)
+
+
+@dataclass(frozen=True)
+class Held:
+    """Arrays in memory."""
+
+    truth: Array
+    measurement: Array
+    all_trials: tuple[Trials, ...]
+
+    def world(self, first: int, end: int) -> tuple[Array, Array]:
+        """Some runs of the arrays."""
+        return self.truth[first:end], self.measurement[first:end]
+
+    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
+        """Some runs of the trials."""
+        found = next(each for each in self.all_trials if (each.estimator, each.beams) == (estimator, beams))
+        return found if end - first == len(found.status) else found.part(first, end)
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A folder of parts; those missing from an interrupted run are "skipped"."""
+
+    folder: Path
+    plan: Plan
+    complete: bool
+
+    def _blocks(self, first: int, end: int) -> list[tuple[int, int]]:
+        return [(low, high) for low, high in self.plan.blocks() if low < end and high > first]
+
+    def world(self, first: int, end: int) -> tuple[Array, Array]:
+        """True states and measurements, read part by part into arrays of their full size."""
+        steps, size, beams = self.plan.shape
+        truth = np.full((end - first, steps, size), np.nan)
+        measurement = np.full((end - first, steps, beams), np.nan)
+        for low, high in self._blocks(first, end):
+            path = world_path(self.folder, low, high)
+            if self.complete or path.exists():
+                part, (mine, its) = read_part(path, self.plan.world), _overlap(low, high, first, end)
+                truth[mine], measurement[mine] = part["truth"][its], part["measurement"][its]
+        return truth, measurement
+
+    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
+        """Trials, read part by part into arrays of their full size."""
+        runs, (steps, size, _) = end - first, self.plan.shape
+        arrays: dict[str, NDArray[Any]] = {
+            "mean": np.full((runs, steps, size), np.nan),
+            "covariance": np.full((runs, steps, size, size), np.nan),
+            "log_evidence": np.full((runs, steps), np.nan),
+            "log_evidence_floor": np.full((runs, steps), np.nan),
+            "status": np.full(runs, STATUSES.index("skipped"), dtype=np.int8),
+        }
+        reasons: dict[int, str] = {}
+        for low, high in self._blocks(first, end):
+            path = trials_path(self.folder, estimator, beams, low, high)
+            if not self.complete and not path.exists():
+                missed = range(max(low, first), min(high, end))
+                reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
+                continue
+            part, (mine, its) = (
+                read_part(path, self.plan.key(estimator, beams)),
+                _overlap(low, high, first, end),
+            )
+            for name, array in arrays.items():
+                array[mine] = part[name][its]
+            for place, reason in zip(part["failed"], part["reasons"], strict=True):
+                if first <= low + int(place) < end:
+                    reasons[low + int(place)] = str(reason)
+        return Trials(estimator, beams, reasons=reasons, **arrays)
+
+
+def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:
+    """Where runs low to high - 1 go among runs first to end - 1, and which of them."""
+    start, stop = max(low, first), min(high, end)
+    return slice(start - first, stop - first), slice(start - low, stop - low)
+
 
 def summarise(results: Results) -> list[Row]:
     """One row for each estimator, set of beams and step, over the runs that went well."""
-    rows = []
-    starts = results.truth[:, 0]
-    one_truth = len(starts) > 1 and bool((starts == starts[0]).all())
-    for trials in results.trials:
-        errors, ok = results.errors(trials), trials.ok
-        for step in range(errors.shape[1]):
-            rows.append(
-                judge(
-                    errors[ok, step],
-                    trials.covariance[ok, step],
-                    results.space.names,
-                    planned=len(ok),
-                    failures=trials.failures,
-                    improbable=int(trials.improbable[:, step].sum()),
-                    estimator=trials.estimator,
-                    beams=trials.beams,
-                    step=step,
-                    seconds=results.timing.get((trials.estimator, trials.beams), np.nan),
-                    one_truth=one_truth,
-                )
-            )
-    return rows
+    return results.rows
+
+
+def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
+    """The rows of one estimator on one set of beams, block by block."""
+    blocks = list(results.blocks())
+    judgements: list[Judgement] = []
+    counts = np.zeros(len(STATUSES), dtype=int)
+    improbable: Array = np.zeros(0, dtype=int)
+    chunks: list[Chunk] = []
+    for number in range(PASSES):
+        for first, end in blocks:
+            if number == 0 or len(blocks) > 1:
+                trials = results.source.trials(estimator, beams, first, end)
+                errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
+                ok = trials.ok
+                chunks = [Chunk(errors[ok, t], trials.covariance[ok, t]) for t in range(errors.shape[1])]
+                if number == 0:
+                    judgements = judgements or [Judgement(results.space.size) for _ in chunks]
+                    counts += np.bincount(trials.status, minlength=len(STATUSES))
+                    improbable = trials.improbable.sum(0) + (improbable if improbable.size else 0)
+            for judgement, chunk in zip(judgements, chunks, strict=True):
+                judgement.add(number, chunk)
+        for judgement in judgements:
+            judgement.end(number)
+    for step, judgement in enumerate(judgements):
+        yield judgement.row(
+            results.space.names,
+            planned=results.runs,
+            failures={name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"},
+            improbable=int(improbable[step]),
+            estimator=estimator,
+            beams=beams,
+            step=step,
+            seconds=results.timing.get((estimator, beams), np.nan),
+            one_truth=results.one_truth,
+        )
 
 
 def load(folder: Path | str) -> Results:
     """Read the results of a folder, finished or not, without pickle.
 
-    Of an interrupted study the trials that are not there have status "skipped".
+    Of an interrupted study the trials that are not there have status "skipped". A study of no more than MOST
+    runs is read and checked at once; the parts of a larger one when they are asked for.
 
     Raises:
         ResultsError: If it is no folder of results, or a part of it is missing or damaged.
@@ -160,51 +323,20 @@ def load(folder: Path | str) -> Results:
         space = StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"])
     except (KeyError, TypeError) as error:
         raise ResultsError(f"{folder / MANIFEST} lacks {error}: run the study again") from None
-    steps, size, beams = plan.shape
-    truth, measurement = np.full((plan.runs, steps, size), np.nan), np.full((plan.runs, steps, beams), np.nan)
-    for first, end in plan.blocks():
-        path = world_path(folder, first, end)
-        if complete or path.exists():
-            part = read_part(path, plan.world)
-            truth[first:end], measurement[first:end] = part["truth"], part["measurement"]
     timing = {
         (row["estimator"], row["beams"]): np.nan if row["seconds"] is None else float(row["seconds"])
         for row in read_timing(folder / TIMING).values()
     }
     scene = folder / "scene.npz"
-    return Results(
+    results = Results(
         manifest=manifest,
         space=space,
-        truth=truth,
-        measurement=measurement,
-        trials=tuple(
-            _load_trials(folder, plan, *pair, complete) for pair in product(plan.estimators, plan.beams)
-        ),
+        estimators=plan.estimators,
+        beam_sets=plan.beams,
+        runs=plan.runs,
+        source=Saved(folder, plan, complete),
         timing=timing,
         scene=read_npz(scene) if scene.exists() else {},
         folder=folder,
     )
-
-
-def _load_trials(folder: Path, plan: Plan, estimator: str, beams: str, complete: bool) -> Trials:
-    """One estimator's trials on one set of beams, part by part into arrays of their full size."""
-    steps, size, _ = plan.shape
-    arrays: dict[str, NDArray[Any]] = {
-        "mean": np.full((plan.runs, steps, size), np.nan),
-        "covariance": np.full((plan.runs, steps, size, size), np.nan),
-        "log_evidence": np.full((plan.runs, steps), np.nan),
-        "log_evidence_floor": np.full((plan.runs, steps), np.nan),
-        "status": np.full(plan.runs, STATUSES.index("skipped"), dtype=np.int8),
-    }
-    reasons: dict[int, str] = {}
-    for first, end in plan.blocks():
-        path = trials_path(folder, estimator, beams, first, end)
-        if not complete and not path.exists():
-            reasons |= dict.fromkeys(range(first, end), "not run: the study was interrupted")
-            continue
-        part = read_part(path, plan.key(estimator, beams))
-        for name, array in arrays.items():
-            array[first:end] = part[name]
-        for place, reason in zip(part["failed"], part["reasons"], strict=True):
-            reasons[first + int(place)] = str(reason)
-    return Trials(estimator, beams, reasons=reasons, **arrays)
+    return replace(results, source=results.in_memory().source) if plan.runs <= MOST else results

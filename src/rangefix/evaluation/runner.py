@@ -1,22 +1,28 @@
-"""Runs an experiment part by part: serially or on workers, resumable, and the same numbers either way."""
+"""Runs an experiment part by part: here, on workers or on a cluster, resumable, with the same numbers."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import lru_cache
+from contextlib import closing
 from pathlib import Path
+from time import monotonic
 from typing import NamedTuple, Protocol
 
-from .crew import TIMED, Crew, Task
+from ..filters.space import Array
+from .cluster import on_cluster
+from .crew import Crew, Task
 from .experiment import Experiment
 from .parts import MANIFEST, TIMING, Plan, read_timing, trials_path, whole, world_path
-from .provenance import digest, keys, one_thread, pickled, surroundings
+from .provenance import digest, keys, surroundings
 from .results import Results, load, summarise
 from .simulate import simulate
-from .store import write_bytes, write_json, write_npz, write_part
+from .store import read_part, sweep, write_bytes, write_json, write_npz, write_part
 from .summary import to_csv
+from .workers import Part, on_workers
+
+TIMED = 128  # runs timed at once, at most
+OFTEN = 0.1  # s between two calls of `progress` within a part
 
 
 class Progress(NamedTuple):
@@ -41,6 +47,7 @@ def run(
     out: Path | str | None = None,
     *,
     workers: int = 1,
+    cluster: str | None = None,
     progress: Callable[[Progress], None] | None = None,
     command_line: Sequence[str] | None = None,
     resume: bool = True,
@@ -56,6 +63,7 @@ def run(
         study: What to run.
         out: Folder for the results, made if need be; without it nothing is kept but what is returned.
         workers: Processes. They change no number.
+        cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either.
         progress: Called with how far each estimator has come.
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
@@ -65,7 +73,7 @@ def run(
         The results, as `load` reads them from the folder.
 
     Raises:
-        ResultsError: If the folder cannot be written.
+        ResultsError: If the folder cannot be written, or the workers or the cluster fail.
         StudyError: If the study is not sound.
         ValueError: If there is no worker.
     """
@@ -75,21 +83,25 @@ def run(
     if out is None:
         with tempfile.TemporaryDirectory(prefix="rangefix-") as kept:
             results = run(
-                experiment, kept, workers=workers, progress=progress, command_line=command_line, timing=timing
+                experiment,
+                kept,
+                workers=workers,
+                cluster=cluster,
+                progress=progress,
+                command_line=command_line,
+                timing=timing,
             )
-            return replace(results, folder=None)
+            return results.in_memory()
     folder = Path(out)
-    world, trials = keys(experiment)
-    for left in folder.glob("parts/**/*.tmp"):  # of a run that was killed while writing
-        left.unlink(missing_ok=True)
-    plan = Plan.of(experiment, world, trials)
+    plan = Plan.of(experiment, *keys(experiment))
     manifest = plan.manifest(experiment, surroundings(), list(command_line or ()))
     write_json(folder / MANIFEST, manifest | {"state": "running"})
+    sweep(folder / "parts")  # what a run left that was killed while writing
     _simulate_all(experiment, plan, folder, resume)
-    crew = Crew(experiment, plan, folder)
-    _work_all(crew, workers, progress, resume)
-    if timing:
-        _time_all(crew, resume)
+    with closing(Crew(experiment)) as crew:
+        _work_all(crew, plan, folder, workers, cluster, progress, resume)
+        if timing:
+            _time_all(crew, plan, folder, resume)
     _save_scene(experiment, folder)
     write_json(folder / MANIFEST, manifest | {"state": "complete"})
     results = load(folder)
@@ -104,70 +116,90 @@ def _simulate_all(experiment: Experiment, plan: Plan, folder: Path, resume: bool
             write_part(path, simulate(experiment, first, end)._asdict(), plan.world)
 
 
-def _work_all(crew: Crew, workers: int, progress: Callable[[Progress], None] | None, resume: bool) -> None:
+def _work_all(
+    crew: Crew,
+    plan: Plan,
+    folder: Path,
+    workers: int,
+    cluster: str | None,
+    progress: Callable[[Progress], None] | None,
+    resume: bool,
+) -> None:
     experiment = crew.experiment
     total = experiment.runs * len(experiment.beam_sets)
-    done = {label: [0, 0] for label in experiment.estimators}
+    counts = {label: [0, 0] for label in experiment.estimators}
 
-    def tell(label: str, trials: int, failed: int) -> None:
-        done[label][0] += trials
-        done[label][1] += failed
+    def tell(label: str, trials: int, failed: int, begun: int = 0) -> None:
+        counts[label][0] += trials
+        counts[label][1] += failed
         if progress:
-            progress(Progress(label, done[label][0], total, done[label][1]))
+            progress(Progress(label, counts[label][0] + begun, total, counts[label][1]))
+
+    def path(task: Task) -> Path:
+        return trials_path(folder, task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
+
+    def measured(task: Task) -> Array:
+        return read_part(world_path(folder, task.first, task.end), plan.world)["measurement"]
+
+    def key(task: Task) -> str:
+        return plan.key(task.estimator, experiment.beam_labels[task.beams])
 
     tasks = []
     for label in experiment.estimators:
         tell(label, 0, 0)
-        for beams, beam_label in enumerate(experiment.beam_labels):
+        for beams in range(len(experiment.beam_labels)):
             for first, end in experiment.blocks():
-                part = trials_path(crew.folder, label, beam_label, first, end)
-                saved = whole(part, crew.plan.key(label, beam_label)) if resume else None
-                if saved is not None:
-                    tell(label, end - first, len(saved["failed"]))
+                task = Task(label, beams, first, end)
+                saved = whole(path(task), key(task)) if resume else None
+                if saved is None:
+                    tasks.append(task)
                 else:
-                    tasks.append(Task(label, beams, first, end))
-    if workers == 1 or len(tasks) < 2:
-        for task in tasks:
-            crew.work(task, lambda trials, failed, label=task.estimator: tell(label, trials, failed))  # type: ignore[misc]
+                    tell(label, end - first, len(saved["failed"]))
+    if not tasks:
         return
-    for task, failed in _on_workers(crew, tasks, workers):
-        tell(task.estimator, task.end - task.first, failed)
+    if cluster is not None:
+        parts = on_cluster(experiment, tasks, measured, cluster)
+    elif workers == 1 or len(tasks) == 1:
+        parts = _here(crew, tasks, measured, lambda task, begun: tell(task.estimator, 0, 0, begun))
+    else:
+        parts = on_workers(experiment, tasks, measured, workers)
+    for task, part in parts:
+        write_part(path(task), part, key(task))
+        tell(task.estimator, task.end - task.first, len(part["failed"]))
 
 
-def _on_workers(crew: Crew, tasks: list[Task], workers: int) -> Iterator[tuple[Task, int]]:
-    """Tasks as they are finished by a pool of processes, with how many of their trials failed."""
-    from joblib import Parallel, delayed
+def _here(
+    crew: Crew,
+    tasks: Sequence[Task],
+    measured: Callable[[Task], Array],
+    begun: Callable[[Task, int], None],
+) -> Iterator[tuple[Task, Part]]:
+    """Tasks and their parts, done in this process one after the other."""
+    last = monotonic()
+    for task in tasks:
 
-    with tempfile.TemporaryDirectory(prefix="rangefix-") as shared:
-        payload = Path(shared) / "crew"
-        payload.write_bytes(pickled(Crew(crew.experiment, crew.plan, crew.folder.resolve())))
-        pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
-        yield from pool(delayed(_work)(payload, task) for task in tasks)
+        def note(place: int, count: int, task: Task = task) -> None:
+            nonlocal last
+            if monotonic() - last > OFTEN:
+                last = monotonic()
+                begun(task, place)
 
-
-def _work(payload: Path, task: Task) -> tuple[Task, int]:
-    return task, _crew(payload).work(task, lambda trials, failed: None)
-
-
-@lru_cache(maxsize=1)
-def _crew(payload: Path) -> Crew:
-    """The crew of a worker process, read from our own temporary file once."""
-    import pickle
-
-    crew: Crew = pickle.loads(payload.read_bytes())
-    return crew
+        yield task, crew.work(task, measured(task), note)
 
 
-def _time_all(crew: Crew, resume: bool) -> None:
-    """Time each estimator on each set of beams that was not timed before; serial, one thread."""
-    path = crew.folder / TIMING
+def _time_all(crew: Crew, plan: Plan, folder: Path, resume: bool) -> None:
+    """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
+    path, experiment = folder / TIMING, crew.experiment
     before = read_timing(path) if resume else {}
+    first, end = experiment.blocks()[0]
+    measurement = read_part(world_path(folder, first, end), plan.world)["measurement"]
     rows = {}
-    with one_thread() as held:
-        for label in crew.experiment.estimators:
-            for beams, beam_label in enumerate(crew.experiment.beam_labels):
-                key = digest(crew.plan.key(label, beam_label), TIMED, min(TIMED, crew.experiment.runs))
-                rows[key] = before.get(key) or crew.time(label, beams) | {"one_thread": held}
+    for label in experiment.estimators:
+        for beams, beam_label in enumerate(experiment.beam_labels):
+            key = digest(plan.key(label, beam_label), TIMED, min(TIMED, experiment.runs))
+            part = read_part(trials_path(folder, label, beam_label, first, end))
+            some = measurement[part["status"] == 0][:TIMED]
+            rows[key] = before.get(key) or crew.time(label, beams, some)
     write_json(path, rows)
 
 

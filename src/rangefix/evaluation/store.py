@@ -40,6 +40,15 @@ def write_bytes(path: Path, content: bytes) -> None:
         ) from None
 
 
+def sweep(folder: Path) -> None:
+    """Remove files that were being written when a run was killed."""
+    for left in folder.glob("**/*.tmp"):
+        try:
+            left.unlink(missing_ok=True)
+        except OSError as error:
+            raise ResultsError(f"cannot remove {left}: {error.strerror or error}") from None
+
+
 def write_json(path: Path, document: Any) -> None:
     """Write a JSON document, indented, in the order given."""
     write_bytes(path, (json.dumps(document, indent=2, ensure_ascii=False, default=str) + "\n").encode())

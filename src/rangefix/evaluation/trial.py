@@ -10,14 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filters.estimator import Estimator
+from ..filters.estimator import EachRun, Estimator
 from ..filters.problem import Problem
-from ..filters.space import Array
-from .seeds import streams
+from ..filters.space import Array, BoolArray
+from .seeds import Streams
 from .summary import STATUSES
 
 BUDGET = 128e6  # bytes of beliefs held at once
 DEPTH = 4  # how deep a belief is searched for arrays
+ROUNDING = 1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
 
 
 class Outcome(NamedTuple):
@@ -49,7 +50,7 @@ class Trial(NamedTuple):
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
         """
-        rngs = streams(self.seed, "estimator", runs)
+        rngs = Streams(self.seed, "estimator", runs)
         count, steps = measurement.shape[:2]
         size = self.problem.space.size
         mean, covariance = np.empty((count, steps, size)), np.empty((count, steps, size, size))
@@ -71,29 +72,59 @@ class Trial(NamedTuple):
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
-        except Exception as error:  # a plug-in may raise anything
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = " ".join(str(error).split()) or "no message"
             raise TrialError(f"{verb}() failed: {type(error).__name__}: {text}") from error
         return mean, covariance, log_evidence
 
-    def run(self, estimator: Estimator[Any], measurement: Array, first: int) -> Outcome:
-        """Runs first, first + 1, ... for measurements (M, T, B); where a batch fails, run by run."""
+    def run(
+        self,
+        estimator: Estimator[Any],
+        measurement: Array,
+        first: int,
+        note: Callable[[int, int], None] = lambda place, count: None,
+    ) -> Outcome:
+        """Runs first, first + 1, ... for measurements (M, T, B); where a batch fails, run by run.
+
+        An estimator of single runs is always run so, with the same numbers. Before each piece of work `note`
+        hears at which place of the batch it begins and how many runs it does at once.
+        """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
-        count, size = len(measurement), self.problem.space.size
-        try:
-            return judged(*self.attempt(estimator, measurement, range(first, first + count)))
-        except TrialError as error:
-            if count == 1:
-                steps = measurement.shape[1]
-                return Outcome(
-                    np.full((1, steps, size), np.nan),
-                    np.full((1, steps, size, size), np.nan),
-                    np.full((1, steps), np.nan),
-                    np.array([STATUSES.index("error")], dtype=np.int8),
-                    {0: str(error)},
-                )
-        return joined([self.run(estimator, measurement[i : i + 1], first + i) for i in range(count)])
+        count = len(measurement)
+        if count > 1 and not isinstance(estimator, EachRun):
+            note(0, count)
+            try:
+                return judged(*self.attempt(estimator, measurement, range(first, first + count)))
+            except TrialError:
+                pass  # whose fault it is will show
+        outcome = blank(measurement.shape, self.problem.space.size)
+        failed = {}
+        for place in range(count):
+            note(place, 1)
+            try:
+                one = self.attempt(estimator, measurement[place : place + 1], [first + place])
+            except TrialError as error:
+                failed[place] = str(error)
+                continue
+            for target, array in zip(outcome[:3], one, strict=True):
+                target[place] = array[0]
+        outcome = judged(*outcome[:3])
+        outcome.status[list(failed)] = STATUSES.index("error")
+        outcome.reasons.update(failed)
+        return outcome
+
+
+def blank(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
+    """An outcome without estimates for measurements of a shape (M, T, B): all runs of one status."""
+    runs, steps = shape[:2]
+    return Outcome(
+        np.full((runs, steps, size), np.nan),
+        np.full((runs, steps, size, size), np.nan),
+        np.full((runs, steps), np.nan),
+        np.full(runs, STATUSES.index(status), dtype=np.int8),
+        dict.fromkeys(range(runs), reason) if status != "ok" else {},
+    )
 
 
 def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
@@ -105,18 +136,51 @@ def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
 
 
 def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
-    """Estimates with their status: "nan" before "diverged" before "ok"."""
+    """Estimates with their status: "nan" before "error" before "diverged" before "ok".
+
+    A covariance with a negative eigenvalue, or one that is not symmetric, is none: "error". A singular one
+    claims certainty, which a collapsed filter does in earnest: it stays, and its NEES is infinite.
+    """
     finite = np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1)) & (log_evidence != np.inf)
+    sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
     status = np.zeros(len(mean), dtype=np.int8)
     reasons: dict[int, str] = {}
     for name, wrong, text in (
         ("diverged", log_evidence == -np.inf, "the log evidence is -inf (nothing explains the measurement)"),
-        ("nan", ~finite, "an estimate is not finite"),
+        ("error", ~is_covariance(sound), "estimate(): the covariance is not "),
+        ("nan", ~finite, "estimate(): an estimate is not finite"),
     ):
         for place in np.flatnonzero(wrong.any(1)):
+            step = int(wrong[place].argmax())
+            fault = _fault(covariance[place, step]) if name == "error" else ""
             status[place] = STATUSES.index(name)
-            reasons[int(place)] = f"{text} at step {int(wrong[place].argmax()) + 1}"
+            reasons[int(place)] = f"{text}{fault} at step {step + 1}"
     return Outcome(mean, covariance, log_evidence, status, reasons)
+
+
+def is_covariance(covariance: Array) -> BoolArray:
+    """Whether matrices (..., n, n) are symmetric without negative eigenvalues, but for ROUNDING."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    try:
+        np.linalg.cholesky(covariance)  # quick; reads the lower half only
+        semidefinite = np.ones(covariance.shape[:-2], dtype=bool)
+    except np.linalg.LinAlgError:
+        std = np.sqrt(np.where(variance > 0, variance, 1.0))
+        scaled = 0.5 * (covariance + np.swapaxes(covariance, -1, -2)) / std[..., None] / std[..., None, :]
+        semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -ROUNDING)
+    gap = np.abs(covariance - np.swapaxes(covariance, -1, -2))
+    if not gap.any():
+        return semidefinite
+    std = np.sqrt(np.abs(variance))
+    return np.asarray(semidefinite & (gap <= ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1)))
+
+
+def _fault(covariance: Array) -> str:
+    """What is wrong with a finite matrix that is no covariance."""
+    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    if is_covariance(0.5 * (covariance + covariance.T)):
+        return "symmetric"
+    return f"positive definite (smallest eigenvalue {values[0]:.3g})"
 
 
 def joined(outcomes: list[Outcome]) -> Outcome:
@@ -143,7 +207,7 @@ def batch_size(trial: Trial, estimator: Estimator[Any], measurement: Array) -> i
     sizes = []
     try:
         for count in (1, 2):
-            rngs = streams(trial.seed, "estimator", range(count))
+            rngs = Streams(trial.seed, "estimator", range(count))
             before = estimator.init(trial.problem.prior, rngs)
             after = estimator.update(before, measurement[:count, 0].copy(), rngs)
             sizes.append(max(nbytes(before), nbytes(after)))
@@ -192,7 +256,7 @@ def seconds_per_update(
     """
 
     def once(count: int) -> float:  # seconds for the batch, mean over steps
-        rngs = streams(trial.seed, "estimator", range(count))
+        rngs = Streams(trial.seed, "estimator", range(count))
         belief = estimator.init(trial.problem.prior, rngs)
         spent = 0.0
         for step in range(measurement.shape[1]):

@@ -1,0 +1,228 @@
+"""The row of one estimator, from runs that come in chunks: three passes, and no more memory than a chunk."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtri
+
+from ..filters.space import Array, BoolArray
+from .intervals import LEVEL, UNKNOWN, Interval, Moments, can_divide, share_interval
+from .summary import Row
+
+LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
+PASSES = 3  # over the runs: means; what varies about the means; what varies about G
+
+
+def is_positive(covariance: Array) -> BoolArray:
+    """Whether each covariance is positive definite beyond rounding: (..., n, n) -> (...).
+
+    Judged on the correlation matrix, so that the units of the components do not matter: its smallest
+    eigenvalue must exceed n 1e-14.
+    """
+    return _eigen(covariance)[2]
+
+
+def _eigen(covariance: Array) -> tuple[Array, Array, BoolArray]:
+    """Eigenvalues and vectors of P whitened by its diagonal (row i over std_i), and whether P is positive."""
+    covariance = np.asarray(covariance, dtype=float)
+    size = covariance.shape[-1]
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    sound = np.asarray(np.isfinite(covariance).all((-2, -1)) & (variances > 0).all(-1))
+    stds = np.sqrt(np.where(sound[..., None], variances, 1.0))
+    scaled = np.where(sound[..., None, None], covariance, np.eye(size)) / stds[..., None] / stds[..., None, :]
+    values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, -1, -2)))
+    positive = sound & (values[..., 0] > size * 1e-14)
+    return values, vectors / stds[..., None], positive
+
+
+def nees(errors: Array, covariance: Array) -> Array:
+    """Normalised estimation error squared e' P^-1 e of each run: (M, n), (M, n, n) -> (M,).
+
+    Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
+    not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
+    """
+    values, vectors, positive = _eigen(covariance)
+    with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
+        parts = np.einsum("...ij,...i->...j", vectors, errors) ** 2
+        result = (parts / np.where(positive[..., None], values, 1.0)).sum(-1)
+    wrong = np.where((np.asarray(errors) == 0).all(-1), 0.0, np.inf)
+    return np.where(positive, result, wrong)
+
+
+def anees_band(runs: int, size: int, level: float = LEVEL) -> tuple[float, float]:
+    """Where ANEES / n would lie for Gaussian posteriors: a REFERENCE only, theirs are not Gaussian here.
+
+    M n times ANEES / n is chi-square with M n degrees of freedom (Bar-Shalom et al., 5.4.2-12).
+    """
+    degrees = runs * size
+    if not degrees:
+        return np.nan, np.nan
+    tail = (1 - level) / 2
+    return float(chdtri(degrees, 1 - tail)) / degrees, float(chdtri(degrees, tail)) / degrees
+
+
+class Chunk:
+    """Some runs that went well: errors (M, n), claimed covariances (M, n, n), and their NEES (M,)."""
+
+    def __init__(self, errors: Array, covariance: Array) -> None:
+        self.errors, self.covariance = errors, covariance
+
+    @cached_property
+    def nees(self) -> Array:
+        """Normalised estimation errors squared."""
+        return nees(self.errors, self.covariance)
+
+
+class Judgement:
+    """What all runs of one estimator come to; each chunk is added in each pass, in the same order."""
+
+    def __init__(self, size: int) -> None:
+        self.size, self.runs, self.indefinite = size, 0, 0
+        self.G, self.P = np.zeros((size, size)), np.zeros((size, size))
+        self.g, self.p, self.bias, self.ratio = ([Moments() for _ in range(size)] for _ in range(4))
+        self.anees, self.logs = Moments(), (Moments(), Moments())
+        self.inside = dict.fromkeys(LEVELS, 0)
+        self.slopes = np.zeros((2, size, size))
+        self.inverse: Array | None = None
+        self.infinite = False
+
+    def add_all(self, chunks: list[Chunk]) -> None:
+        """All passes over chunks that are at hand."""
+        for number in range(PASSES):
+            for chunk in chunks:
+                self.add(number, chunk)
+            self.end(number)
+
+    def add(self, number: int, chunk: Chunk) -> None:
+        """Add a chunk in a pass, 0, 1 or 2."""
+        if len(chunk.errors):
+            (self._means, self._variations, self._indices)[number](chunk)
+
+    def end(self, number: int) -> None:
+        """Close a pass."""
+        if number == 0 and self.runs:
+            self.G, self.P = self.G / self.runs, self.P / self.runs
+            if self.runs > 1 and is_positive(self.G):
+                self.inverse = np.asarray(np.linalg.inv(self.G), dtype=float)
+        elif number == 1 and self.runs:
+            self.slopes = self.slopes / self.runs
+
+    def _means(self, chunk: Chunk) -> None:
+        errors, covariance = chunk.errors, chunk.covariance
+        self.runs += len(errors)
+        self.G = self.G + errors.T @ errors
+        self.P = self.P + covariance.sum(0)
+        for i in range(self.size):
+            self.g[i].add(errors[:, i] ** 2)
+            self.p[i].add(covariance[:, i, i])
+            self.bias[i].add(errors[:, i])
+        self.anees.add(chunk.nees / self.size)
+        self.indefinite += int((~is_positive(covariance)).sum())
+        for level in LEVELS:
+            self.inside[level] += int((chunk.nees <= chdtri(self.size, 1 - level)).sum())
+
+    def _variations(self, chunk: Chunk) -> None:
+        for i, (g, p) in enumerate(zip(self.g, self.p, strict=True)):
+            if can_divide(g, p):
+                squares, claims = chunk.errors[:, i] ** 2, chunk.covariance[:, i, i]
+                self.ratio[i].add((squares - g.mean / p.mean * claims) / p.mean)
+        if self.inverse is None:
+            return
+        whitened = chunk.errors @ self.inverse
+        true, logs = self._logs(chunk, whitened)
+        apart = true > 0
+        for k, signs in enumerate((np.sign(logs), np.ones(len(logs)))):
+            weights = np.where(apart, signs / np.where(apart, true, 1.0), 0.0) / np.log(10.0)
+            self.slopes[k] += whitened.T @ (whitened * weights[:, None])
+
+    def _indices(self, chunk: Chunk) -> None:
+        if self.inverse is None:
+            return
+        errors = chunk.errors
+        _, logs = self._logs(chunk, errors @ self.inverse)
+        if not np.isfinite(logs).all():
+            self.infinite = True
+            return
+        both = np.sign(logs), np.ones(len(logs))
+        for moments, slope, signs in zip(self.logs, self.slopes, both, strict=True):
+            influence = ((errors @ slope) * errors).sum(-1) - float((slope * self.G).sum())
+            moments.add(10.0 * (signs * logs + influence))
+
+    def _logs(self, chunk: Chunk, whitened: Array) -> tuple[Array, Array]:
+        """e' G^-1 e, and log10 of e' P^-1 e over it; 0 where there is no error."""
+        true = (whitened * chunk.errors).sum(-1)
+        apart = true > 0
+        with np.errstate(divide="ignore"):
+            ratios = np.where(apart, chunk.nees, 1.0) / np.where(apart, true, 1.0)
+            return true, np.where(apart, np.log10(ratios), 0.0)
+
+    def noncredibility(self, level: float = LEVEL) -> tuple[Interval, Interval]:
+        """NCI and inclination, dB."""
+        if self.inverse is None:
+            return UNKNOWN, UNKNOWN
+        if self.infinite:
+            worst = Interval(np.inf, np.nan, np.inf)
+            return worst, worst
+        index, inclination = self.logs
+        return index.interval(level), inclination.interval(level)
+
+    def ratios(self) -> tuple[Interval, ...]:
+        """G_ii / P_ii."""
+        return tuple(
+            varied.around(g.mean / p.mean, bound=0.0) if can_divide(g, p) else UNKNOWN
+            for g, p, varied in zip(self.g, self.p, self.ratio, strict=True)
+        )
+
+    def doubts(self, names: tuple[str, ...]) -> dict[str, float]:
+        """p-values of what an honest estimator fixes: anees, ratio_NAME, bias_NAME; NaN = cannot say."""
+        found = {"anees": self.anees.doubt(1.0)}
+        for name, g, p, ratio, bias in zip(names, self.g, self.p, self.ratio, self.bias, strict=True):
+            if can_divide(g, p):
+                found[f"ratio_{name}"] = ratio.p_value(g.mean / p.mean, 1.0)
+            found[f"bias_{name}"] = bias.doubt(0.0)
+        return found
+
+    def row(
+        self,
+        names: tuple[str, ...],
+        *,
+        planned: int,
+        failures: dict[str, int],
+        improbable: int = 0,
+        estimator: str = "",
+        beams: str = "",
+        step: int = 0,
+        seconds: float = np.nan,
+        one_truth: bool = False,
+    ) -> Row:
+        """The row after all passes, of the runs that went well out of those planned."""
+        unknown = np.full((self.size, self.size), np.nan)
+        index, inclination = self.noncredibility()
+        return Row(
+            estimator=estimator,
+            beams=beams,
+            step=step,
+            names=names,
+            planned=planned,
+            ok=self.runs,
+            failures=failures,
+            G=self.G if self.runs else unknown,
+            P=self.P if self.runs else unknown,
+            g=tuple(moments.interval() for moments in self.g),
+            p=tuple(moments.interval() for moments in self.p),
+            ratio=self.ratios(),
+            bias=tuple(moments.interval() for moments in self.bias),
+            anees=self.anees.interval(),
+            anees_band=anees_band(self.runs, self.size),
+            nci=index,
+            inclination=inclination,
+            coverage={level: share_interval(hits, self.runs) for level, hits in self.inside.items()},
+            indefinite=share_interval(self.indefinite, self.runs),
+            diverged=share_interval(failures.get("diverged", 0), planned),
+            improbable=share_interval(improbable, self.runs),
+            seconds=seconds,
+            doubts=self.doubts(names),
+            one_truth=one_truth,
+        )
