@@ -161,9 +161,17 @@ def test_a_plugin_that_raises_on_import(tmp_path):
 
 
 def test_unknown_study_lists_those_that_come_along(tmp_path):
-    with pytest.raises(StudyError, match=r"no such file; studies that come along: mesh, paper, point"):
+    with pytest.raises(StudyError, match=r"no such file; studies that come along: drive, heavy_tails, "):
         load_study("papre")
-    assert study_names() == ("mesh", "paper", "point")
+    assert study_names() == (
+        "drive",
+        "heavy_tails",
+        "heavy_tails_matched",
+        "mesh",
+        "paper",
+        "point",
+        "two_modes",
+    )
 
 
 @pytest.mark.parametrize("name", ["paper", "point"])

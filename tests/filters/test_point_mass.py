@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from rangefix.filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
+from rangefix.filters import (
+    Gaussian,
+    Problem,
+    Rangefinder,
+    Stationary,
+    Uniform,
+    build,
+    pose_space,
+    position_space,
+)
 from rangefix.filters.space import Array
 from rangefix.maps import RectangularRoom
 
@@ -298,3 +307,21 @@ def test_a_measurement_of_the_wrong_shape_is_refused() -> None:
     estimator = build("point-mass", problem, cell=0.1)
     with pytest.raises(ValueError, match=r"shape \(1, 3\), got \(3,\)"):
         estimator.update(estimator.init(problem.prior, rngs(1)), np.zeros(3), rngs(1))
+
+
+def test_headings_have_cells_of_their_own() -> None:
+    """`heading_cell` is the last of three cell sizes; a known heading has none."""
+    room, space = RectangularRoom(4.0, 6.0), pose_space()
+    sensor = Rangefinder(room, np.deg2rad([0.0, 90.0]), Gaussian(0.3), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+    one = build("point-mass", problem, cell=0.5, heading_cell=0.2)
+    other = build("point-mass", problem, cell=[0.5, 0.5, 0.2])
+    assert one.grid.shape == other.grid.shape == (8, 12, 32)  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match="heading_cell is for an unknown heading"):
+        build("point-mass", problem, cell=[0.5, 0.5, 0.2], heading_cell=0.2)
+    known = position_space()
+    still = Problem(
+        known, Stationary(known), Rangefinder(room, np.zeros(1), Gaussian(0.3), known), Uniform(room, known)
+    )
+    with pytest.raises(ValueError, match="heading_cell is for an unknown heading"):
+        build("point-mass", still, heading_cell=0.2)

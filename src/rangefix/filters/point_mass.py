@@ -54,14 +54,17 @@ class PointMassFilter:
     Args:
         problem: The problem; its motion must be `Stationary`.
         cell: Largest cell size, one number or one for each component; m, or rad for a heading.
+        heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
 
     Raises:
-        ValueError: If the cell size is not positive, there are too many cells, or no cell is in free space.
+        ValueError: If the cell size is not positive, there are too many cells, no cell is in free space, or
+            heading_cell is given for a known heading or beside several sizes.
     """
 
     problem: Problem
     cell: ArrayLike = 0.05
+    heading_cell: float | None = None
     most_cells: int = 20_000_000
     grid: Grid = field(init=False, repr=False, compare=False)
     ranges: Array = field(init=False, repr=False, compare=False)
@@ -70,7 +73,7 @@ class PointMassFilter:
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
-        grid = build_grid(self.problem.prior, self.problem.space, self.cell, self.most_cells)
+        grid = build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
         ranges = np.ascontiguousarray(self.problem.sensor.expected(grid.centres))
         for name, value in (("grid", grid), ("ranges", ranges), ("bounds", block_bounds(ranges))):
             object.__setattr__(self, name, value)
@@ -132,6 +135,16 @@ class PointMassFilter:
         weights: Array = np.exp(logs - logs.max(axis=1, keepdims=True))
         weights /= weights.sum(axis=1, keepdims=True)
         return weights
+
+    @property
+    def _sizes(self) -> ArrayLike:
+        """Largest cell sizes, one number or one for each component."""
+        if self.heading_cell is None:
+            return self.cell
+        angle = self.problem.space.is_angle
+        if not angle.any() or np.ndim(self.cell):
+            raise ValueError("heading_cell is for an unknown heading, and needs one number for cell")
+        return np.where(angle, self.heading_cell, np.asarray(self.cell, dtype=float))
 
     @property
     def _precision(self) -> Array:
