@@ -53,6 +53,9 @@ class Study(Section):
     title: str = ""
     runs: int = Field(default=1000, ge=1)
     seed: int = Field(default=1, ge=0)
+    timeout_s: float | None = Field(
+        default=None, ge=0, description="longest that a trial may take; 0: any time"
+    )
     map: Annotated[RectangleMap | FloorPlanMap | MeshMap, Field(discriminator="kind")]
     sensor: SensorSection
     state: StateSection = StateSection()
@@ -107,7 +110,9 @@ class Study(Section):
             StudyError: With every mistake, for a study that was made from objects.
         """
         builders: dict[str, Builder] = {
-            each.title: Named(each.name, each.converted()) for each in self.estimators
+            each.label: Named(each.name, each.options)
+            for entry in self.estimators
+            for each in entry.variants()
         }
         world = self.world()
         return Experiment(
@@ -123,6 +128,7 @@ class Study(Section):
             title=self.title,
             config=self.text,
             identity=self._identity(),
+            timeout=self.timeout_s,
         )
 
     def _identity(self) -> str:

@@ -196,11 +196,10 @@ def _estimators(entries: list[EstimatorSection], problem: Problem | None, mistak
     labels: set[str] = set()
     for place, entry in enumerate(entries):
         at = ("estimators", place)
-        if entry.title in labels:
-            mistakes.add(
-                (*at, "label"), f"two estimators are called {entry.title!r}: give each its own label"
-            )
-        labels.add(entry.title)
+        for label in (each.label for each in entry.variants()):
+            if label in labels:
+                mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
+            labels.add(label)
         try:
             factory = resolve(entry.name)
         except Exception as error:  # a plug-in's module may raise anything
@@ -208,10 +207,11 @@ def _estimators(entries: list[EstimatorSection], problem: Problem | None, mistak
             continue
         ours = getattr(factory, "__module__", "").startswith("rangefix.")
         if _options(entry, factory, at, mistakes) and (problem is not None or ours):
-            try:
-                build(entry.name, problem or _stand_in(), **entry.converted())
-            except Exception as error:  # so may a plug-in itself
-                mistakes.add((*at, "options"), f"{entry.title}: {one_line(error)}")
+            for each in entry.variants():
+                try:
+                    build(each.name, problem or _stand_in(), **each.options)
+                except Exception as error:  # so may a plug-in itself
+                    mistakes.add((*at, "options"), f"{each.label}: {one_line(error)}")
 
 
 def _stand_in() -> Problem:
