@@ -13,7 +13,18 @@ import pytest
 import rangefix
 
 ROOT = Path(rangefix.__file__).parent
-ON_TOP = {"cli", "__main__", "arguments", "tables", "listing", "progress"}
+ON_TOP = {
+    "cli",
+    "__main__",
+    "arguments",
+    "tables",
+    "listing",
+    "progress",
+    "starting",
+    "differences",
+    "application",
+    "commands",
+}
 MAY_IMPORT = {"maps": {"maps"}, "filters": {"filters"}, "evaluation": {"maps", "filters", "evaluation"}}
 HEAVY = ("numpy", "scipy", "open3d", "filterpy", "matplotlib", "numba", "pydantic", "joblib", "rich")
 

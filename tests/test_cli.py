@@ -152,6 +152,78 @@ def test_gather_bearings() -> None:
     assert gather_bearings(arguments) == ["ranges", "--bearings-deg", "1,-2", "room:4x6", "--at", "1", "2"]
 
 
+def test_gates_are_told_one_by_one(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """A band on a figure, for all estimators or for one; a wrong label is told before anything runs."""
+    study = write(tmp_path / "s.toml", STUDY)
+    assert rangefix("run", study, "--runs", "60", "--gate", "point-mass:anees=0.5:2").code == 0
+    said = rangefix("run", study, "--runs", "60", "--gate", "anees=0.5:2", "--json")
+    gates = json.loads(said.out)["gates"]
+    assert said.code == 4
+    assert [each["passed"] for each in gates] == [True, True, False, False]
+    said = rangefix("run", study, "--gate", "kalman", "--out", tmp_path / "none")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert not (tmp_path / "none").exists()
+
+
+def test_new_study_runs_and_is_not_overwritten(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """The starter is a sound study of three estimators, named as its file."""
+    said = rangefix("new", "mine", "--json")
+    assert (said.code, json.loads(said.out)) == (0, {"study": "mine.toml"})
+    document = json.loads(rangefix("run", "mine.toml", "--runs", "20", "--json").out)
+    assert document["study"] == "mine"
+    assert {row["estimator"] for row in document["rows"]} == {
+        "point-mass cell_m=0.1",
+        "point-mass cell_m=0.05",
+        "ekf",
+    }
+    write(tmp_path / "mine.toml", "changed")
+    said = rangefix("new", "mine.toml")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert "already" in said.err
+    assert (tmp_path / "mine.toml").read_text() == "changed"
+
+
+def test_compare(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Another assumed noise changes what is claimed, and the same truths make that no chance."""
+    study = write(tmp_path / "s.toml", STUDY)
+    rangefix("run", study, "--runs", "60", "--out", "a")
+    other = write(tmp_path / "t.toml", f"{STUDY}[assumed.sensor]\nstd_m = 0.1\n")
+    rangefix("run", other, "--runs", "80", "--out", "b")
+    document = json.loads(rangefix("compare", "a", "b", "--json").out)
+    found = {(each["estimator"], each["beams"], each["figure"]): each for each in document["differences"]}
+    assert document["same_truths"]
+    assert document["settings"]["runs"] == [60, 80]
+    assert any("std_m = 0.1" in line for line in document["config"])
+    claimed = found["point-mass", "1+2+3", "claimed_x2"]
+    assert claimed["significant"]
+    assert claimed["b"] > 1.5 * claimed["a"]
+    assert claimed["runs"] == 60
+    same = json.loads(rangefix("compare", "a", "a", "--json").out)
+    assert not any(each["significant"] for each in same["differences"])
+    assert (same["config"], same["settings"]) == ([], {})
+    said = rangefix("compare", "a", "b")
+    assert (said.code, said.err) == (0, "")
+    assert "B is larger" in said.out
+    assert rangefix("compare", "a", "nowhere").code == 2
+
+
+def test_check(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """How many checks ran; a fault is named with its mend; an expected one needs its reason."""
+    said = rangefix("check", "ekf")
+    assert said.code == 0
+    assert "checks ran" in said.out
+    plugin = write(tmp_path / "broken.py", BROKEN)
+    said = rangefix("check", f"{plugin}:build")
+    assert said.code == 1
+    assert "no answer" in said.out
+    assert "mend:" in said.out
+    document = json.loads(rangefix("check", f"{plugin}:build", "--json").out)
+    failed = [each["name"] for each in document["checks"] if each["outcome"] == "failed"]
+    reasons = [part for name in failed for part in ("--expect-failure", f"{name}=it is broken")]
+    assert rangefix("check", f"{plugin}:build", *reasons).code == 0
+    assert rangefix("check", "particle", "--option", "particles=none=1").code == 2
+
+
 # What fails
 
 
@@ -196,6 +268,11 @@ BAD = {
     "negative width": (("ranges", "room:-4x6", "--at", "2", "3", "--bearings-deg", "0"), "positive"),
     "room without size": (("ranges", "room:4", "--at", "2", "3", "--bearings-deg", "0"), "room:WIDTHxLENGTH"),
     "map missing": (("ranges", "nowhere.ply", "--at", "2", "3", "--bearings-deg", "0"), "no such map"),
+    "checked estimator missing": (("check", "nobody"), "point-mass"),
+    "option without a value": (("check", "ekf", "--option", "alpha"), "NAME=VALUE"),
+    "failure without a reason": (("check", "ekf", "--expect-failure", "can_be_built"), "CHECK=REASON"),
+    "no band": (("run", "paper", "--gate", "anees="), "anees="),
+    "no cluster": (("run", "point", "--cluster", "tcp://127.0.0.1:1", "--out", "c"), "--cluster"),
     "study missing": (("run", "nowhere.toml"), "no such file"),
     "no folder of results": (("plot", "nowhere"), "holds no results"),
     "runs below one": (("run", "paper", "--runs", "0"), "runs"),

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import math
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
 from . import __version__
-from .arguments import explain, gather_bearings
-
-FINE, SOME_FAILED, BAD_INPUT, NOTHING_RAN, GATE_FAILED = range(5)
-INTERRUPTED = 130
-
-app = typer.Typer(
-    name="rangefix",
-    add_completion=False,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+from . import commands as commands  # which register themselves
+from .application import (
+    BAD_INPUT,
+    FINE,
+    GATE_FAILED,
+    INTERRUPTED,
+    NOTHING_RAN,
+    SOME_FAILED,
+    Json,
+    app,
+    print_json,
 )
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+from .arguments import explain, gather_bearings
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
@@ -41,19 +39,6 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             print(f"rangefix: {line}", file=sys.stderr)
         code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else FINE)
-
-
-def _print_json(document: Any) -> None:
-    """One JSON document on standard output; numbers that are not finite become null."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {str(key): plain(each) for key, each in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(each) for each in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    typer.echo(json.dumps(plain(document), indent=2, allow_nan=False))
 
 
 def _version(wanted: bool) -> None:
@@ -90,7 +75,7 @@ def paper(
         save(solved, out)
         draw(out)
     if as_json:
-        _print_json(solved.to_json())
+        print_json(solved.to_json())
         return
     from .tables import console, table1, table1_notes
 
@@ -111,12 +96,20 @@ def run(
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the study's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of results; results/STUDY unless given.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes; they change no number.")] = 1,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://HOST:8786, instead.")
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Take parts that are there and whole.")] = True,
     map_path: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Map file, instead of the study's.")
     ] = None,
     gate: Annotated[
         list[str] | None,
-        typer.Option(metavar="ESTIMATOR", help="Exit with 4 if this one is overconfident; may be repeated."),
+        typer.Option(
+            metavar="GATE",
+            help="Exit with 4 unless this holds: ESTIMATOR (not overconfident), FIGURE=LOW:HIGH or "
+            "ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25; may be repeated.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -124,10 +117,15 @@ def run(
     from .evaluation.results import summarise
     from .evaluation.runner import run as run_study
     from .evaluation.study import load_study
-    from .evaluation.verdict import overconfident, verdict
+    from .evaluation.verdict import verdict
+    from .evaluation.verdict_gates import check_gates, parse_gates
     from .progress import bars
 
+    gates = parse_gates(gate or ())
     described = load_study(study, runs=runs, seed=seed, map_path=map_path)
+    labels = described.experiment().estimators
+    if unknown := [each.text for each in gates if each.estimator not in (None, *labels)]:
+        raise ValueError(f"--gate {unknown[0]!r} names no estimator; there are {', '.join(labels)}")
     folder = Path("results") / described.name if out is None else out
     try:
         with bars() as progress:
@@ -135,66 +133,46 @@ def run(
                 described,
                 folder,
                 workers=workers,
+                cluster=cluster,
                 progress=progress,
                 command_line=["rangefix", *sys.argv[1:]],
+                resume=resume,
             )
     except KeyboardInterrupt:
         print(f"rangefix: stopped; what was finished is in {folder}: run again to go on", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from None
-    if unknown := set(gate or ()) - set(results.estimators):
-        raise ValueError(
-            f"--gate names {', '.join(sorted(unknown))}; there are {', '.join(results.estimators)}"
-        )
     rows = summarise(results)
+    lines = check_gates(gates, rows)
     if as_json:
-        _print_json(
+        print_json(
             {
                 "study": described.name,
-                "runs": len(results.truth),
+                "runs": results.runs,
                 "seed": results.manifest.get("seed"),
                 "folder": str(folder),
                 "rows": [row.flat() | {"verdict": verdict(row)} for row in rows],
+                "gates": [
+                    {"gate": line.gate.text, "passed": line.passed, "text": line.text} for line in lines
+                ],
             }
         )
     else:
+        from .listing import failures
         from .tables import comparison, console
 
         screen = console()
-        screen.print(comparison(rows, f"{described.title or described.name}: {len(results.truth)} runs"))
+        screen.print(comparison(rows, f"{described.title or described.name}: {results.runs} runs"))
+        for text in failures(results):
+            screen.print(text, markup=False, soft_wrap=True)
+        for line in lines:
+            screen.print(line.text, markup=False, soft_wrap=True)
         screen.print(f"Results: {folder}   Figures: rangefix plot {folder}")
     if not any(row.ok for row in rows):
         raise typer.Exit(NOTHING_RAN)
-    if any(overconfident(row) for row in rows if row.estimator in (gate or ())):
+    if not all(line.passed for line in lines):
         raise typer.Exit(GATE_FAILED)
     if any(row.ok < row.planned for row in rows):
         raise typer.Exit(SOME_FAILED)
-
-
-@app.command()
-def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
-    """Draw the figures of a folder of results anew."""
-    from .evaluation.plots import draw
-
-    paths = draw(folder)
-    if as_json:
-        _print_json({"figures": [str(path) for path in paths]})
-        return
-    for path in paths:
-        typer.echo(path)
-
-
-@app.command()
-def estimators(as_json: Json = False) -> None:
-    """The estimators that there are, with their options."""
-    from .listing import describe
-
-    described = describe()
-    if as_json:
-        _print_json({"estimators": described})
-        return
-    for each in described:
-        listed = ", ".join(f"{name}={value}" for name, value in each["options"].items())
-        typer.echo(f"{each['name']:<12} {each['summary']}\n{'':<12} options: {listed or 'none'}")
 
 
 @app.command()
@@ -215,7 +193,7 @@ def ranges(
 
     rows = cast(map_name, at, heading_deg, bearings_deg, sensor_height)
     if as_json:
-        _print_json({"map": map_name, "at_m": list(at), "heading_deg": heading_deg, "beams": rows})
+        print_json({"map": map_name, "at_m": list(at), "heading_deg": heading_deg, "beams": rows})
         return
     typer.echo("bearing, deg   range, m")
     for row in rows:

@@ -1,12 +1,16 @@
-"""What the commands `estimators` and `ranges` tell: facts about estimators and maps, no printing."""
+"""What the commands `estimators`, `ranges` and `run` tell of estimators, maps and failures; no printing."""
 
 from __future__ import annotations
 
 import inspect
+from collections import Counter
+from itertools import product
 from typing import Any
 
 import numpy as np
 
+from .evaluation.results import Results
+from .evaluation.verdict import name_beams
 from .filters.registry import available, resolve
 from .maps import RectangularRoom, load
 
@@ -28,6 +32,23 @@ def describe() -> list[dict[str, Any]]:
 
 def _plain(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str | None) else str(value)
+
+
+def failures(results: Results) -> list[str]:
+    """A line for each estimator and set of beams of which runs failed: how many, and why the first did."""
+    lines = []
+    for estimator, beams in product(results.estimators, results.beam_sets):
+        first, counts = "", Counter[str]()
+        for block in results.blocks():
+            trials = results.source.trials(estimator, beams, *block)
+            counts.update(trials.failures)
+            if not first and trials.reasons:
+                run = min(trials.reasons)
+                first = f"run {run}: {trials.reasons[run]}"
+        if counts:
+            told = ", ".join(f"{count} {status}" for status, count in counts.items())
+            lines.append(f"{estimator}, {name_beams(beams)}: {told}; {first}")
+    return lines
 
 
 def cast(

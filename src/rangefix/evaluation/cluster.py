@@ -39,7 +39,7 @@ def on_cluster(
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:  # a TimeoutError is an OSError
         cause = " ".join(str(error).split())
-        raise ResultsError(f"no dask scheduler answers at {address!r}: {cause}") from None
+        raise ResultsError(f"--cluster {address}: no dask scheduler answers: {cause}") from None
     with client, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sending large graph")
         payload = pickled(experiment), fingerprint(experiment)
