@@ -1,0 +1,323 @@
+"""Where in a wide prior a measurement can have been taken: a coarse table of ranges, and the bounds it gives.
+
+The prior's support is cut into coarse cells of position and, where it is unknown, heading. For every cell
+and direction the table holds the least and the greatest range met from points spread over the cell. They
+bound the likelihood in the cell, and a cell is passed over as soon as the beams looked at so far rule it out:
+branch and bound, with one beam more at each depth.
+
+Structure thinner than the spacing of the points escapes the bounds. How often, the table measures on rays of
+its own and allows for: `SearchTable.allowance`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .compiled import njit, prange
+from .problem import Prior, Sensor
+from .space import TURN, Array, BoolArray
+
+QUANTUM = 0.01  # m; the table's unit of range
+NONE = np.uint16(65535)  # the table's sign for "no wall"
+FARTHEST = 65000  # quanta; walls beyond 650 m count as there
+CAP = 12.5  # nats; the most that one beam counts: a reading 5 standard deviations off
+MISSES = 4  # beams missed altogether that are always allowed for, where any are
+PROBES = 2000  # poses that test the table
+SLIP = 0.002  # share of them that may break the allowance
+BATCH = 4_000_000  # ranges cast at once
+
+
+@dataclass(frozen=True)
+class SearchTable:
+    """Least and greatest range from each coarse cell in each direction.
+
+    centres: Centres of the cells that hold free space, (C, 2), m.
+    whole: Which of them are whole cells; the others are quarters of cells that walls cut, (C,).
+    index: Which entry holds each quarter of the box's cells, (2 a, 2 b); -1 = none.
+    lower: Lower corner of the box, (2,).
+    headings: Centres of the heading cells, (H,), rad; the known heading alone where it is known.
+    size: Width of a whole cell along x1, x2 and heading, (3,); the last is 0 where the heading is known.
+    columns: The direction in which each beam points at each heading, (H, B).
+    low, high: Least and greatest range, (C, D), in quanta; NONE = no wall.
+    allowance: (a, b): structure that the bounds miss costs no more than a + b j nats over any j beams, but
+        for a share SLIP of poses.
+    """
+
+    centres: Array
+    whole: BoolArray
+    index: NDArray[np.int64]
+    lower: Array
+    headings: Array
+    size: Array
+    columns: NDArray[np.int64]
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+    allowance: tuple[float, float]
+
+    def limit(self, beams: ArrayLike, margin: float) -> Array:
+        """By how many nats so many beams may fall short of a perfect fit in a cell that holds the true state.
+
+        Half a chi-square number of as many degrees of freedom, plus 6 of its standard deviations, plus what
+        thin structure costs, plus a margin.
+        """
+        beams = np.asarray(beams, dtype=float)
+        thin = self.allowance[0] + self.allowance[1] * beams
+        return np.asarray(beams / 2 + 6 * np.sqrt(beams / 2) + thin + margin)
+
+
+def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchTable:
+    """Cast the table for a prior's support.
+
+    Args:
+        sensor: The rangefinder; it must have its map as `room`.
+        prior: The prior; cells none of whose sampled points it allows are left out.
+        rays: About how many rays to spend; cells are made as small as that allows.
+
+    Raises:
+        ValueError: If the prior allows no point that was tried.
+    """
+    space = sensor.space
+    lower, upper = (corner[space.position_indices] for corner in prior.support)
+    if space.heading is not None:
+        headings, step, spread = np.array([space.heading], dtype=float), 0.0, 0
+        directions = sensor.bearings + headings[0]
+        columns = np.arange(len(directions))[None]
+    else:
+        axis = space.names.index("heading")
+        start, end = prior.support[0][axis], prior.support[1][axis]
+        count = 360 if rays >= 5_000_000 else 180
+        step = TURN / count
+        headings = start + step * (np.arange(int(np.ceil((end - start) / step - 1e-9))) + 0.5)
+        directions = step * np.arange(count)
+        # a beam sweeps over a heading cell, from one direction cast to the second or third
+        offset = (headings[:, None] - step / 2 + sensor.bearings) / step
+        spread = 1 if np.abs(offset - np.round(offset)).max() < 1e-6 else 2
+        columns = np.floor(offset + 1e-9).astype(np.int64) % count
+    width = np.clip(2 * np.sqrt(np.prod(upper - lower) * len(directions) / rays), 0.05, 1.0)
+    counts = np.maximum(1, np.ceil((upper - lower) / width)).astype(int)
+    size = (upper - lower) / counts
+    nodes = [np.linspace(a, b, 2 * n + 1) for a, b, n in zip(lower, upper, counts, strict=True)]
+    entries = _cast(sensor, prior, nodes, directions)
+    low, high = entries.low, entries.high
+    low = np.minimum.reduce([np.roll(low, -shift, axis=1) for shift in range(spread + 1)])
+    high = np.maximum.reduce([np.roll(high, -shift, axis=1) for shift in range(spread + 1)])
+    extent = np.where(entries.whole, 2, 1)[:, None]
+    index = np.full(2 * counts, -1)
+    for shift in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        index[tuple((entries.quarter + np.minimum(shift, extent - 1)).T)] = np.arange(len(low))
+    centres = lower + size / 2 * (entries.quarter + extent / 2)
+    size = np.array([*size, step])
+    table = SearchTable(centres, entries.whole, index, lower, headings, size, columns, low, high, (0.0, 0.0))
+    return replace(table, allowance=_allowance(table, sensor, prior))
+
+
+class _Entries(NamedTuple):
+    """Entries of a table: their first quarter cell (C, 2), whether they are whole cells, and their bounds."""
+
+    quarter: NDArray[np.int64]
+    whole: BoolArray
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+
+
+def _cast(sensor: Sensor, prior: Prior, nodes: list[Array], directions: Array) -> _Entries:
+    """Bounds of the cells: whole ones from their 3 x 3 nodes, cut ones by quarters, from 4 x 4 points each.
+
+    A cell cut by a thin wall would otherwise see both rooms, which bounds little.
+    """
+    rows = (len(nodes[0]) - 1) // 2
+    band = max(1, BATCH // (2 * len(nodes[1]) * len(directions)))  # rows of cells cast at once
+    half = np.array([axis[1] - axis[0] for axis in nodes])
+    fine = np.stack(np.meshgrid(*[np.linspace(0, 1, 4)] * 2, indexing="ij"), -1).reshape(-1, 2)
+    parts = []
+    for first in range(0, rows, band):
+        last = min(first + band, rows)
+        points = np.stack(np.meshgrid(nodes[0][2 * first : 2 * last + 1], nodes[1], indexing="ij"), -1)
+        allowed = _allowed(sensor, prior, points)
+        whole = _each_cell(allowed, np.logical_and)
+        used = allowed & _near(whole)
+        low, high = (
+            np.full((*used.shape, len(directions)), NONE),
+            np.zeros((*used.shape, len(directions)), np.uint16),
+        )
+        low[used], high[used] = _quanta(sensor, points[used], directions)
+        shift = np.array([2 * first, 0])
+        cells = np.argwhere(whole) * 2 + shift
+        parts.append(
+            _Entries(
+                cells,
+                np.ones(len(cells), np.bool_),
+                _each_cell(low, np.minimum)[whole],
+                _each_cell(high, np.maximum)[whole],
+            )
+        )
+        cut = 2 * np.argwhere(~whole)
+        quarters = (cut[:, None] + np.array([(0, 0), (0, 1), (1, 0), (1, 1)])).reshape(-1, 2)
+        tried = points[tuple(quarters.T)][:, None] + half * fine
+        free = _allowed(sensor, prior, tried)
+        some = free.any(axis=1)
+        quarters, tried, free = quarters[some], tried[some], free[some]
+        if len(quarters):
+            low, high = _quanta(sensor, tried[free], directions)
+            starts = np.concatenate([[0], np.cumsum(free.sum(axis=1))[:-1]])
+            parts.append(
+                _Entries(
+                    quarters + shift,
+                    np.zeros(len(quarters), np.bool_),
+                    np.minimum.reduceat(low, starts),
+                    np.maximum.reduceat(high, starts),
+                )
+            )
+    entries = _Entries(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    if not len(entries.low):
+        raise ValueError("the prior allows no point of its support that was tried")
+    return entries
+
+
+def _near(cells: BoolArray) -> BoolArray:
+    """Nodes that belong to any of the cells: (a, b) -> (2 a + 1, 2 b + 1)."""
+    nodes = np.zeros((2 * cells.shape[0] + 1, 2 * cells.shape[1] + 1), np.bool_)
+    for row in range(3):
+        for column in range(3):
+            nodes[row : row + 2 * cells.shape[0] : 2, column : column + 2 * cells.shape[1] : 2] |= cells
+    return nodes
+
+
+def _quanta(
+    sensor: Sensor, points: Array, directions: Array
+) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Ranges from points (N, 2) in directions (D,), a quantum or two less and more, (N, D) each."""
+    ranges = room_of(sensor).ranges(np.column_stack([points, np.zeros(len(points))]), directions) / QUANTUM
+    none = np.isinf(ranges)
+    ranges = np.clip(np.where(none, 0, ranges), 1, FARTHEST)
+    low, high = np.floor(ranges) - 1, np.ceil(ranges) + 1
+    return np.where(none, NONE, low).astype(np.uint16), np.where(none, NONE, high).astype(np.uint16)
+
+
+def _each_cell(nodes: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
+    """The 3 x 3 nodes of each cell combined: (2 a + 1, 2 b + 1, ...) -> (a, b, ...)."""
+    rows = combine(combine(nodes[:-2:2], nodes[1:-1:2]), nodes[2::2])
+    return np.asarray(combine(combine(rows[:, :-2:2], rows[:, 1:-1:2]), rows[:, 2::2]))
+
+
+def _allowed(sensor: Sensor, prior: Prior, points: Array) -> BoolArray:
+    """Whether the prior allows points (..., 2), every other component in the middle of its support."""
+    states = np.empty((*points.shape[:-1], sensor.space.size))
+    states[...] = (prior.support[0] + prior.support[1]) / 2
+    states[..., sensor.space.position_indices] = points
+    return np.asarray(prior.log_density(states) > -np.inf)
+
+
+def room_of(sensor: Sensor) -> Any:
+    """The map behind a sensor.
+
+    Raises:
+        TypeError: If the sensor does not say.
+    """
+    if not hasattr(sensor, "room"):
+        raise TypeError(
+            "the adaptive point-mass filter casts rays itself: its sensor must have a map as `room`"
+        )
+    return sensor.room
+
+
+def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float, float]:
+    """What structure that the bounds miss costs a beam: from poses drawn with a seed of their own."""
+    states = prior.sample(PROBES, np.random.default_rng(0))
+    poses = sensor.space.poses(states)
+    quarter = np.floor((poses[:, :2] - table.lower) / (table.size[:2] / 2)).astype(np.int64)
+    cells = table.index[tuple(np.clip(quarter, 0, np.array(table.index.shape) - 1).T)]
+    headings = np.zeros(PROBES, dtype=np.int64)
+    if table.size[2]:
+        turned = (poses[:, 2] - table.headings[0] + table.size[2] / 2) % TURN
+        headings = np.minimum(turned // table.size[2], len(table.headings) - 1).astype(np.int64)
+    columns = table.columns[headings]
+    low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
+    truth = sensor.expected(states)
+    nearest = np.clip(truth, _metres(low), _metres(high))
+    lost = sensor.beam_log_density(truth, truth) - sensor.beam_log_density(truth, nearest)
+    costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
+    costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)
+    start = min(MISSES * CAP, float(np.quantile(costs[:, -1], 1 - SLIP)))
+    slopes = ((costs - start) / np.arange(1, costs.shape[1] + 1)).max(axis=1)
+    return start, max(0.0, float(np.quantile(slopes, 1 - SLIP)))
+
+
+def beam_order(beams: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The beams mixed: neighbours say much the same."""
+    return np.random.default_rng(0).permutation(beams)
+
+
+def _metres(quanta: NDArray[np.uint16]) -> Array:
+    """Ranges of the table in metres; inf for no wall."""
+    return np.where(quanta == NONE, np.inf, QUANTUM * quanta)
+
+
+def penalties(
+    table: SearchTable, sensor: Sensor, measurement: Array
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """How many nats each expected range falls short of the best one, for each beam of a measurement.
+
+    Returns:
+        Penalties (B, Q), capped, for ranges 0, 1, ... quanta and, last, for no wall; and the best range's
+        place for each beam, (B,). A beam not measured has penalty 0 throughout.
+    """
+    finite = table.high[table.high != NONE]
+    count = int(finite.max(initial=1)) + 2
+    ranges = np.append(QUANTUM * np.arange(count), np.inf)
+    logs = sensor.beam_log_density(
+        measurement, np.broadcast_to(ranges[:, None], (count + 1, len(measurement)))
+    ).T
+    top = logs.max(axis=1, keepdims=True)
+    possible = top > -np.inf
+    logs = np.where(possible, logs - np.where(possible, top, 0), 0)
+    return np.minimum(-logs, CAP).astype(np.float32), logs.argmax(axis=1)
+
+
+def survivors(table: SearchTable, sensor: Sensor, measurement: Array, margin: float) -> BoolArray:
+    """The coarse cells that may hold the true state.
+
+    Args:
+        table: The table.
+        sensor: The rangefinder.
+        measurement: Readings (B,).
+        margin: Nats that a cell may fall short beyond what is to be expected of the true state.
+
+    Returns:
+        Whether to keep each cell at each heading, (C, H).
+    """
+    penalty, readings = penalties(table, sensor, measurement)
+    measured = np.flatnonzero(~np.isnan(measurement))
+    order = beam_order(measured)
+    limits = table.limit(np.arange(1, len(order) + 1), margin)
+    kept = np.zeros((len(table.centres), len(table.headings)), np.bool_)
+    _bound(table.low, table.high, table.columns, order, readings, penalty, limits, kept)
+    return kept
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _bound(
+    low: NDArray[np.uint16], high: NDArray[np.uint16], columns: NDArray[np.int64], order: NDArray[np.int64],
+    readings: NDArray[np.int64], penalty: NDArray[np.float32], limits: Array, kept: BoolArray,
+) -> None:  # fmt: skip
+    """Mark each cell and heading whose summed least penalties stay within the limits all along."""
+    last = penalty.shape[1] - 1
+    for cell in prange(low.shape[0]):
+        for heading in range(columns.shape[0]):
+            total = 0.0
+            for k in range(order.size):
+                beam = order[k]
+                column = columns[heading, beam]
+                least = min(np.int64(low[cell, column]), last)
+                most = min(np.int64(high[cell, column]), last)
+                nearest = min(max(readings[beam], least), most)
+                best = min(penalty[beam, nearest], min(penalty[beam, least], penalty[beam, most]))
+                total += best
+                if total > limits[k]:
+                    break
+            else:
+                kept[cell, heading] = True
