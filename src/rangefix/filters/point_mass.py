@@ -92,10 +92,12 @@ class PointMassFilter:
             if log_mass.max() == -np.inf:
                 raise ValueError("this prior allows no cell of the grid: build the estimator for it")
             log_mass = log_mass - np.logaddexp.reduce(log_mass)
-        blank = Estimate(np.zeros((runs, 0)), np.zeros((runs, 0, 0)), np.zeros(runs))
-        counts = np.zeros((runs, beams))
-        belief = PointMassBelief(log_mass[None], counts, np.zeros((runs, beams)), np.zeros(runs), blank)
-        return self._finish(belief, None)
+        blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
+        one = PointMassBelief(log_mass[None], np.zeros((1, beams)), np.zeros((1, beams)), np.zeros(1), blank)
+        prior_moments = self._finish(one, None).estimate  # the same for all runs: worked out once
+        shared = Estimate(*(np.repeat(value, runs, axis=0) for value in prior_moments))
+        blank_readings = np.zeros((runs, beams))
+        return PointMassBelief(log_mass[None], blank_readings, blank_readings.copy(), np.zeros(runs), shared)
 
     def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
