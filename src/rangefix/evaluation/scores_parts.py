@@ -48,13 +48,14 @@ def belief_arrays(steps: Sequence[BeliefScores]) -> dict[str, Array]:
 def read_belief(results: Results, trials: Trials) -> BeliefScores | None:
     """What the parts of a folder hold of an estimator's beliefs, (M, T, ...); None where they hold nothing.
 
-    Runs of a part that is missing, or was made without, are NaN.
+    It reads as many runs as the trials have. Runs of a part that is missing, or was made without, are NaN.
     """
     if results.folder is None:
         return None
-    plan = Plan.read(results.manifest)
-    found: dict[str, Array] = {}
-    for first, end in plan.blocks():
+    runs, found = len(trials.status), dict[str, Array]()
+    for first, end in Plan.read(results.manifest).blocks():
+        if first >= runs:
+            break
         path = trials_path(results.folder, trials.estimator, trials.beams, first, end)
         if not path.exists():
             continue
@@ -62,6 +63,6 @@ def read_belief(results: Results, trials: Trials) -> BeliefScores | None:
         for name in BeliefScores._fields:
             if PREFIX + name in part:
                 array = part[PREFIX + name]
-                whole = found.setdefault(name, np.full((plan.runs, *array.shape[1:]), np.nan))
-                whole[first:end] = array
+                whole = found.setdefault(name, np.full((runs, *array.shape[1:]), np.nan))
+                whole[first:end] = array[: runs - first]
     return BeliefScores(**found) if len(found) == len(BeliefScores._fields) else None

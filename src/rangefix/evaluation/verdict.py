@@ -1,7 +1,7 @@
 """The figures of a row in words: whether an estimator's covariance may be trusted.
 
-An exact filter gets another verdict than "honest" or "cannot tell" in at most 5 % of rows through ANEES and
-in 1 % through its components and bias (`ALARMS`); docs/report.md has what was measured.
+An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`): in 5 %
+through ANEES, else through its components and bias. docs/report.md has what was measured.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from .intervals import Interval
 from .summary import Row
 
 MUCH = 1.5  # ANEES / n beyond this, or its inverse, is no longer "a little"; an interval must tell that much
-BY_ANEES, BY_COMPONENTS = 0.05, 0.01
-ALARMS = BY_ANEES + BY_COMPONENTS  # the stated rate of false alarms, of a row and of an estimator as a whole
+BY_ANEES, BY_COMPONENTS = 0.05, 0.005
+ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
+COMPONENT_RUNS = 100  # with fewer, p-values as small as components need are not to be relied on
 SAID = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
 
 Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "unsure", "failed"]
@@ -132,14 +133,16 @@ def _size(factor: float) -> float:
 
 def _factor_words(value: float) -> str:
     if value > 1:
-        words = f"overconfident by a factor of {_times(value)}"
+        words = f"overconfident by a factor of {times(value)}"
         return f"DO NOT TRUST: {words}" if value > MUCH else f"a little {words}"
-    times = _times(1 / value) if value else "any number"
-    return f"{'too' if value * MUCH < 1 else 'a little'} cautious by a factor of {times}"
+    factor = times(1 / value) if value else "any number"
+    return f"{'too' if value * MUCH < 1 else 'a little'} cautious by a factor of {factor}"
 
 
 def _suspects(row: Row, prefix: str, family: int) -> list[str]:
     """Components whose figure speaks against the estimator; a circular mean may be biased by rights."""
+    if row.ok < COMPONENT_RUNS:
+        return []
     level = BY_COMPONENTS / (2 * len(row.names) * family)
     return [
         name
@@ -151,8 +154,8 @@ def _suspects(row: Row, prefix: str, family: int) -> list[str]:
 def _ratio_words(row: Row, name: str) -> str:
     value = row.ratio[row.names.index(name)].value
     if value > 1:
-        return f"overconfident in {name} by a factor of {_times(value)}"
-    return f"too cautious in {name} by a factor of {_times(1 / value) if value else 'any number'}"
+        return f"overconfident in {name} by a factor of {times(value)}"
+    return f"too cautious in {name} by a factor of {times(1 / value) if value else 'any number'}"
 
 
 def _bias_words(row: Row, name: str) -> str:
@@ -173,7 +176,8 @@ def _caveats(row: Row) -> tuple[str, ...]:
     notes = []
     if row.ok < row.planned:
         failed = ", ".join(f"{count} {name}" for name, count in row.failures.items())
-        notes.append(f"judged by the {row.ok} of {row.planned} runs that went well ({failed})")
+        some = f"judged by the {row.ok} of {row.planned} runs that went well ({failed})"
+        notes.append(some if row.ok else f"all {row.planned} runs failed ({failed})")
     if row.improbable.value > SAID:
         share = f"{100 * row.improbable.value:.2g} %"
         notes.append(f"in {share} of the runs its own model all but excludes what was measured")
@@ -204,7 +208,7 @@ def _needed(row: Row) -> str:
     )
 
 
-def _times(factor: float) -> str:
+def times(factor: float) -> str:
     """A factor to two digits, or to three from 100."""
     return f"{factor:.0f}" if factor >= 9.5 else f"{factor:.2g}"
 

@@ -1,0 +1,273 @@
+"""The report: one page, whatever stands in the results; looked at by a real browser where there is one."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import shutil
+from collections.abc import Iterator
+from functools import partial
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation import Experiment, Named, ResultsError, load, run
+from rangefix.evaluation.parts import Plan, trials_path
+from rangefix.evaluation.report import render, write_report
+from rangefix.evaluation.report_charts import Scale
+from rangefix.evaluation.report_html import VOID, Html, tag, text
+from rangefix.evaluation.scores_belief import DRAWS, measure
+from rangefix.evaluation.scores_parts import belief_arrays
+from rangefix.evaluation.store import read_json, read_part, write_json, write_part
+from rangefix.evaluation.verdict_gates import parse_gates
+from rangefix.filters import RandomWalk
+
+from .browser import LOW_CONTRAST, OVERFLOWING, SIZES, Browser, browser, missing
+from .conftest import PriorOnly, make_problem
+
+HOSTILE = (
+    "</title></style><script>document.body.remove()</script><img src=x onerror=alert(1)>\"'&\u202e\x00 $x_1$"
+)
+LABEL = "<b onclick='alert(1)'>bold</b>&amp; " + "unbroken" * 30
+NASTY = "</pre><script src='https://example.org/a.js'></script><!-- <svg/onload=alert(1)>"
+
+
+class Broken:
+    """Raises what could break a page."""
+
+    def __init__(self, problem: Any) -> None:
+        self.size = problem.space.size
+
+    def init(self, prior: Any, rngs: Any) -> Any:
+        raise RuntimeError(NASTY)
+
+    def predict(self, belief: Any, control: Any, rngs: Any) -> Any:
+        return belief
+
+    def update(self, belief: Any, measurement: Any, rngs: Any) -> Any:
+        return belief
+
+    def estimate(self, belief: Any) -> Any:
+        return belief
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four estimators, one of them failing, on two sets of beams."""
+    folder = tmp_path_factory.mktemp("study")
+    estimators = {
+        "exact": Named("point-mass", {"cell": 0.05}),
+        "sure": partial(PriorOnly, scale=0.01),
+        "cautious": partial(PriorOnly, scale=4.0),
+        LABEL: Broken,
+    }
+    experiment = Experiment(
+        make_problem(0.2),
+        estimators,
+        runs=120,
+        seed=2,
+        beam_sets=[[1], [1, 2, 3]],
+        title=HOSTILE,
+        config=NASTY,
+    )
+    run(experiment, folder, command_line=["rangefix", "run", NASTY])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One estimator over five measurements, with measures of sampled beliefs in its parts."""
+    folder = tmp_path_factory.mktemp("drive")
+    problem = make_problem()
+    moving = dataclasses.replace(problem, motion=RandomWalk(problem.space, std=np.full(2, 1e-6)))
+    experiment = Experiment(moving, {"prior": PriorOnly}, runs=100, controls=np.zeros((4, 0)))
+    results = run(experiment, folder, timing=False)
+    rng = np.random.default_rng(5)
+    plan = Plan.read(results.manifest)
+    for first, end in plan.blocks():
+        path = trials_path(folder, "prior", "all", first, end)
+        draws = rng.uniform([0, 0], [4, 6], size=(5, end - first, DRAWS, 2))
+        found = [measure(draws[t], results.truth[first:end, t], problem.space) for t in range(5)]
+        write_part(path, read_part(path) | belief_arrays(found), plan.key("prior", "all"))
+    return folder
+
+
+class Reader(HTMLParser):
+    """Counts elements and checks that they nest."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.data: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.data.append(data)
+
+
+def read(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    reader.close()
+    assert not reader.open
+    return reader
+
+
+@pytest.fixture(scope="module")
+def page(study: Path) -> str:
+    return write_report(study, gates=parse_gates(["exact", "sure:anees=0.8:1.25"])).read_text(
+        encoding="utf-8"
+    )
+
+
+def test_hostile_text_stays_text(page: str) -> None:
+    """No script, no handler, no element and no address comes from what users wrote; all of it is there."""
+    reader = read(page)
+    names = {name for name, _ in reader.elements}
+    assert not names & {"script", "iframe", "object", "embed", "form", "base"}
+    for name, attributes in reader.elements:
+        assert not [key for key in attributes if key.startswith("on")]
+        for key in ("src", "href"):
+            value = attributes.get(key)
+            assert value is None or value.startswith(("data:", "#")), (name, value)
+    shown = "".join(reader.data)
+    assert "<script>document.body.remove()</script>" in shown
+    assert LABEL in shown
+    assert NASTY in shown
+    assert "\u202e" not in page
+    assert "\x00" not in page
+
+
+def test_the_order_of_the_sections(page: str) -> None:
+    ids = [attributes["id"] for name, attributes in read(page).elements if name == "section"]
+    assert ids == ["verdict", "table", "charts", "pictures", "estimators", "failures", "provenance"]
+
+
+def test_it_says_what_the_figures_say(page: str) -> None:
+    shown = " ".join("".join(read(page).data).split())
+    assert "Honest: exact." in shown
+    assert "Do not trust: sure" in shown
+    assert "DO NOT TRUST: overconfident by a factor of" in shown
+    assert "Too cautious by a factor of" in shown
+    assert "Gates: 2 of 4 failed" in shown
+    assert "240 × init() failed: RuntimeError: </pre>" in shown
+    assert "720 of 960 trials went well" in shown
+
+
+def test_pictures_are_in_it(page: str) -> None:
+    images = [attributes for name, attributes in read(page).elements if name == "img"]
+    assert len(images) == 4
+    for image in images:
+        assert image["alt"]
+        content = base64.b64decode((image["src"] or "").partition(",")[2])
+        assert content.startswith(b"\x89PNG")
+
+
+def test_the_same_results_give_the_same_page(study: Path, page: str, tmp_path: Path) -> None:
+    moved = tmp_path / "moved"
+    shutil.copytree(study, moved)
+    again = write_report(moved, tmp_path / "r.html", parse_gates(["exact", "sure:anees=0.8:1.25"]))
+    assert again.read_text(encoding="utf-8") == page
+
+
+def test_an_interrupted_study_is_reported_as_such(study: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "half"
+    shutil.copytree(study, folder)
+    write_json(folder / "manifest.json", read_json(folder / "manifest.json") | {"state": "running"})
+    shutil.rmtree(folder / "parts" / "sure")
+    shown = " ".join("".join(read(write_report(folder).read_text(encoding="utf-8")).data).split())
+    assert "This study was interrupted" in shown
+    assert "240 × not run: the study was interrupted" in shown
+
+
+def test_steps_and_sampled_beliefs(drive: Path) -> None:
+    """A drive has its course of ANEES; ranks instead of PIT, and main mode beside the whole belief."""
+    shown = " ".join("".join(read(render(load(drive))).data).split())
+    assert "ANEES / n after each measurement" in shown
+    assert "Ranks of x1" in shown
+    assert "PIT of x1" not in shown
+    assert "std of x1, m: whole belief / main mode" in shown
+    assert "dashed: of the sampled belief" in shown
+
+
+def test_no_folder_of_results_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match="not a folder of results"):
+        write_report(tmp_path)
+
+
+def test_a_page_that_cannot_be_written(study: Path) -> None:
+    with pytest.raises(ResultsError, match="cannot write"):
+        write_report(study, Path("/proc/nowhere/report.html"))
+
+
+def test_markup_escapes_all_but_itself() -> None:
+    assert text('<a b="c">&\x07') == "&lt;a b=&quot;c&quot;&gt;&amp;\ufffd"
+    assert (
+        tag("p", "<i>", Html("<i>"), None, 3, class_='"><x') == '<p class="&quot;&gt;&lt;x">&lt;i&gt;<i>3</p>'
+    )
+    assert tag("td", "x", data_label="y", hidden=False) == '<td data-label="y">x</td>'
+    assert "\ud800" not in tag("p", "\ud800")
+
+
+def test_scales_hold_what_they_are_given() -> None:
+    scale = Scale.over([0.02, 900.0, np.inf, np.nan, 0.0], 0.5, 2.0)
+    assert scale.share(0.02) > 0
+    assert scale.share(900.0) < 1
+    assert scale.share(np.inf) == 1
+    assert scale.share(0.0) == 0
+    assert 2 <= len(scale.ticks()) <= 7
+
+
+# In a browser
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if absent := missing():
+        pytest.skip(f"no headless browser: {absent} is not installed")
+    with browser(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 375])
+@pytest.mark.usefixtures("page")
+def test_in_a_browser(study: Path, window: Browser, width: int, dark: bool) -> None:
+    """Nothing on the console, no request beyond the file, nothing wider than the window, all opened."""
+    window.open(study / "report.html", width, dark)
+    window.run("document.querySelectorAll('details').forEach(each => { each.open = true })")
+    assert window.run("return document.documentElement.scrollWidth") <= width
+    assert window.run(OVERFLOWING) == []
+    assert window.run("return document.querySelectorAll('h1').length") == 1
+    assert window.run("return [...document.images].every(each => each.complete && each.naturalWidth > 0)")
+    assert window.console() == []
+    asked = [each for each in window.requests() if not each.startswith("data:")]
+    assert asked == [(study / "report.html").resolve().as_uri()]
+    paper = window.run("return getComputedStyle(document.body).backgroundColor")
+    brightness = sum(int(each) for each in paper.strip("rgb()").split(","))
+    assert (brightness < 200) == dark
+
+
+@pytest.mark.usefixtures("page")
+def test_letters_can_be_read(study: Path, window: Browser) -> None:
+    """On a telephone no text is smaller than 8.5 px, and none has less contrast than 4.5 to its ground."""
+    for dark in (False, True):
+        window.open(study / "report.html", 375, dark)
+        window.run("document.querySelectorAll('details').forEach(each => { each.open = true })")
+        sizes = window.run(SIZES)
+        assert min(sizes) >= 8.5
+        assert window.run(LOW_CONTRAST) == []
