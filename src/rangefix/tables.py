@@ -13,6 +13,7 @@ from rich.table import Table
 from .evaluation.intervals import Interval
 from .evaluation.paper import BAND, CELLS, Paper
 from .evaluation.summary import Row
+from .evaluation.units import factor, unit
 from .evaluation.verdict import name_beams, overconfident, short, verdict
 
 WIDTH = 150  # where the output is not a terminal
@@ -84,15 +85,19 @@ def _interval(interval: Interval) -> str:
 
 
 def comparison(rows: Sequence[Row], title: str) -> Table:
-    """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict."""
+    """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
+
+    Of many measurements it shows the last.
+    """
     names, planned = rows[0].names, rows[0].planned
-    deviations = [f"{name} std, {'rad' if name == 'heading' else 'm'}\ntrue / claimed" for name in names]
+    deviations = [f"{name} std, {unit(name)}\ntrue / claimed" for name in names]
     columns = ["\nestimator", f"ok of\n{planned}", *deviations, "ANEES/n\n[95 %]", "ms per\nupdate"]
     table = new_table(title, columns)
     table.add_column("\nverdict", justify="left", min_width=24)
-    sets = list(dict.fromkeys((row.beams, row.step) for row in rows))
+    end = max(row.step for row in rows)
+    sets = list(dict.fromkeys((row.beams, row.step) for row in rows if row.step == end))
     for beams, step in sets:
-        last = f", measurement {step + 1}" if any(row.step for row in rows) else ""
+        last = f", after the last of {end + 1} measurements" if end else ""
         table.add_row(f"{name_beams(beams)}{last}", style="bold")
         for row in rows:
             if (row.beams, row.step) == (beams, step):
@@ -102,11 +107,11 @@ def comparison(rows: Sequence[Row], title: str) -> Table:
 
 
 def _cells(row: Row) -> list[str]:
-    pairs = zip(row.g, row.p, strict=True)
+    triples = zip(row.g, row.p, map(factor, row.names), strict=True)
     return [
         f"  {row.estimator}",
         str(row.ok),
-        *(f"{short(g.sqrt().value)} / {short(p.sqrt().value)}" for g, p in pairs),
+        *(f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" for g, p, k in triples),
         _interval(row.anees),
         short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
         verdict(row),

@@ -14,6 +14,7 @@ from .cluster import on_cluster
 from .crew import Crew, Task
 from .experiment import Experiment
 from .parts import MANIFEST, TIMING, Plan, read_timing, trials_path, whole, world_path
+from .pictures import save_pictures
 from .provenance import digest, keys, surroundings
 from .results import Results, load, summarise
 from .simulate import simulate
@@ -103,6 +104,7 @@ def run(
         if timing:
             _time_all(crew, plan, folder, resume)
     _save_scene(experiment, folder)
+    save_pictures(experiment, folder, digest(dict(plan.trials), plan.beams[-1]))
     write_json(folder / MANIFEST, manifest | {"state": "complete"})
     results = load(folder)
     write_bytes(folder / "summary.csv", to_csv(summarise(results)).encode())

@@ -8,10 +8,13 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .. import paper
+from ..pictures import load_pictures
 from ..results import Results, load, summarise
 from ..store import ResultsError
 from ..verdict import name_beams
+from .beliefs import beliefs_figure
 from .credibility import anees_figure, covariance_figure, time_figure
+from .drives import steps_figure, ways_figure
 from .errors import SHOWN_RUNS, ellipses_figure, runs_figure
 from .maps import map_figure
 from .posterior import posterior_maps
@@ -84,6 +87,16 @@ def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
             f"Errors of {min(SHOWN_RUNS, len(results.truth))} runs in their claimed bands, {label}\n{study}",
         ),
     )
+    pictures = load_pictures(results.folder) if results.folder else ()
+    if pictures and results.scene:
+        yield (
+            "posterior",
+            beliefs_figure(results, pictures, beams, f"What is believed in the first run, {label}\n{study}"),
+        )
+    if results.truth.shape[1] > 1:
+        yield "steps", steps_figure(rows, beams, f"True and claimed errors along the way, {label}\n{study}")
+        if results.scene:
+            yield "ways", ways_figure(results, beams, f"The way of the first run, {label}\n{study}")
     timed = time_figure(rows, f"Accuracy against time, {label}\n{study}")
     if timed is not None:
         yield "time", timed

@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..intervals import Interval
 from ..summary import Row
+from ..units import factor, unit
 from ..verdict import name_beams, short
 from .style import COLOURS, MARKERS
 
@@ -19,14 +20,9 @@ CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
 CLAIMED, TRUE = "#0072B2", "#000000"
 
 
-def unit(name: str) -> str:
-    """The unit of a state component."""
-    return "rad" if name == "heading" else "m"
-
-
 def symbol(name: str) -> str:
     """A state component as it stands in labels."""
-    return f"${name[0]}_{name[1:]}$" if name in ("x1", "x2") else name
+    return f"${name[0]}_{name[1:]}$" if name in ("x1", "x2", "v1", "v2") else name
 
 
 def last_step(rows: Sequence[Row]) -> list[Row]:
@@ -88,6 +84,10 @@ def _bar(axes: Axes, interval: Interval, y: float, **style: object) -> None:
     axes.errorbar([value], [y], xerr=np.maximum(reach, 0.0), linestyle="none", capsize=2.5, **style)  # type: ignore[arg-type]
 
 
+def _times(interval: Interval, by: float) -> Interval:
+    return Interval(*(by * end for end in interval))
+
+
 def covariance_figure(rows: Sequence[Row], title: str) -> Figure:
     """Standard deviations: what each estimator claims (root mean P) beside what is true (root G)."""
     rows = last_step(rows)
@@ -97,7 +97,7 @@ def covariance_figure(rows: Sequence[Row], title: str) -> Figure:
     panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         for row, y in zip(rows, heights, strict=True):
-            claimed, true = row.p[i].sqrt(), row.g[i].sqrt()
+            claimed, true = (_times(each.sqrt(), factor(name)) for each in (row.p[i], row.g[i]))
             axes.plot([claimed.value, true.value], [y, y], color="0.6", linewidth=2.5, zorder=1)
             _bar(
                 axes,

@@ -12,7 +12,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, SymmetricalLogLocator
 
 from ..results import Results
 from ..scene import Array
-from .credibility import CLAIMED, symbol, unit
+from ..units import factor, unit
+from .credibility import CLAIMED, symbol
 
 SHOWN_RUNS = 200  # in the picture of errors run by run
 MOST_POINTS = 1000  # in the picture of errors in the plane
@@ -30,19 +31,27 @@ def runs_figure(results: Results, beams: str, title: str) -> Figure:
         trials = results.get(estimator, beams)
         errors = results.errors(trials)[trials.ok, -1]
         stds = np.sqrt(np.maximum(np.diagonal(trials.covariance[trials.ok, -1], axis1=-2, axis2=-1), 0.0))
-        for i in range(len(names)):
-            share = _runs_panel(panels[i, column], errors[:, i], stds[:, i])
+        for i, name in enumerate(names):
+            times = factor(name)
+            share = _runs_panel(panels[i, column], times * errors[:, i], times * stds[:, i], _linear(name))
             panels[i, column].set_title(f"{estimator}\n{share}" if i == 0 else share)
         panels[-1, column].set_xlabel("runs, by claimed std")
     for i, name in enumerate(names):
-        panels[i, 0].set_ylabel(f"error of {symbol(name)}, {unit(name)}\n(linear to 0.1, then log)")
+        panels[i, 0].set_ylabel(
+            f"error of {symbol(name)}, {unit(name)}\n(linear to {_linear(name):g}, then log)"
+        )
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     figure.suptitle(title, fontsize=10.5)
     return figure
 
 
-def _runs_panel(axes: Axes, errors: Array, stds: Array) -> str:
+def _linear(name: str) -> float:
+    """Up to where the scale of an error is linear, in its unit."""
+    return 1.0 if name == "heading" else 0.1
+
+
+def _runs_panel(axes: Axes, errors: Array, stds: Array, linear: float) -> str:
     """Draw the first runs; returns what share of all runs lies inside the band, in words."""
     inside = np.abs(errors) <= BAND_95 * stds
     shown = np.argsort(stds[:SHOWN_RUNS], kind="stable")
@@ -68,8 +77,8 @@ def _runs_panel(axes: Axes, errors: Array, stds: Array) -> str:
         markeredgewidth=1.0,
         label="error outside",
     )
-    axes.set_yscale("symlog", linthresh=0.1)
-    axes.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=0.1))
+    axes.set_yscale("symlog", linthresh=linear)
+    axes.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=linear))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.axhline(0.0, color="0.5", linewidth=0.6)
     return f"{100 * inside.mean():.0f} % inside the band" if len(errors) else "no run went well"
@@ -110,17 +119,17 @@ def _ellipses_panel(axes: Axes, results: Results, estimator: str, beams: str) ->
     true, claimed = errors.T @ errors / len(errors), claims.mean(0)
     axes.plot(*errors[:MOST_POINTS].T, ".", markersize=2, color="0.7", zorder=1, label="error of one run")
     label = "claimed: 95 % ellipse of a Gaussian with mean P"
-    axes.add_patch(_ellipse(claimed, edgecolor=CLAIMED, linewidth=2.8, zorder=3, label=label))
-    axes.add_patch(_ellipse(true, edgecolor="black", linestyle="--", zorder=4, label="true: the same with G"))
+    axes.add_patch(ellipse(claimed, edgecolor=CLAIMED, linewidth=2.8, zorder=3, label=label))
+    axes.add_patch(ellipse(true, edgecolor="black", linestyle="--", zorder=4, label="true: the same with G"))
     reach = 1.3 * ELLIPSE_95 * np.sqrt(np.maximum(np.diagonal(true), np.diagonal(claimed)))
     if (reach > 0).all():
         axes.set_xlim(-reach[0], reach[0])
         axes.set_ylim(-reach[1], reach[1])
 
 
-def _ellipse(covariance: Array, **style: Any) -> Ellipse:
-    """The curve e' P^-1 e = chi-square quantile about the origin."""
+def ellipse(covariance: Array, centre: tuple[float, ...] = (0.0, 0.0), **style: Any) -> Ellipse:
+    """The curve e' P^-1 e = chi-square quantile (95 %) about a centre."""
     values, vectors = np.linalg.eigh(covariance)
     width, height = 2 * ELLIPSE_95 * np.sqrt(np.maximum(values, 0.0))
     angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-    return Ellipse((0.0, 0.0), width, height, angle=angle, fill=False, **style)
+    return Ellipse((centre[0], centre[1]), width, height, angle=angle, fill=False, **style)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -16,6 +17,7 @@ from .style import label_positions
 SOLID = "#c9c9c9"
 FREE = ListedColormap([SOLID, "#ffffff"])
 MOST_TRUTHS = 1000  # drawn
+WAYS = 30  # of moving objects
 
 
 def _frame(axes: Axes, low: Array, high: Array) -> None:
@@ -41,6 +43,14 @@ def _box(axes: Axes, scene: Scene) -> None:
                              linestyle="--", zorder=4, label="box of the prior"))  # fmt: skip
 
 
+def _ways(axes: Axes, ways: Array) -> None:
+    """The ways of moving objects, (M, T, 2)."""
+    for way in ways[1:WAYS]:
+        axes.plot(*way.T, color="#7F7F7F", linewidth=0.5, alpha=0.7, zorder=2)
+    label = f"true ways of {len(ways[:WAYS])} runs, dark: the first"
+    axes.plot(*ways[0].T, color="black", linewidth=1.4, zorder=3, label=label)
+
+
 def map_figure(results: Results, title: str) -> Figure:
     """The whole map and, where the prior covers a part of it only, that part beside it."""
     scene = results.scene
@@ -64,12 +74,22 @@ def map_figure(results: Results, title: str) -> Figure:
         _free_space(axes, scene)
         draw_walls(axes, scene, width)
         _box(axes, scene)
-    truth = results.truth[:MOST_TRUTHS, 0][:, results.space.position_indices]
+    ways = results.truth[:MOST_TRUTHS][..., results.space.position_indices]
     near.plot(
-        *truth.T, ".", markersize=2.5, color="#7F7F7F", zorder=2, label=f"true positions, {len(truth)} runs"
+        *ways[:, 0].T,
+        ".",
+        markersize=2.5,
+        color="#7F7F7F",
+        zorder=2,
+        label=f"true positions, {len(ways)} runs",
     )
+    if (ways != ways[:, :1]).any():
+        _ways(whole, ways)
     draw_beams(near, scene, range(1, len(scene["bearings"]) + 1), named=len(scene["bearings"]) <= 12)
     draw_truth(near, scene, label="true position and beams of the first run")
-    figure.legend(*near.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    handles: dict[str, Artist] = {}
+    for axes in panels:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
     figure.suptitle(title, fontsize=10.5)
     return figure
