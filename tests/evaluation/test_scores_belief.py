@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, run
+from rangefix.evaluation import Experiment, Named, run
 from rangefix.evaluation.parts import Plan, trials_path
-from rangefix.evaluation.scores import energy_score, uniform_p_value
+from rangefix.evaluation.scores import energy_score, histogram, pit, uniform_p_value
 from rangefix.evaluation.scores_belief import DRAWS, CanSample, draw, main_mode, measure, rank_histogram
 from rangefix.evaluation.scores_parts import belief_arrays, judge_belief, read_belief
 from rangefix.evaluation.seeds import streams
+from rangefix.evaluation.simulate import simulate
 from rangefix.evaluation.store import read_part, write_part
-from rangefix.filters import EachRun, pose_space, position_space
+from rangefix.filters import EachRun, build, pose_space, position_space
+from rangefix.filters.point_mass import PointMassFilter
 
 from .conftest import PriorOnly, make_problem
 
@@ -163,3 +165,36 @@ def test_beliefs_survive_in_parts(tmp_path):
     assert again.ranks.shape == (6, 1, 2)
     assert again.mode_covariance.shape == (6, 1, 2, 2)
     assert np.isfinite(again.energy).all()
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """The point-mass filter with the optional method: cells by their probability, points evenly within."""
+
+    exact: PointMassFilter
+
+    def sample(self, belief: Any, size: int, rngs: Any) -> np.ndarray:
+        grid = self.exact.grid
+        pairs = zip(self.exact.posterior(belief), rngs, strict=True)
+        chosen = [rng.choice(len(masses), size, p=masses) for masses, rng in pairs]
+        inside = np.stack([rng.uniform(-0.5, 0.5, size=(size, 2)) for rng in rngs])
+        return grid.centres[np.array(chosen)] + inside * grid.step
+
+
+def test_ranks_acquit_the_point_mass_filter_where_pit_does_not():
+    """After one beam its belief is a half ring: ranks are flat (p > 0.001), the Gaussian claim's PIT is not."""
+    problem, runs = make_problem(), 600
+    exact = build("point-mass", problem, cell=0.04)
+    world = simulate(Experiment(problem, {"exact": Named("point-mass")}, runs=runs, seed=9), 0, runs)
+    measurement = world.measurement[:, 0].copy()
+    measurement[:, 1:] = np.nan
+    rngs = streams(9, "estimator", range(runs))
+    belief = exact.update(exact.init(problem.prior, rngs), measurement, rngs)
+    truth = world.truth[:, 0]
+    found = judge_belief(Sampled(exact), belief, truth, SPACE, 9, range(runs), 0)
+    assert found is not None
+    for ranks in (*found.ranks.T, found.distance_rank):
+        assert uniform_p_value(rank_histogram(ranks)) > 1e-3
+    mean, covariance, _ = exact.estimate(belief)
+    claimed = pit(truth[:, 0] - mean[:, 0], np.sqrt(covariance[:, 0, 0]))
+    assert uniform_p_value(histogram(claimed)) < 1e-9

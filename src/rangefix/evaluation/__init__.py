@@ -4,12 +4,15 @@ from .covariance import anees_band, coverage, credibility, is_positive, nees, no
 from .experiment import Experiment, Named
 from .intervals import Interval, mean_interval, ratio_interval, share_interval
 from .mistakes import StudyError
+from .report import write_report
 from .results import Results, Trials, load, summarise
 from .runner import Progress, run
 from .seeds import stream, streams
 from .store import ResultsError
 from .study import Study, load_study, parse_study, study_names
 from .summary import STATUSES, Row, to_csv
+from .verdict import Verdict, decide
+from .verdict_gates import check_gates, parse_gates
 
 __all__ = [
     "STATUSES",
@@ -23,15 +26,19 @@ __all__ = [
     "Study",
     "StudyError",
     "Trials",
+    "Verdict",
     "anees_band",
+    "check_gates",
     "coverage",
     "credibility",
+    "decide",
     "is_positive",
     "load",
     "load_study",
     "mean_interval",
     "nees",
     "noncredibility",
+    "parse_gates",
     "parse_study",
     "ratio_interval",
     "run",
@@ -41,4 +48,5 @@ __all__ = [
     "study_names",
     "summarise",
     "to_csv",
+    "write_report",
 ]
