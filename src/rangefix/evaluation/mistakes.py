@@ -70,8 +70,8 @@ class Mistakes:
             for close in get_close_matches(str(each["loc"][-1]), _names(model, each["loc"]), n=1)
         }  # fmt: skip
         for each in found:
-            path = _real_path(each["loc"], raw)
-            same = [other for other in found if _real_path(other["loc"], raw)[: len(path)] == path]
+            path = _real_path(each, raw)
+            same = [other for other in found if _real_path(other, raw)[: len(path)] == path]
             form = "float_type" if isinstance(each["input"], list) else "list_type"
             if len(same) > 1 and each["type"] == form:
                 continue  # the other form that the key might have had
@@ -111,10 +111,10 @@ def one_line(error: BaseException) -> str:
     return " ".join(text.split()) or type(error).__name__
 
 
-def _real_path(loc: Iterable[int | str], raw: Any) -> Path:
-    """A location without the names of types that pydantic puts in between."""
+def _real_path(error: Any, raw: Any) -> Path:
+    """Where a mistake is, without the names of types and kinds that pydantic puts in between."""
     path: Path = ()
-    parts = list(loc)
+    parts, missing = list(error["loc"]), error["type"] == "missing"
     for i, part in enumerate(parts):
         inside = (
             part in raw
@@ -125,7 +125,7 @@ def _real_path(loc: Iterable[int | str], raw: Any) -> Path:
         )
         if inside:
             raw = raw[part]
-        elif i < len(parts) - 1 or not isinstance(raw, dict):
+        elif i < len(parts) - 1 or not missing:
             continue
         path = (*path, part)
     return path

@@ -14,12 +14,12 @@ from ..filters import (
     RangeMap,
     StateSpace,
     Uniform,
+    WithHeading,
     WithVelocity,
     pose_space,
     position_space,
 )
 from ..filters.compound_priors import SpacedPrior
-from ..filters.heading_prior import WithHeading
 from ..filters.space import Array
 from .mistakes import Misfit
 from .schema import Point, Positive, Section, roomiest_box

@@ -5,6 +5,7 @@ from .compound_priors import Mixture, WithVelocity
 from .confined import Confined, is_clear, sample_runs
 from .estimator import EachRun, Estimate, Estimator, SingleRunEstimator
 from .gaussian_prior import GaussianPrior
+from .heading_prior import WithHeading
 from .motion import ConstantVelocity, RandomWalk, Stationary
 from .noise import Gaussian, RangeProportional, StudentT
 from .odometry import Odometry
@@ -40,6 +41,7 @@ __all__ = [
     "Stationary",
     "StudentT",
     "Uniform",
+    "WithHeading",
     "WithVelocity",
     "available",
     "build",

@@ -1,0 +1,69 @@
+"""docs/studies.md: every example is a study or a part of one, and every key of a study stands on the page."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from rangefix.evaluation import Study, parse_study, study_names
+from rangefix.evaluation.mistakes import _kinds
+from rangefix.evaluation.sections import KINDS
+from rangefix.evaluation.sensor_sections import SensorSection
+
+PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
+if not PAGE.is_file():  # a source distribution has it, an installed package has not
+    pytest.skip("the page is not there", allow_module_level=True)
+TEXT = PAGE.read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
+REST = {
+    "map": '[map]\nkind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0\n',
+    "sensor": "[sensor]\nbearings_deg = [0, 60, 120]\nstd_m = 0.05\n",
+    "estimators": '[[estimators]]\nname = "ekf"\n',
+}
+
+
+def whole(example: str) -> str:
+    """The example with the sections that it lacks."""
+    return example + "".join(text for name, text in REST.items() if name not in tomllib.loads(example))
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_examples_are_sound(example: str) -> None:
+    """Each is read and built without a mistake."""
+    made = parse_study(whole(example)).experiment()
+    assert made.runs > 0
+
+
+def test_there_are_examples() -> None:
+    assert len(EXAMPLES) > 20
+    assert [example for example in EXAMPLES if whole(example) == example]
+
+
+def models() -> list[type[BaseModel]]:
+    """All sections, of every kind."""
+    kinds = [model for each in KINDS.values() for model in each.values()]
+    noise = list(_kinds(SensorSection.model_fields["noise"].annotation).values())
+    plain = [Study.model_fields[name].annotation for name in ("sensor", "state", "truth")]
+    return [Study, *kinds, *noise, *(model for model in plain if model is not None)]
+
+
+@pytest.mark.parametrize("model", models(), ids=lambda model: model.__name__)
+def test_every_key_stands_on_the_page(model: type[BaseModel]) -> None:
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        assert re.search(rf"[`\[.]{key}\b|^{key} =|, {key}\b|{{ {key} =", TEXT, re.M), (
+            f"{model.__name__}.{key}"
+        )
+    kind = model.model_fields.get("kind")
+    if kind is not None:
+        (name,) = _kinds(model)
+        assert f'"{name}"' in TEXT
+
+
+@pytest.mark.parametrize("name", study_names())
+def test_every_study_stands_on_the_page(name: str) -> None:
+    assert re.search(rf"^\|.*\b{name}\b", TEXT, re.M)
