@@ -170,7 +170,7 @@ def test_it_says_what_the_figures_say(page: str) -> None:
 
 def test_pictures_are_in_it(page: str) -> None:
     images = [attributes for name, attributes in read(page).elements if name == "img"]
-    assert len(images) == 4
+    assert len(images) >= 4
     for image in images:
         assert image["alt"]
         content = base64.b64decode((image["src"] or "").partition(",")[2])

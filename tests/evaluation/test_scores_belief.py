@@ -182,7 +182,7 @@ class Sampled:
 
 
 def test_ranks_acquit_the_point_mass_filter_where_pit_does_not():
-    """After one beam its belief is a half ring: ranks are flat (p > 0.001), a Gaussian claim's PIT is not."""
+    """After one beam its belief is a half ring: ranks are flat (p > 0.001), the Gaussian claim is not."""
     problem, runs = make_problem(), 600
     exact = build("point-mass", problem, cell=0.04)
     world = simulate(Experiment(problem, {"exact": Named("point-mass")}, runs=runs, seed=9), 0, runs)

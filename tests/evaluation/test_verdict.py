@@ -107,6 +107,18 @@ def test_heavy_tails_taken_for_gaussian_are_overconfident():
     assert found.severe
 
 
+def test_a_single_run_of_false_certainty_is_evidence():
+    """Markov's inequality: one run of 60 with an error that its claim excludes, though no interval tells."""
+    errors = np.random.default_rng(6).normal(size=(60, 2))
+    claims = np.broadcast_to(np.eye(2), (60, 2, 2)).copy()
+    for vanishing, words in ((1e-4, "by a factor of"), (1e-12, "claims certainty, and errs")):
+        claims[7] = vanishing * np.eye(2)
+        row = credibility(np.zeros(2), errors, claims)
+        assert row.anees.low < 1
+        assert decide(row).kind == "overconfident"
+        assert words in decide(row).words
+
+
 def test_few_runs_cannot_tell():
     """With 8 runs the exact filter gets no acquittal, and the verdict says how many runs would give one."""
     (row,) = summarise(run(Experiment(make_problem(), {"exact": PriorOnly}, runs=8, seed=3), timing=False))
@@ -182,7 +194,7 @@ def alarms(
     """How often the exact filter is accused in studies of each size: slices of one long list of runs."""
     exact = {"exact": partial(build, "point-mass", cell=cell)}
     runs = studies * max(sizes)
-    results = run(Experiment(make_problem(), exact, runs=runs, seed=78, beam_sets=sets), out, timing=False)
+    results = run(Experiment(make_problem(), exact, runs=runs, seed=79, beam_sets=sets), out, timing=False)
     counts = {}
     for size in sizes:
         count = counts[size] = Counter[str]()

@@ -16,7 +16,7 @@ from ..filters.space import Array
 from .intervals import Interval
 from .report_html import Html, tag
 from .scores import Curve, Reliability, uniform_band
-from .verdict import MUCH, short
+from .verdict import CERTAIN, MUCH, short
 
 INSET = 2.0  # per cent at each end of a lane, so that dots are not cut
 SIDE, LEFT, TOP, PLOT = 200, 36, 8, 150  # of a panel's view box
@@ -251,7 +251,7 @@ def reliability_panel(title: str, points: Sequence[Reliability], unit: str) -> H
 
 def steps_chart(values: Sequence[Interval], kinds: Sequence[str]) -> Html:
     """ANEES / n after each measurement, on a logarithmic axis."""
-    ends = [end for interval in values for end in interval]
+    ends = [min(end, CERTAIN) for interval in values for end in interval]
     scale = Scale.over(ends, 1 / MUCH / 1.2, MUCH * 1.2)
 
     def height(value: float) -> str:

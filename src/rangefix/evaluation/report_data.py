@@ -16,6 +16,7 @@ from .scores import Curve, Reliability, Scores, coverage_curve, curve, histogram
 from .scores_belief import DRAWS, BeliefScores, rank_histogram
 from .scores_parts import read_belief
 from .summary import Row
+from .units import factor
 from .verdict import Verdict, decide, decide_overall
 from .verdict_gates import Gate, GateLine, check_gates
 
@@ -63,8 +64,9 @@ class Setting:
         return histogram(pit(self.errors[:, component], self.stds[:, component])), False
 
     def reliability(self, component: int) -> list[Reliability]:
-        """Error against claimed sigma of one component."""
-        return reliability(self.errors[:, component], self.stds[:, component])
+        """Error against claimed sigma of one component, in the unit in which it is shown."""
+        k = factor(self.row.names[component])
+        return reliability(k * self.errors[:, component], k * self.stds[:, component])
 
 
 @dataclass(frozen=True)

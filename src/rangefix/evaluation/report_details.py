@@ -18,8 +18,9 @@ from .report_charts import (
 )
 from .report_data import Digest, Setting
 from .report_html import Child, Html, tag
-from .report_words import badge, capital, colour, measured, percent
-from .verdict import decide, name_beams, short, unit_of
+from .report_words import badge, capital, colour, measured, percent, scaled
+from .units import factor, unit
+from .verdict import CERTAIN, decide, name_beams, short
 
 KEYS = {
     "Coverage": "How many truths lie inside the ellipses of each level. A belief that is no Gaussian may "
@@ -35,7 +36,7 @@ KEYS = {
 def charts(digest: Digest) -> Html:
     """Claimed against true, and ANEES / n, of all settings on common axes."""
     settings = digest.settings
-    ends = [end for each in settings.values() for end in each.row.anees]
+    ends = [min(end, CERTAIN) for each in settings.values() for end in each.row.anees]
     scale = Scale.over(ends, 0.4, 2.5)
     grouped = [
         (
@@ -70,7 +71,7 @@ def charts(digest: Digest) -> Html:
 def _deviations(digest: Digest, i: int, name: str) -> list[Html]:
     settings = digest.settings
     ends = [
-        end
+        factor(name) * end
         for each in settings.values()
         for end in (*each.row.g[i].sqrt(), each.row.p[i].sqrt().value)
         if end == end and end > 0
@@ -83,7 +84,7 @@ def _deviations(digest: Digest, i: int, name: str) -> list[Html]:
         some = []
         for estimator in digest.results.estimators:
             row = settings[estimator, beams].row
-            true, claimed = row.g[i].sqrt(), row.p[i].sqrt()
+            true, claimed = (scaled(each.sqrt(), factor(name)) for each in (row.g[i], row.p[i]))
             figure = f"{short(true.value)} / {short(claimed.value)}" if row.ok else "-"
             some.append(Lane(estimator, [Mark(claimed, "claimed"), Mark(true, "true")], figure))
         grouped.append((name_beams(beams), some))
@@ -95,11 +96,11 @@ def _deviations(digest: Digest, i: int, name: str) -> list[Html]:
         " claimed: root of mean P",
         class_="fine keys",
     )
-    unit = unit_of(name)
+    shown = unit(name)
     return [
-        tag("h3", f"Standard deviation of {name}, {unit}"),
+        tag("h3", f"Standard deviation of {name}, {shown}"),
         key,
-        lanes(grouped, scale, f"{unit}: true / claimed"),
+        lanes(grouped, scale, f"{shown}: true / claimed"),
     ]
 
 
@@ -162,9 +163,7 @@ def _panels(setting: Setting) -> Iterable[Html]:
     for i, name in enumerate(setting.row.names):
         counts, ranks = setting.histogram(i)
         yield histogram_panel(f"{'Ranks' if ranks else 'PIT'} of {name}", counts, "ranks" if ranks else "pit")
-        yield reliability_panel(
-            f"Reliability of {name}, {unit_of(name)}", setting.reliability(i), unit_of(name)
-        )
+        yield reliability_panel(f"Reliability of {name}, {unit(name)}", setting.reliability(i), unit(name))
 
 
 def _facts(setting: Setting) -> Iterable[Html]:
@@ -172,8 +171,8 @@ def _facts(setting: Setting) -> Iterable[Html]:
     pairs: list[tuple[str, str]] = []
     for i, name in enumerate(row.names):
         pairs.append((f"G / P of {name} (1 = honest)", measured(row.ratio[i])))
-        pairs.append((f"mean error of {name}, {unit_of(name)}", measured(row.bias[i])))
-        pairs.append((f"CRPS of {name}, {unit_of(name)}", measured(scores.crps[i])))
+        pairs.append((f"mean error of {name}, {unit(name)}", measured(scaled(row.bias[i], factor(name)))))
+        pairs.append((f"CRPS of {name}, {unit(name)}", measured(scaled(scores.crps[i], factor(name)))))
     pairs += [
         ("ANEES / n", measured(row.anees)),
         ("NCI, dB", measured(row.nci)),
@@ -193,8 +192,11 @@ def _facts(setting: Setting) -> Iterable[Html]:
         pairs.append(("energy score of the sampled belief, m", short(float(belief.energy.mean()))))
         pairs.append(("mean share of the main mode", f"{100 * belief.mode_share.mean():.3g} %"))
         for i, name in enumerate(row.names):
-            whole, mode = (np.sqrt(each[:, i, i].mean()) for each in (belief.spread, belief.mode_covariance))
-            label = f"std of {name}, {unit_of(name)}: whole belief / main mode"
+            whole, mode = (
+                factor(name) * np.sqrt(each[:, i, i].mean())
+                for each in (belief.spread, belief.mode_covariance)
+            )
+            label = f"std of {name}, {unit(name)}: whole belief / main mode"
             pairs.append((label, f"{short(float(whole))} / {short(float(mode))}"))
     for label, value in pairs:
         yield tag("div", tag("dt", label), tag("dd", value))

@@ -10,7 +10,8 @@ from .report_data import Digest, Setting
 from .report_html import Child, Html, tag
 from .report_words import badge, capital, colour, measured, stacked
 from .summary import FAILURES
-from .verdict import ALARMS, name_beams, short, unit_of
+from .units import factor, unit
+from .verdict import ALARMS, name_beams, short
 
 REASONS = 8  # that are listed for one estimator
 FINE = (
@@ -115,7 +116,7 @@ def table(digest: Digest) -> Html:
     columns = [
         "estimator",
         "ok",
-        *(f"std of {name}, {unit_of(name)}: true / claimed" for name in names),
+        *(f"std of {name}, {unit(name)}: true / claimed" for name in names),
         "ANEES / n",
         "energy score, m",
         "ms per update",
@@ -142,8 +143,8 @@ def table(digest: Digest) -> Html:
 def _table_row(setting: Setting, columns: Sequence[str]) -> Html:
     row = setting.row
     pairs = [
-        f"{short(g.sqrt().value)} / {short(p.sqrt().value)}" if row.ok else "-"
-        for g, p in zip(row.g, row.p, strict=True)
+        f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" if row.ok else "-"
+        for g, p, k in zip(row.g, row.p, map(factor, row.names), strict=True)
     ]
     seconds = short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"
     cells: list[Child] = [

@@ -6,7 +6,7 @@ import math
 
 from .intervals import Interval
 from .report_html import Html, tag
-from .verdict import MUCH, Kind, Verdict, short, times
+from .verdict import CERTAIN, MUCH, Kind, Verdict, short, times
 
 SIGNS: dict[Kind, tuple[str, str]] = {
     "honest": ("\u2713", "honest"),
@@ -28,7 +28,7 @@ def badge(verdict: Verdict, factor: bool = False) -> Html:
     """Sign and word of a verdict, with its factor if asked for."""
     sign, word = SIGNS[verdict.kind]
     value = verdict.factor.value
-    if verdict.kind in ("overconfident", "cautious") and 0 < value < math.inf:
+    if verdict.kind in ("overconfident", "cautious") and 0 < value <= CERTAIN:
         if 1 / MUCH <= value <= MUCH:
             word = f"a little {word.removeprefix('too ')}"
         if factor:
@@ -44,6 +44,11 @@ def measured(interval: Interval) -> str:
     if not math.isfinite(interval.low + interval.high):
         return short(interval.value)
     return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
+
+
+def scaled(interval: Interval, by: float) -> Interval:
+    """The interval in another unit."""
+    return Interval(*(by * end for end in interval))
 
 
 def stacked(interval: Interval) -> Html:

@@ -1,7 +1,13 @@
 """The figures of a row in words: whether an estimator's covariance may be trusted.
 
-An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`): in 5 %
+An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`), mostly
 through ANEES, else through its components and bias. docs/report.md has what was measured.
+
+Two things about ANEES / n of an exact filter go into the rules. Its NEES may have a long tail: where a second
+mode holds 1 % of a belief, 1 % of the runs have an error many times the usual. As long as none of these has
+occurred the mean looks too small, so caution needs a smaller p-value than overconfidence. And the mean is k
+or more with probability 1 / k at most, for any number of runs (Markov's inequality): 20 or more is evidence even
+where a single run makes it and no interval can be given.
 """
 
 from __future__ import annotations
@@ -13,9 +19,11 @@ from typing import Literal
 
 from .intervals import Interval
 from .summary import Row
+from .units import factor, unit
 
 MUCH = 1.5  # ANEES / n beyond this, or its inverse, is no longer "a little"; an interval must tell that much
-BY_ANEES, BY_COMPONENTS = 0.05, 0.005
+BY_ANEES, BY_CAUTION, BY_COMPONENTS = 0.05, 0.02, 0.005  # two-sided p-values below which a figure accuses
+CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 COMPONENT_RUNS = 100  # with fewer, p-values as small as components need are not to be relied on
 SAID = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
@@ -72,21 +80,22 @@ def decide(row: Row, family: int = 1) -> Verdict:
 
     Args:
         row: The row.
-        family: Rows among which false alarms are to be as rare as stated for one (Bonferroni): with 1, the
-            verdict "overconfident" comes exactly where the 95 % interval of ANEES / n lies above 1.
+        family: Rows among which false alarms are to be as rare as stated for one (Bonferroni). With 1, the
+            verdict is "overconfident" wherever the 95 % interval of ANEES / n lies above 1.
     """
     value, low, high = row.anees
     if not row.ok:
         return Verdict("failed", row.anees, "no run went well", _caveats(row))
-    if math.isinf(value):
-        share = f"in {row.indefinite.value:.2g} of the runs its covariance is not positive definite"
-        words = "DO NOT TRUST: claims certainty, and errs"
-        return Verdict("overconfident", row.anees, words, (share, *_caveats(row)))
     notes = (*_component_notes(row, family), *_caveats(row))
+    if value > CERTAIN:
+        share = f"in {percent(row.indefinite.value)} of the runs its covariance is not positive definite"
+        some = (share,) if row.indefinite.value else ("in some runs its covariance all but vanishes",)
+        return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", some + notes)
     p = row.doubts.get("anees", math.nan if low <= 1 <= high else 0.0)
-    if p < BY_ANEES / family:
-        kind: Kind = "overconfident" if value > 1 else "cautious"
-        return Verdict(kind, row.anees, _factor_words(value), notes)
+    if value > 1 and (p < BY_ANEES / family or value > family / BY_ANEES):
+        return Verdict("overconfident", row.anees, _factor_words(value), notes)
+    if value < 1 and p < BY_CAUTION / family:
+        return Verdict("cautious", row.anees, _factor_words(value), notes)
     if wrong := _suspects(row, "ratio_", family):
         parts = ", ".join(_ratio_words(row, name) for name in wrong)
         over = any(row.ratio[row.names.index(name)].value > 1 for name in wrong)
@@ -126,17 +135,17 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
 
-def _size(factor: float) -> float:
-    """How far a factor is from 1, either way."""
-    return math.inf if not 0 < factor < math.inf else abs(math.log(factor))
+def _size(value: float) -> float:
+    """How far ANEES / n is from 1, either way."""
+    return math.inf if not 0 < value < math.inf else abs(math.log(value))
 
 
 def _factor_words(value: float) -> str:
     if value > 1:
         words = f"overconfident by a factor of {times(value)}"
         return f"DO NOT TRUST: {words}" if value > MUCH else f"a little {words}"
-    factor = times(1 / value) if value else "any number"
-    return f"{'too' if value * MUCH < 1 else 'a little'} cautious by a factor of {factor}"
+    inverse = times(1 / value) if value else "any number"
+    return f"{'too' if value * MUCH < 1 else 'a little'} cautious by a factor of {inverse}"
 
 
 def _suspects(row: Row, prefix: str, family: int) -> list[str]:
@@ -161,7 +170,8 @@ def _ratio_words(row: Row, name: str) -> str:
 def _bias_words(row: Row, name: str) -> str:
     bias = row.bias[row.names.index(name)]
     side = "low" if bias.value > 0 else "high"
-    return f"estimates of {name} are {short(abs(bias.value))} {unit_of(name)} too {side} on average"
+    size = short(factor(name) * abs(bias.value))
+    return f"estimates of {name} are {size} {unit(name)} too {side} on average"
 
 
 def _component_notes(row: Row, family: int) -> list[str]:
@@ -179,7 +189,7 @@ def _caveats(row: Row) -> tuple[str, ...]:
         some = f"judged by the {row.ok} of {row.planned} runs that went well ({failed})"
         notes.append(some if row.ok else f"all {row.planned} runs failed ({failed})")
     if row.improbable.value > SAID:
-        share = f"{100 * row.improbable.value:.2g} %"
+        share = percent(row.improbable.value)
         notes.append(f"in {share} of the runs its own model all but excludes what was measured")
     if row.one_truth:
         notes.append(
@@ -189,8 +199,8 @@ def _caveats(row: Row) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _how_honest(factor: Interval) -> str:
-    off = max(factor.high, 1 / factor.low) - 1
+def _how_honest(anees: Interval) -> str:
+    off = max(anees.high, 1 / anees.low) - 1
     return f"squared errors and claimed variances agree to within {100 * off:.2g} %, at 95 % confidence"
 
 
@@ -208,14 +218,14 @@ def _needed(row: Row) -> str:
     )
 
 
-def times(factor: float) -> str:
+def percent(share: float) -> str:
+    """A share in per cent, to two digits."""
+    return f"{times(100 * share)} %"
+
+
+def times(value: float) -> str:
     """A factor to two digits, or to three from 100."""
-    return f"{factor:.0f}" if factor >= 9.5 else f"{factor:.2g}"
-
-
-def unit_of(name: str) -> str:
-    """The unit of a state component."""
-    return "rad" if name == "heading" else "m/s" if name in ("v1", "v2") else "m"
+    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
 
 
 def name_beams(label: str) -> str:
