@@ -184,6 +184,13 @@ def test_the_same_results_give_the_same_page(study: Path, page: str, tmp_path: P
     assert again.read_text(encoding="utf-8") == page
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the pictures, which take a second or two."""
+    monkeypatch.setattr("rangefix.evaluation.report.pictures", lambda results: tag("section", id="pictures"))
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_study_is_reported_as_such(study: Path, tmp_path: Path) -> None:
     folder = tmp_path / "half"
     shutil.copytree(study, folder)
@@ -209,6 +216,7 @@ def test_no_folder_of_results_is_one_clear_line(tmp_path: Path) -> None:
         write_report(tmp_path)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_that_cannot_be_written(study: Path) -> None:
     with pytest.raises(ResultsError, match="cannot write"):
         write_report(study, Path("/proc/nowhere/report.html"))

@@ -6,8 +6,8 @@ through ANEES, else through its components and bias. docs/report.md has what was
 Two things about ANEES / n of an exact filter go into the rules. Its NEES may have a long tail: where a second
 mode holds 1 % of a belief, 1 % of the runs have an error many times the usual. As long as none of these has
 occurred the mean looks too small, so caution needs a smaller p-value than overconfidence. And the mean is k
-or more with probability 1 / k at most, for any number of runs (Markov's inequality): 20 or more is evidence even
-where a single run makes it and no interval can be given.
+or more with probability 1 / k at most, for any number of runs (Markov's inequality): 20 or more is evidence
+even where a single run makes it and no interval can be given.
 """
 
 from __future__ import annotations
