@@ -129,7 +129,7 @@ def test_figures_of_headings_and_drives(two_modes: Path, drive: Path, tmp_path: 
                 ]
             drawn.append([sha256(path.read_bytes()).hexdigest() for path in paths])
         assert drawn[0] == drawn[1]
-    assert not (drive / FILE).exists()
+    assert not (drive / FILE).exists()  # they are of objects that stand still
 
 
 def test_headings_are_shown_in_degrees(two_modes: Path, drive: Path) -> None:

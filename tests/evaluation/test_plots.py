@@ -18,7 +18,7 @@ from rangefix.evaluation.plots.style import COLOURS, INK, styled
 from rangefix.evaluation.runner import run
 from rangefix.evaluation.store import ResultsError
 
-STUDY = {"map", "covariance", "anees", "errors", "runs", "posterior", "time"}
+STUDY = {"map", "covariance", "anees", "errors", "runs", "time"}
 PAPER = {"figure2_maps", "figure2_surfaces", "figure3_map", "figure3_surface"}
 
 

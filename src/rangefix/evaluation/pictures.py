@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..filters.motion import Stationary
 from ..filters.space import TURN, Array, StateSpace, wrap
-from .experiment import Experiment
+from .experiment import Experiment, Named
 from .parts import whole
 from .provenance import digest
 from .scores_belief import draw
@@ -47,7 +47,9 @@ class Picture:
 
 
 def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
-    """Save pictures of a study in which the object stands still, for estimators of this package.
+    """Save pictures of a study in which an object of unknown heading stands still.
+
+    Of the estimators of this package only: a plug-in may do anything, and nobody watches over it here.
 
     Args:
         experiment: The experiment.
@@ -55,7 +57,8 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
         key: What the beliefs depend on; pictures with the same key are left as they are.
     """
     path = folder / FILE
-    if not isinstance(experiment.told.motion, Stationary):
+    turning = experiment.told.space.is_angle.any()
+    if not (turning and isinstance(experiment.told.motion, Stationary)):
         path.unlink(missing_ok=True)
         return
     key = digest(key, RUN, DRAWS, PIXELS, BINS)
@@ -87,10 +90,13 @@ def _pictures(experiment: Experiment) -> Iterator[Picture]:
     measurement = simulate(experiment, RUN, RUN + 1).measurement
     seen = np.where(experiment.masks()[-1], measurement, np.nan)
     for label, builder in experiment.estimators.items():
+        ours = isinstance(builder, Named) and builder.ours
+        if experiment.limit(label) is not None and not ours:
+            continue  # it may hang or crash, from its building on
         try:
             estimator = builder(problem)
             if not _ours(estimator):
-                continue  # a plug-in may do anything, and nobody watches over it here
+                continue
             rngs = streams(experiment.seed, "estimator", [RUN])
             belief = estimator.init(problem.prior, rngs)
             for step in range(experiment.steps):

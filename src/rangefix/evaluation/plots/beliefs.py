@@ -51,6 +51,10 @@ def beliefs_figure(results: Results, pictures: Sequence[Picture], beams: str, ti
         for row in range(len(ratios)):
             if column:
                 panels[row, column].set_ylabel("")
+    limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels[0]])
+    for axes in panels[0]:
+        axes.set_xlim(limits[:, 0, 0].min(), limits[:, 0, 1].max())
+        axes.set_ylim(limits[:, 1, 0].min(), limits[:, 1, 1].max())
     handles: dict[str, Artist] = {}
     for axes in panels.flat:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
