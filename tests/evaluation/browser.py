@@ -27,9 +27,10 @@ def missing() -> str:
     return ", ".join(name for name, path in parts.items() if path is None)
 
 
-# Scripts for `Browser.run`. The first two list elements at fault, the third all sizes of letters in px.
+# Scripts for `Browser.run`. The first takes a width in px; it and the second list elements at fault, the
+# third all sizes of letters in px.
 OVERFLOWING = """
-const limit = document.documentElement.clientWidth + 1;
+const limit = arguments[0] + 1;
 const scrolls = e => e && (['auto', 'scroll', 'hidden'].includes(getComputedStyle(e).overflowX)
   || scrolls(e.parentElement));
 return [...document.querySelectorAll('body *')]
@@ -91,9 +92,9 @@ class Browser:
             self.call("se/log", {"type": kind})
         self.call("url", {"url": path.resolve().as_uri()})
 
-    def run(self, script: str) -> Any:
+    def run(self, script: str, *arguments: Any) -> Any:
         """What a script returns."""
-        return self.call("execute/sync", {"script": script, "args": []})
+        return self.call("execute/sync", {"script": script, "args": arguments})
 
     def console(self) -> list[str]:
         """What the page has told the console."""

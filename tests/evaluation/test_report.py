@@ -259,7 +259,7 @@ def test_in_a_browser(study: Path, window: Browser, width: int, dark: bool) -> N
     window.open(study / "report.html", width, dark)
     window.run("document.querySelectorAll('details').forEach(each => { each.open = true })")
     assert window.run("return document.documentElement.scrollWidth") <= width
-    assert window.run(OVERFLOWING) == []
+    assert window.run(OVERFLOWING, width) == []
     assert window.run("return document.querySelectorAll('h1').length") == 1
     assert window.run("return [...document.images].every(each => each.complete && each.naturalWidth > 0)")
     assert window.console() == []
@@ -279,3 +279,20 @@ def test_letters_can_be_read(study: Path, window: Browser) -> None:
         sizes = window.run(SIZES)
         assert min(sizes) >= 8.5
         assert window.run(LOW_CONTRAST) == []
+
+
+def test_a_bad_page_would_be_seen(window: Browser, tmp_path: Path) -> None:
+    """Negative control: a page too wide, too pale, with a script that fails and a request."""
+    file = tmp_path / "bad.html"
+    file.write_text(
+        "<meta name=viewport content='width=device-width'><body><div class=wide style='width:900px'>wide</div>"
+        "<p style='color:#ccc;font-size:6px'>pale</p>"
+        "<script src=there-is-none.js></script><script>broken(</script>",
+        encoding="utf-8",
+    )
+    window.open(file, 375)
+    assert window.run(OVERFLOWING, 375) == ["DIV.wide"]
+    assert len(window.run(LOW_CONTRAST)) == 1
+    assert min(window.run(SIZES)) == 6
+    assert len(window.console()) == 2
+    assert any("there-is-none" in each for each in window.requests())
