@@ -285,7 +285,7 @@ def test_a_bad_page_would_be_seen(window: Browser, tmp_path: Path) -> None:
     """Negative control: a page too wide, too pale, with a script that fails and a request."""
     file = tmp_path / "bad.html"
     file.write_text(
-        "<meta name=viewport content='width=device-width'><body><div class=wide style='width:900px'>wide</div>"
+        "<meta name=viewport content='width=device-width'><div class=wide style='width:900px'>wide</div>"
         "<p style='color:#ccc;font-size:6px'>pale</p>"
         "<script src=there-is-none.js></script><script>broken(</script>",
         encoding="utf-8",
