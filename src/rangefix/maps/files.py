@@ -8,30 +8,18 @@ corners [x1, x2] of the outline, with optional `holes`, a list of such outlines,
 from __future__ import annotations
 
 import json
-import os
-import sys
-import tempfile
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ._open3d import open3d
-from .base import Array, MapError
+from .base import MapError
 from .floor_plan import FloorPlan
 from .mesh import MeshRoom
+from .mesh_files import MESHES, PathLike, existing, one_line
 from .rectangle import RectangularRoom
 
-MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 PLANS = (".toml", ".json")
 ROOM, PLAN = {"width", "length"}, {"outer", "holes", "walls"}
-
-PathLike = str | os.PathLike[str]
 
 
 def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:
@@ -46,7 +34,7 @@ def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRo
         MapError: If the suffix is unknown, the file is empty or broken, an option is missing or unknown, or
             the map cannot be; one line that names the file.
     """
-    path = _existing(path)
+    path = existing(path)
     suffix = path.suffix.lower()
     allowed = {"sensor_height", "reachable_from", "resolution"} if suffix in MESHES else set()
     if suffix not in (*MESHES, *PLANS):
@@ -83,69 +71,12 @@ def save(room: RectangularRoom | FloorPlan, path: PathLike) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def read_mesh(path: PathLike) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices (V, 3) and triangles (T, 3) of a mesh file; Open3D's own messages are kept silent.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        MapError: If it is no mesh that Open3D reads.
-    """
-    path = _existing(path)
-    if path.suffix.lower() not in MESHES:
-        raise MapError(f"{path}: no mesh of type {path.suffix!r}; there are {', '.join(MESHES)}")
-    o3d = open3d()
-    with _stderr() as said, o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        try:
-            mesh = o3d.io.read_triangle_mesh(os.fspath(path))
-        except (RuntimeError, ValueError) as error:
-            raise MapError(f"{path}: not a mesh that Open3D reads ({_line(error)})") from error
-    if complaint := next((line for line in said if "RPly" in line), None):  # it returns what it has so far
-        raise MapError(f"{path}: the mesh file is broken ({complaint.strip()})")
-    vertices, triangles = np.array(mesh.vertices), np.array(mesh.triangles)
-    if not len(vertices):
-        raise MapError(f"{path}: no mesh in it; the file is broken or not a {path.suffix} file")
-    if path.suffix.lower() == ".off" and len(triangles) < (faces := _off_faces(path)):
-        raise MapError(f"{path}: the mesh file is broken ({len(triangles)} triangles of {faces} faces)")
-    return vertices, triangles.astype(np.int64)
-
-
-def _off_faces(path: Path) -> int:
-    """The number of faces that an .off file announces; Open3D takes a truncated one for whole."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        lines = (line.split("#")[0].replace("OFF", "OFF ").split() for line in file)
-        words = (word for line in lines for word in line if not word.endswith("OFF"))
-        try:
-            return [int(word) for word in islice(words, 2)][1]
-        except (ValueError, IndexError):
-            return 0
-
-
-@contextmanager
-def _stderr() -> Iterator[list[str]]:
-    """What the process, C++ included, writes to standard error: kept from the user, as lines after the block.
-
-    The reader of .ply files tells of a truncated file there and nowhere else.
-    """
-    said: list[str] = []
-    sys.stderr.flush()
-    before = os.dup(2)
-    with tempfile.TemporaryFile() as kept:
-        os.dup2(kept.fileno(), 2)
-        try:
-            yield said
-        finally:
-            os.dup2(before, 2)
-            os.close(before)
-            kept.seek(0)
-            said.extend(kept.read().decode(errors="replace").splitlines())
-
-
 def _read_plan(path: Path) -> RectangularRoom | FloorPlan:
     try:
         text = path.read_text(encoding="utf-8")
         content = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
     except (ValueError, RecursionError) as error:  # of decoding, of TOML and of JSON alike
-        raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({_line(error)})") from error
+        raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({one_line(error)})") from error
     keys = set(content) if isinstance(content, dict) else set()
     try:
         if keys == ROOM:
@@ -153,24 +84,9 @@ def _read_plan(path: Path) -> RectangularRoom | FloorPlan:
         if "outer" in keys and keys <= PLAN:
             return FloorPlan(**content)
     except (MapError, TypeError) as error:
-        raise MapError(f"{path}: {_line(error)}") from error
+        raise MapError(f"{path}: {one_line(error)}") from error
     expected = "a floor plan has `outer` with optional `holes` and `walls`, a room has `width` and `length`"
     raise MapError(f"{path}: {expected}; found {', '.join(sorted(keys)) or 'none of them'}")
-
-
-def _existing(path: PathLike) -> Path:
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such map file")
-    if not path.is_file():
-        raise MapError(f"{path}: is a folder, not a map file")
-    if path.stat().st_size == 0:
-        raise MapError(f"{path}: the file is empty")
-    return path
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 def _listed() -> str:

@@ -81,7 +81,7 @@ class MeshRoom:
             FileNotFoundError: If there is no such file.
             MapError: If the file holds no triangle mesh; else as for the class.
         """
-        from .files import read_mesh
+        from .mesh_files import read_mesh
 
         vertices, triangles = read_mesh(path)
         return cls(
