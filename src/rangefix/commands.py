@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -89,7 +88,9 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Write one self-contained page about a folder of results."""
-    path = import_module(".evaluation.report", __package__).write_report(folder, out)
+    from .evaluation.report import write_report
+
+    path = write_report(folder, out)
     if as_json:
         print_json({"report": str(path)})
     else:

@@ -60,6 +60,7 @@ def experiment(plugin: Path, **changes):
         "guess": Named(f"{plugin}:make", {"spread": 0.5}),
     }
     usual = {"estimators": estimators, "runs": 50, "seed": 7, "beam_sets": [[1], [1, 2, 3]], "block": 20}
+    usual["timeout"] = 0  # in this process
     return Experiment(make_problem(), **(usual | changes))
 
 
@@ -231,7 +232,7 @@ def test_labels_of_any_kind_make_files(tmp_path):
 
 
 def test_sigkill_loses_nothing_finished(plugin, tmp_path):
-    """Killed twice at moments of its own choosing and resumed: byte for byte as unbroken."""
+    """Killed five times at random moments and resumed: byte for byte as unbroken."""
     plugin.write_text(
         PLUGIN.replace(
             "def update(self, belief, measurement, rng):",
@@ -247,19 +248,23 @@ def test_sigkill_loses_nothing_finished(plugin, tmp_path):
         "room, space = RectangularRoom(width=4.0, length=6.0), position_space()\n"
         "sensor = Rangefinder(room, np.deg2rad([326.3, 0.0, 33.7]), Gaussian(0.05), space)\n"
         "problem = Problem(space, Stationary(space), sensor, Uniform(room, space))\n"
-        f"made = Experiment(problem, {{'guess': Named({f'{plugin}:make'!r})}}, runs=200, block=10)\n"
-        "run(made, sys.argv[1], timing=False)\n"
+        f"guess = Named({f'{plugin}:make'!r})\n"
+        "made = Experiment(problem, {'guess': guess, 'ekf': Named('ekf')}, runs=300, block=10, timeout=0)\n"
+        "run(made, sys.argv[1], timing=False, workers=int(sys.argv[2]))\n"
     )
     out, whole = tmp_path / "out", tmp_path / "whole"
-    for parts in (4, 11):
-        process = subprocess.Popen([sys.executable, str(script), str(out)])
+    rng = np.random.default_rng(5)
+    for kill in range(5):
+        process = subprocess.Popen([sys.executable, str(script), str(out), "1"])
+        before = len(list(out.glob("parts/guess/*/*.npz")))
         deadline = time.monotonic() + 30
-        while len(list(out.glob("parts/guess/*/*.npz"))) < parts and time.monotonic() < deadline:
+        while len(list(out.glob("parts/guess/*/*.npz"))) <= before and time.monotonic() < deadline:
             time.sleep(0.005)
+        time.sleep(rng.uniform(0, 0.1))
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-        assert load(out).get("guess").failures["skipped"] > 0
-    for folder in (out, whole):
-        subprocess.run([sys.executable, str(script), str(folder)], check=True)
+        assert load(out).get("guess").failures["skipped"] > 0, kill
+    for folder, workers in ((out, "2"), (whole, "1")):
+        subprocess.run([sys.executable, str(script), str(folder), workers], check=True)
     assert contents(out) == contents(whole)
     assert load(out).get("guess").failures.get("skipped") is None

@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import chi2
 
 from rangefix.evaluation import Experiment, parse_study, stream, streams
+from rangefix.evaluation.seeds import Streams
 from rangefix.evaluation.simulate import ALLOWANCE, evidence_floor, simulate
 from rangefix.filters import BeamMixture, Gaussian, Quantised, Rangefinder, RangeProportional, StudentT
 
@@ -196,3 +197,19 @@ def test_labels_of_beams():
     from rangefix.evaluation.experiment import beam_label
 
     assert beam_label([*range(1, 41), 50, *range(60, 100)]) == "1-40+50+60-99"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**32 - 1, 2**32, 2**70])
+@pytest.mark.parametrize("run", [0, 5, 2**31, 2**33])
+def test_streams_are_those_of_default_rng(seed, run):
+    """The short way to a stream, for numbers of one word, leads to the same stream."""
+    expected = np.random.default_rng([seed, crc32(b"truth"), run]).standard_normal(3)
+    assert (stream(seed, "truth", run).standard_normal(3) == expected).all()
+
+
+def test_lazy_streams_are_the_same_and_go_on():
+    lazy, eager = Streams(1, "estimator", range(3, 6)), streams(1, "estimator", range(3, 6))
+    assert len(lazy) == 3
+    assert [rng.random() for rng in lazy] == [rng.random() for rng in eager]
+    assert lazy[-1].random() == eager[2].random()
+    assert lazy[1:][0] is lazy[1]

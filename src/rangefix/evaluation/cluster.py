@@ -65,7 +65,8 @@ def _work_all(
     def submit(task: Task) -> Any:
         return client.submit(_work, shared, task, measured(task), pure=False)
 
-    going = distributed.as_completed([submit(left.pop()) for _ in range(min(ahead, len(left)))])
+    first = [submit(left.pop()) for _ in range(min(ahead, len(left)))]
+    going = distributed.as_completed(first, loop=client.loop)
     for future in going:
         yield future.result()
         future.release()

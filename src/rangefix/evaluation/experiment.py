@@ -120,7 +120,7 @@ class Experiment:
     @property
     def steps(self) -> int:
         """Measurements in a run, T."""
-        return len(self.moves) + 1
+        return 1 if self.controls is None else len(self.moves) + 1
 
     @property
     def beam_labels(self) -> tuple[str, ...]:

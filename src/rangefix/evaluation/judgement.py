@@ -70,6 +70,11 @@ class Chunk:
         self.errors, self.covariance = errors, covariance
 
     @cached_property
+    def positive(self) -> BoolArray:
+        """Which covariances are positive definite."""
+        return is_positive(self.covariance)
+
+    @cached_property
     def nees(self) -> Array:
         """Normalised estimation errors squared."""
         return nees(self.errors, self.covariance)
@@ -119,7 +124,7 @@ class Judgement:
             self.p[i].add(covariance[:, i, i])
             self.bias[i].add(errors[:, i])
         self.anees.add(chunk.nees / self.size)
-        self.indefinite += int((~is_positive(covariance)).sum())
+        self.indefinite += int((~chunk.positive).sum())
         for level in LEVELS:
             self.inside[level] += int((chunk.nees <= chdtri(self.size, 1 - level)).sum())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from functools import lru_cache
 from pathlib import Path
 from time import monotonic
 from typing import NamedTuple, Protocol
@@ -23,6 +24,7 @@ from .summary import to_csv
 from .workers import Part, on_workers
 
 TIMED = 128  # runs timed at once, at most
+KEPT = 20  # blocks of measurements held in memory
 OFTEN = 0.1  # s between two calls of `progress` within a part
 
 
@@ -140,8 +142,12 @@ def _work_all(
     def path(task: Task) -> Path:
         return trials_path(folder, task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
 
+    @lru_cache(maxsize=KEPT)
+    def block(first: int, end: int) -> Array:
+        return read_part(world_path(folder, first, end), plan.world)["measurement"]
+
     def measured(task: Task) -> Array:
-        return read_part(world_path(folder, task.first, task.end), plan.world)["measurement"]
+        return block(task.first, task.end)
 
     def key(task: Task) -> str:
         return plan.key(task.estimator, experiment.beam_labels[task.beams])

@@ -7,7 +7,9 @@ from typing import overload
 from zlib import crc32
 
 import numpy as np
-from numpy.random import Generator
+from numpy.random import PCG64, Generator, SeedSequence
+
+WORD = 1 << 32
 
 
 def stream(seed: int, purpose: str, run: int) -> Generator:
@@ -20,7 +22,10 @@ def stream(seed: int, purpose: str, run: int) -> Generator:
         purpose: "truth", "measurement", "motion", "estimator" or another word.
         run: Number of the run, from 0.
     """
-    return np.random.default_rng([seed, crc32(purpose.encode()), run])
+    words = (seed, crc32(purpose.encode()), run)
+    if max(seed, run) < WORD:  # the same stream in half the time: numpy need not cut the numbers into words
+        return Generator(PCG64(SeedSequence(np.array(words, dtype=np.uint32))))
+    return np.random.default_rng(words)
 
 
 def streams(seed: int, purpose: str, runs: Iterable[int]) -> list[Generator]:

@@ -1,0 +1,73 @@
+"""What the harness adds to the estimators' own time, in a study of four estimators with two options each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation import Experiment, Named, run
+from rangefix.filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
+from rangefix.maps import RectangularRoom
+
+RUNS = 2000
+MOST = 0.05  # of the estimators' own time
+GRIDS = {
+    "point-mass": [{"cell": 0.05}, {"cell": 0.02}],
+    "particle": [{"particles": 2000}, {"particles": 10_000}],
+    "ukf": [{"alpha": 1.0}, {"alpha": 0.1}],
+    "enkf": [{"members": 200}, {"members": 1000}],
+}
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A builder whose estimators add the time of building and of their verbs to `spent`."""
+
+    builder: Named
+    spent: ClassVar[list[float]] = []
+
+    def watch(self, function):
+        def watched(*arguments):
+            start = perf_counter()
+            try:
+                return function(*arguments)
+            finally:
+                self.spent.append(perf_counter() - start)
+
+        return watched
+
+    def __call__(self, problem):
+        estimator = self.watch(self.builder)(problem)
+        verbs = ("init", "predict", "update", "estimate")
+        return type(
+            "Estimator", (), {verb: staticmethod(self.watch(getattr(estimator, verb))) for verb in verbs}
+        )
+
+
+def paper_problem():
+    room, space = RectangularRoom(width=4.0, length=6.0), position_space()
+    sensor = Rangefinder(room, np.deg2rad([326.3, 0.0, 33.7]), Gaussian(0.05), space)
+    return Problem(space, Stationary(space), sensor, Uniform(room, space))
+
+
+@pytest.mark.benchmark
+def test_overhead(tmp_path):
+    """Simulating, keeping, checking, summarising and saving take under 5 % of the estimators' own time."""
+    estimators = {
+        f"{name} {options}": Watched(Named(name, options)) for name, grid in GRIDS.items() for options in grid
+    }
+    experiment = Experiment(paper_problem(), estimators, runs=RUNS)
+    run(Experiment(paper_problem(), estimators, runs=20), tmp_path / "warm", timing=False)
+    shares = []
+    for repeat in range(2):  # the better of two, for other programs slow either down
+        Watched.spent.clear()
+        start = perf_counter()
+        run(experiment, tmp_path / str(repeat), timing=False)
+        own = sum(Watched.spent)
+        shares.append((perf_counter() - start - own) / own)
+        print(f"own {own:.2f} s, harness {100 * shares[-1]:.1f} %")
+    assert min(shares) < MOST
