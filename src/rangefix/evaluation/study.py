@@ -27,7 +27,15 @@ from .toml_lines import key_lines
 WORLD = {"map", "sensor", "state", "motion", "prior", "assumed"}  # the sections that make the problems
 BUILDERS = tuple(
     f"evaluation/{name}.py"
-    for name in ("schema", "sensor_sections", "motion_sections", "prior_sections", "study_checks")
+    for name in (
+        "schema",
+        "sensor_sections",
+        "motion_sections",
+        "prior_sections",
+        "study_checks",
+        "trajectories",
+        "lattice",
+    )
 )
 
 
@@ -53,6 +61,9 @@ class Study(Section):
     title: str = ""
     runs: int = Field(default=1000, ge=1)
     seed: int = Field(default=1, ge=0)
+    beliefs: bool = Field(
+        default=False, description="whether beliefs are sampled and judged, where they can be"
+    )
     timeout_s: float | None = Field(
         default=None, ge=0, description="longest that a trial may take; 0: any time"
     )
@@ -129,6 +140,7 @@ class Study(Section):
             config=self.text,
             identity=self._identity(),
             timeout=self.timeout_s,
+            beliefs=self.beliefs,
         )
 
     def _identity(self) -> str:
