@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, Named, ResultsError, cluster, run
+from rangefix.evaluation.simulate import Simulation
 
 from .conftest import make_problem
 
@@ -111,5 +112,5 @@ def test_blocks_reach_the_workers_with_their_measurements(tmp_path):
     payload = cluster.pickled(experiment), cluster.fingerprint(experiment)
     results = run(experiment, tmp_path, timing=False)
     task = cluster.Task("ekf", 0, 10, 20)
-    _, part = cluster._work(payload, task, results.measurement[10:])
+    _, part = cluster._work(payload, task, Simulation(results.truth[10:], results.measurement[10:]))
     np.testing.assert_array_equal(part["mean"], results.get("ekf").mean[10:])

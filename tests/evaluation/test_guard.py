@@ -6,6 +6,8 @@ import os
 import signal
 import threading
 import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ import pytest
 from rangefix.evaluation import STATUSES, Experiment, Named, experiment, guard, run
 from rangefix.evaluation.contestant import Contestant
 from rangefix.evaluation.guard import Guard
-from rangefix.evaluation.trial import Trial, is_covariance
+from rangefix.evaluation.outcome import is_covariance
+from rangefix.evaluation.scores_parts import read_belief
+from rangefix.evaluation.trial import Trial
 
 from .conftest import PriorOnly, make_problem
 
@@ -49,6 +53,10 @@ class Batch(Base):
         return belief
     def estimate(self, belief):
         return Estimate(belief, np.tile(self.covariance, (len(belief), 1, 1)), np.zeros(len(belief)))
+
+class Sampler(Batch):
+    def sample(self, belief, size, rngs):
+        return np.stack([mean + rng.standard_normal((size, 2)) for mean, rng in zip(belief, rngs)])
 
 class Slow(Base):
     def __init__(self, problem): time.sleep(1000)
@@ -178,3 +186,20 @@ def test_what_is_a_covariance():
     bad = [np.diag([1.0, -1e-3]), [[1e-20, 0.0], [0.0, -1e-20]], [[1.0, 1.001], [1.001, 1.0]]]
     assert is_covariance(np.array(good)).tolist() == [True] * 5
     assert is_covariance(np.array(bad)).tolist() == [False] * 3
+
+
+def test_beliefs_are_judged_where_they_can_be_sampled(plugin):
+    """The same in this process and in another, and no other number changes."""
+    estimators = {"sampler": Named(f"{plugin}:Sampler"), "silent": Named(f"{plugin}:Batch")}
+    results = {}
+    with TemporaryDirectory() as folder:
+        for name, timeout in (("here", 0.0), ("there", 5.0)):
+            made = Experiment(make_problem(), estimators, runs=7, block=4, timeout=timeout, beliefs=True)
+            found = run(made, Path(folder) / name, timing=False)
+            results[name] = read_belief(found, found.get("sampler"))
+            assert read_belief(found, found.get("silent")) is None
+            plain = run(Experiment(make_problem(), estimators, runs=7, block=4, timeout=0), timing=False)
+            assert (plain.get("sampler").mean == found.get("sampler").mean).all()
+    assert results["here"].ranks.shape == (7, 1, 2)
+    for one, other in zip(results["here"], results["there"], strict=True):
+        np.testing.assert_array_equal(one, other)

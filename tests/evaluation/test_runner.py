@@ -268,3 +268,36 @@ def test_sigkill_loses_nothing_finished(plugin, tmp_path):
         subprocess.run([sys.executable, str(script), str(folder), workers], check=True)
     assert contents(out) == contents(whole)
     assert load(out).get("guess").failures.get("skipped") is None
+
+
+DEADLY = """
+import os, pathlib
+import numpy as np
+from rangefix.filters import Estimate
+
+class Deadly:
+    def __init__(self, problem, once=""): self.once = once
+    def init(self, prior, rng): return rng.standard_normal(2)
+    def predict(self, belief, control, rng): return belief
+    def update(self, belief, measurement, rng):
+        if not self.once or not os.path.exists(self.once):
+            pathlib.Path(self.once or "/dev/null").touch()
+            os.kill(os.getpid(), 9)
+        return belief
+    def estimate(self, belief): return Estimate(belief, np.eye(2), 0.0)
+"""
+
+
+def test_a_worker_that_is_killed_is_replaced(tmp_path):
+    """The numbers are those of a serial run; one that always kills its worker ends the run in a line."""
+    file = tmp_path / "deadly.py"
+    file.write_text(DEADLY)
+    once = Named(f"{file}:Deadly", {"once": str(tmp_path / "died")})
+    made = experiment(file, estimators={"deadly": once, "ekf": Named("ekf")})
+    run(made, tmp_path / "parallel", workers=2, timing=False)
+    assert (tmp_path / "died").exists()
+    run(made, tmp_path / "serial", timing=False)
+    assert contents(tmp_path / "parallel") == contents(tmp_path / "serial")
+    made = experiment(file, estimators={"deadly": Named(f"{file}:Deadly"), "ekf": Named("ekf")})
+    with pytest.raises(ResultsError, match="workers died 3 times"):
+        run(made, tmp_path / "never", workers=2, timing=False)

@@ -10,10 +10,10 @@ from functools import lru_cache
 from threading import Lock
 from typing import Any
 
-from ..filters.space import Array
 from .crew import Crew, Task
 from .experiment import Experiment
 from .provenance import fingerprint, pickled
+from .simulate import Simulation
 from .store import ResultsError
 from .workers import Part
 
@@ -23,7 +23,7 @@ ALONE = Lock()  # the threads of a worker take turns: our kernels use threads of
 
 
 def on_cluster(
-    experiment: Experiment, tasks: Sequence[Task], measured: Callable[[Task], Array], address: str
+    experiment: Experiment, tasks: Sequence[Task], world: Callable[[Task], Simulation], address: str
 ) -> Iterator[tuple[Task, Part]]:
     """Tasks and their parts as the cluster finishes them; dask gives those of a lost worker to another.
 
@@ -44,7 +44,7 @@ def on_cluster(
         warnings.filterwarnings("ignore", "Sending large graph")
         payload = pickled(experiment), fingerprint(experiment)
         try:
-            yield from _work_all(distributed, client, payload, tasks, measured)
+            yield from _work_all(distributed, client, payload, tasks, world)
         except distributed.KilledWorker:
             raise ResultsError(
                 "workers of the cluster keep dying (out of memory?); what was finished is kept"
@@ -56,14 +56,14 @@ def _work_all(
     client: Any,
     payload: tuple[bytes, dict[str, str | None]],
     tasks: Sequence[Task],
-    measured: Callable[[Task], Array],
+    world: Callable[[Task], Simulation],
 ) -> Iterator[tuple[Task, Part]]:
     shared = client.submit(_same, payload, pure=False)  # a task itself: it is made again if its worker dies
     left = list(tasks)[::-1]
     ahead = AHEAD * max(1, sum(client.nthreads().values()))
 
     def submit(task: Task) -> Any:
-        return client.submit(_work, shared, task, measured(task), pure=False)
+        return client.submit(_work, shared, task, world(task), pure=False)
 
     first = [submit(left.pop()) for _ in range(min(ahead, len(left)))]
     going = distributed.as_completed(first, loop=client.loop)
@@ -78,9 +78,9 @@ def _same(payload: tuple[bytes, dict[str, str | None]]) -> tuple[bytes, dict[str
     return payload
 
 
-def _work(payload: tuple[bytes, dict[str, str | None]], task: Task, measurement: Array) -> tuple[Task, Part]:
+def _work(payload: tuple[bytes, dict[str, str | None]], task: Task, world: Simulation) -> tuple[Task, Part]:
     with ALONE:
-        return task, _crew(*payload[:1], tuple(payload[1].items())).work(task, measurement)
+        return task, _crew(*payload[:1], tuple(payload[1].items())).work(task, world)
 
 
 @lru_cache(maxsize=1)

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 from ..filters.estimator import Estimator
 from ..filters.space import Array
 from .experiment import Builder
+from .outcome import Outcome, joined
 from .provenance import one_thread
-from .trial import Outcome, Trial, batch_size, joined, seconds_per_update
+from .trial import Trial, batch_size, seconds_per_update
 
 Note = Callable[[int, int], None]
 
@@ -44,16 +45,19 @@ class Contestant(NamedTuple):
         self.trial.run(self.estimator, measurement, 0)
         return Probe(size, perf_counter() - start)
 
-    def run(self, measurement: Array, first: int, size: int, note: Note = silent) -> Outcome:
-        """Trials of runs first, first + 1, ... in batches of a size."""
+    def run(
+        self, measurement: Array, first: int, size: int, truth: Array | None = None, note: Note = silent
+    ) -> Outcome:
+        """Trials of runs first, first + 1, ... in batches of a size; with truths, beliefs are judged too."""
         outcomes = []
         for start in range(0, len(measurement), size):
 
             def noted(place: int, count: int, start: int = start) -> None:
                 note(start + place, count)
 
-            some = measurement[start : start + size]
-            outcomes.append(self.trial.run(self.estimator, some, first + start, noted))
+            here = slice(start, start + size)
+            true = None if truth is None else truth[here]
+            outcomes.append(self.trial.run(self.estimator, measurement[here], first + start, noted, true))
         return joined(outcomes) if len(outcomes) != 1 else outcomes[0]
 
     def time(self, measurement: Array) -> dict[str, Any]:

@@ -14,9 +14,10 @@ from .contestant import Contestant, Note, silent
 from .experiment import Experiment
 from .guard import Guard
 from .mistakes import one_line
+from .outcome import Outcome, blank
 from .parts import part_arrays
-from .simulate import evidence_floor, simulate
-from .trial import Outcome, Trial, batch_size, blank
+from .simulate import Simulation, evidence_floor, simulate
+from .trial import Trial, batch_size
 
 
 class Task(NamedTuple):
@@ -94,28 +95,29 @@ class Crew:
             self.first = simulate(self.experiment, 0, 2).measurement
         return self.seen(beams, self.first)
 
-    def work(self, task: Task, measurement: Array, note: Note = silent) -> dict[str, NDArray[Any]]:
-        """The part of a task whose runs measured (M, T, B); `note` hears what is about to be done."""
-        seen = self.seen(task.beams, measurement)
+    def work(self, task: Task, world: Simulation, note: Note = silent) -> dict[str, NDArray[Any]]:
+        """The part of a task whose runs are given; `note` hears what is about to be done."""
+        seen = self.seen(task.beams, world.measurement)
+        truth = world.truth if self.experiment.beliefs else None
         size = self.experiment.told.space.size
         try:
-            outcome = self._outcome(task, seen, note)
+            outcome = self._outcome(task, seen, truth, note)
         except (Unbuilt, Refused) as error:
             outcome = blank(seen.shape, size, "error", f"it cannot be built: {error}")
         except Stopped as stopped:
             outcome = blank(seen.shape, size, stopped.status, str(stopped))
         return part_arrays(outcome, evidence_floor(self.experiment.told.sensor, seen))
 
-    def _outcome(self, task: Task, seen: Array, note: Note) -> Outcome:
+    def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:
         label, beams = task.estimator, task.beams
         limit = self.experiment.limit(label)
         if limit is not None:
-            return self.guard(label, limit).run(seen, task.first, self.first_two(beams))
+            return self.guard(label, limit).run(seen, task.first, self.first_two(beams), truth)
         contestant = self.contestant(label)
         if (label, beams) not in self.sizes:
             size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
             self.sizes[label, beams] = size
-        return contestant.run(seen, task.first, self.sizes[label, beams], note)
+        return contestant.run(seen, task.first, self.sizes[label, beams], truth, note)
 
     def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""

@@ -60,6 +60,8 @@ class Experiment:
         timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
             limit. None: PATIENCE for plug-ins that are known by name, none for our own estimators and for
             builders that are Python objects.
+        beliefs: Whether to judge the beliefs themselves, of estimators that can sample them: ranks of the
+            truth, energy score, main mode (`scores_belief.py`). It takes about a millisecond a run and step.
 
     Raises:
         ValueError: If any of these does not fit.
@@ -79,6 +81,7 @@ class Experiment:
     block: int = 500
     identity: str = ""
     timeout: float | None = None
+    beliefs: bool = False
 
     def __post_init__(self) -> None:
         if not self.estimators:

@@ -11,8 +11,9 @@ from ..filters.space import Array
 from .child import Child, Refused, Stopped
 from .contestant import Probe
 from .experiment import Builder
+from .outcome import Outcome, blank, joined
 from .provenance import pickled
-from .trial import Outcome, Trial, blank, joined
+from .trial import Trial
 
 BUILD = 60.0  # s for building an estimator, beyond the time of a trial
 GRACE = 20.0  # s for the first runs in a new process, which compile and import
@@ -95,7 +96,7 @@ class Guard:
             return {"seconds": None}
         return answer
 
-    def run(self, measurement: Array, first: int, first_two: Array) -> Outcome:
+    def run(self, measurement: Array, first: int, first_two: Array, truth: Array | None = None) -> Outcome:
         """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
 
         A batch may last as long as a trial, or SLACK times what two runs took for each of its runs. A batch
@@ -115,7 +116,9 @@ class Guard:
         while todo:
             start, end, at_once = todo.pop()
             try:
-                done[start] = self._piece(measurement[start:end], first + start, at_once, first_two)
+                true = None if truth is None else truth[start:end]
+                piece = (measurement[start:end], first + start, at_once, true)
+                done[start] = self._piece(piece, first_two)
                 continue
             except Refused as refused:  # not by the estimator's verbs: by something in our own way to it
                 done[start] = self._blank(measurement[start:end], "error", str(refused))
@@ -142,14 +145,14 @@ class Guard:
                 todo.append((start, where, at_once))
         return joined([done[place] for place in sorted(done)])
 
-    def _piece(self, measurement: Array, first: int, at_once: int, first_two: Array) -> Outcome:
+    def _piece(self, piece: tuple[Array, int, int, Array | None], first_two: Array) -> Outcome:
         probe = self.probe(first_two)
         each = 0.0 if probe is None else probe.seconds
 
         def allowed(count: int) -> float:
             return max(self.timeout, min(count * self.timeout, SLACK * count * each))
 
-        outcome: Outcome = self._ask("run", (measurement, first, at_once), allowed)
+        outcome: Outcome = self._ask("run", piece, allowed)
         return outcome
 
     def _blank(self, measurement: Array, status: str, reason: str) -> Outcome:

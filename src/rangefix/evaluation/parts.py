@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..filters.space import Array
 from .experiment import Experiment, Named
+from .outcome import Outcome
 from .provenance import digest
 from .store import ResultsError, read_json, read_part
-from .trial import Outcome
 
 FORMAT = 1
 TIMING = "timing.json"
@@ -122,6 +122,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> dict[str, NDArray[Any]]:
         "status": outcome.status,
         "failed": np.array(failed, dtype=np.int64),
         "reasons": np.array([outcome.reasons[place] for place in failed], dtype=str),
+        **outcome.beliefs,
     }
 
 

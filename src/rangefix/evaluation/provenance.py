@@ -28,7 +28,7 @@ NUMERIC = (
     "filters",
     *(
         f"evaluation/{name}.py"
-        for name in ("experiment", "seeds", "simulate", "trial", "contestant", "guard", "crew")
+        for name in ("experiment", "seeds", "simulate", "trial", "outcome", "contestant", "guard", "crew")
     ),
 )
 LIBRARIES = ("numpy", "scipy", "filterpy", "open3d", "numba")
@@ -115,7 +115,7 @@ def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
             source = plugin_source(builder)
         except Exception:  # its trials will say what is wrong
             source = "not found"
-        trials[label] = digest(world, who, source, experiment.limit(label))
+        trials[label] = digest(world, who, source, experiment.limit(label), experiment.beliefs)
     return world, trials
 
 

@@ -7,87 +7,23 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filters.space import Array, BoolArray, StateSpace
+from ..filters.space import Array, StateSpace
 from .judgement import PASSES, Chunk, Judgement
-from .parts import FORMAT, MANIFEST, TIMING, Plan, read_timing, trials_path, world_path
-from .store import ResultsError, read_json, read_npz, read_part
+from .parts import FORMAT, MANIFEST, TIMING, Plan, read_timing
+from .store import ResultsError, read_json, read_npz
 from .store import write_json as write_json  # also for those who save beside our results
 from .store import write_npz as write_npz
 from .summary import STATUSES, Row
+from .trials import Held, Saved
+from .trials import Source as Source
+from .trials import Trials as Trials
 
 MOST = 10_000  # runs whose trials are held at once; of more, nothing is read before it is asked for
-
-
-@dataclass(frozen=True)
-class Trials:
-    """One estimator on one set of beams: M planned runs, T steps, n components.
-
-    Attributes:
-        estimator: Label of the estimator, unique in the study.
-        beams: Label of the beams, "1+2+3", or "all".
-        mean: Estimates, (M, T, n); NaN where the trial failed.
-        covariance: Claimed covariances, (M, T, n, n).
-        log_evidence: Log density of the measurements so far, nats, (M, T).
-        log_evidence_floor: Below it they were improbable, (M, T).
-        status: Codes, places in STATUSES, (M,).
-        reasons: Run -> why it is not ok.
-    """
-
-    estimator: str
-    beams: str
-    mean: Array
-    covariance: Array
-    log_evidence: Array
-    log_evidence_floor: Array
-    status: NDArray[np.int8]
-    reasons: Mapping[int, str] = field(default_factory=dict)
-
-    def part(self, first: int, end: int) -> Trials:
-        """Runs first to end - 1."""
-        some = slice(first, end)
-        return Trials(
-            self.estimator,
-            self.beams,
-            self.mean[some],
-            self.covariance[some],
-            self.log_evidence[some],
-            self.log_evidence_floor[some],
-            self.status[some],
-            {run: text for run, text in self.reasons.items() if first <= run < end},
-        )
-
-    @property
-    def ok(self) -> BoolArray:
-        """Which runs went well, (M,)."""
-        return np.asarray(self.status == 0)
-
-    @property
-    def improbable(self) -> BoolArray:
-        """Which ok runs met measurements that the estimator's model all but excludes, (M, T)."""
-        return np.asarray(self.ok[:, None] & (self.log_evidence < self.log_evidence_floor))
-
-    @property
-    def failures(self) -> dict[str, int]:
-        """Runs by status other than "ok"; statuses that did not occur are left out."""
-        counts = np.bincount(self.status, minlength=len(STATUSES))
-        return {name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"}
-
-
-class Source(Protocol):
-    """Where the arrays of runs come from: a folder, or memory."""
-
-    def world(self, first: int, end: int) -> tuple[Array, Array]:
-        """True states (M, T, n) and measurements (M, T, B) of runs first to end - 1."""
-        ...
-
-    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
-        """Trials of runs first to end - 1; the keys of `reasons` count from run 0 of the study."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -184,82 +120,6 @@ class Results:
         from .frames import to_xarray
 
         return to_xarray(self)
-
-
-@dataclass(frozen=True)
-class Held:
-    """Arrays in memory."""
-
-    truth: Array
-    measurement: Array
-    all_trials: tuple[Trials, ...]
-
-    def world(self, first: int, end: int) -> tuple[Array, Array]:
-        """Some runs of the arrays."""
-        return self.truth[first:end], self.measurement[first:end]
-
-    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
-        """Some runs of the trials."""
-        found = next(each for each in self.all_trials if (each.estimator, each.beams) == (estimator, beams))
-        return found if end - first == len(found.status) else found.part(first, end)
-
-
-@dataclass(frozen=True)
-class Saved:
-    """A folder of parts; those missing from an interrupted run are "skipped"."""
-
-    folder: Path
-    plan: Plan
-    complete: bool
-
-    def _blocks(self, first: int, end: int) -> list[tuple[int, int]]:
-        return [(low, high) for low, high in self.plan.blocks() if low < end and high > first]
-
-    def world(self, first: int, end: int) -> tuple[Array, Array]:
-        """True states and measurements, read part by part into arrays of their full size."""
-        steps, size, beams = self.plan.shape
-        truth = np.full((end - first, steps, size), np.nan)
-        measurement = np.full((end - first, steps, beams), np.nan)
-        for low, high in self._blocks(first, end):
-            path = world_path(self.folder, low, high)
-            if self.complete or path.exists():
-                part, (mine, its) = read_part(path, self.plan.world), _overlap(low, high, first, end)
-                truth[mine], measurement[mine] = part["truth"][its], part["measurement"][its]
-        return truth, measurement
-
-    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
-        """Trials, read part by part into arrays of their full size."""
-        runs, (steps, size, _) = end - first, self.plan.shape
-        arrays: dict[str, NDArray[Any]] = {
-            "mean": np.full((runs, steps, size), np.nan),
-            "covariance": np.full((runs, steps, size, size), np.nan),
-            "log_evidence": np.full((runs, steps), np.nan),
-            "log_evidence_floor": np.full((runs, steps), np.nan),
-            "status": np.full(runs, STATUSES.index("skipped"), dtype=np.int8),
-        }
-        reasons: dict[int, str] = {}
-        for low, high in self._blocks(first, end):
-            path = trials_path(self.folder, estimator, beams, low, high)
-            if not self.complete and not path.exists():
-                missed = range(max(low, first), min(high, end))
-                reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
-                continue
-            part, (mine, its) = (
-                read_part(path, self.plan.key(estimator, beams)),
-                _overlap(low, high, first, end),
-            )
-            for name, array in arrays.items():
-                array[mine] = part[name][its]
-            for place, reason in zip(part["failed"], part["reasons"], strict=True):
-                if first <= low + int(place) < end:
-                    reasons[low + int(place)] = str(reason)
-        return Trials(estimator, beams, reasons=reasons, **arrays)
-
-
-def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:
-    """Where runs low to high - 1 go among runs first to end - 1, and which of them."""
-    start, stop = max(low, first), min(high, end)
-    return slice(start - first, stop - first), slice(start - low, stop - low)
 
 
 def summarise(results: Results) -> list[Row]:

@@ -10,7 +10,6 @@ from pathlib import Path
 from time import monotonic
 from typing import NamedTuple, Protocol
 
-from ..filters.space import Array
 from .cluster import on_cluster
 from .crew import Crew, Task
 from .experiment import Experiment
@@ -18,13 +17,13 @@ from .parts import MANIFEST, TIMING, Plan, read_timing, trials_path, whole, worl
 from .pictures import save_pictures
 from .provenance import digest, keys, surroundings
 from .results import Results, load, summarise
-from .simulate import simulate
+from .simulate import Simulation, simulate
 from .store import read_part, sweep, write_bytes, write_json, write_npz, write_part
 from .summary import to_csv
 from .workers import Part, on_workers
 
 TIMED = 128  # runs timed at once, at most
-KEPT = 20  # blocks of measurements held in memory
+KEPT = 20  # blocks of truths and measurements held in memory
 OFTEN = 0.1  # s between two calls of `progress` within a part
 
 
@@ -143,10 +142,10 @@ def _work_all(
         return trials_path(folder, task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
 
     @lru_cache(maxsize=KEPT)
-    def block(first: int, end: int) -> Array:
-        return read_part(world_path(folder, first, end), plan.world)["measurement"]
+    def block(first: int, end: int) -> Simulation:
+        return Simulation(**read_part(world_path(folder, first, end), plan.world))
 
-    def measured(task: Task) -> Array:
+    def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
     def key(task: Task) -> str:
@@ -166,11 +165,11 @@ def _work_all(
     if not tasks:
         return
     if cluster is not None:
-        parts = on_cluster(experiment, tasks, measured, cluster)
+        parts = on_cluster(experiment, tasks, world, cluster)
     elif workers == 1 or len(tasks) == 1:
-        parts = _here(crew, tasks, measured, lambda task, begun: tell(task.estimator, 0, 0, begun))
+        parts = _here(crew, tasks, world, lambda task, begun: tell(task.estimator, 0, 0, begun))
     else:
-        parts = on_workers(experiment, tasks, measured, workers)
+        parts = on_workers(experiment, tasks, world, workers)
     for task, part in parts:
         write_part(path(task), part, key(task))
         tell(task.estimator, task.end - task.first, len(part["failed"]))
@@ -179,7 +178,7 @@ def _work_all(
 def _here(
     crew: Crew,
     tasks: Sequence[Task],
-    measured: Callable[[Task], Array],
+    world: Callable[[Task], Simulation],
     begun: Callable[[Task, int], None],
 ) -> Iterator[tuple[Task, Part]]:
     """Tasks and their parts, done in this process one after the other."""
@@ -192,7 +191,7 @@ def _here(
                 last = monotonic()
                 begun(task, place)
 
-        yield task, crew.work(task, measured(task), note)
+        yield task, crew.work(task, world(task), note)
 
 
 def _time_all(crew: Crew, plan: Plan, folder: Path, resume: bool) -> None:

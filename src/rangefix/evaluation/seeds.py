@@ -23,7 +23,7 @@ def stream(seed: int, purpose: str, run: int) -> Generator:
         run: Number of the run, from 0.
     """
     words = (seed, crc32(purpose.encode()), run)
-    if max(seed, run) < WORD:  # the same stream in half the time: numpy need not cut the numbers into words
+    if max(seed, run) < WORD:  # the same stream, sooner: numpy need not cut the numbers into words
         return Generator(PCG64(SeedSequence(np.array(words, dtype=np.uint32))))
     return np.random.default_rng(words)
 

@@ -61,6 +61,7 @@ class Study(Section):
     title: str = ""
     runs: int = Field(default=1000, ge=1)
     seed: int = Field(default=1, ge=0)
+    beliefs: bool = Field(default=False, description="whether to judge beliefs that can be sampled")
     timeout_s: float | None = Field(
         default=None, ge=0, description="longest that a trial may take; 0: any time"
     )
@@ -137,6 +138,7 @@ class Study(Section):
             config=self.text,
             identity=self._identity(),
             timeout=self.timeout_s,
+            beliefs=self.beliefs,
         )
 
     def _identity(self) -> str:

@@ -8,27 +8,16 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..filters.estimator import EachRun, Estimator
 from ..filters.problem import Problem
-from ..filters.space import Array, BoolArray
+from ..filters.space import Array
+from .outcome import Outcome, blank, judged
 from .seeds import Streams
 from .summary import STATUSES
 
 BUDGET = 128e6  # bytes of beliefs held at once
 DEPTH = 4  # how deep a belief is searched for arrays
-ROUNDING = 1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
-
-
-class Outcome(NamedTuple):
-    """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok."""
-
-    mean: Array
-    covariance: Array
-    log_evidence: Array
-    status: NDArray[np.int8]
-    reasons: dict[int, str]
 
 
 class TrialError(Exception):
@@ -43,9 +32,9 @@ class Trial(NamedTuple):
     seed: int
 
     def attempt(
-        self, estimator: Estimator[Any], measurement: Array, runs: Iterable[int]
-    ) -> tuple[Array, Array, Array]:
-        """Estimates after each step, all runs at once.
+        self, estimator: Estimator[Any], measurement: Array, runs: Iterable[int], truth: Array | None = None
+    ) -> tuple[Array, Array, Array, dict[str, Array]]:
+        """Estimates after each step, all runs at once; measures of beliefs, if truths (M, T, n) are given.
 
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
@@ -55,6 +44,7 @@ class Trial(NamedTuple):
         size = self.problem.space.size
         mean, covariance = np.empty((count, steps, size)), np.empty((count, steps, size, size))
         log_evidence = np.empty((count, steps))
+        judge = _Beliefs(self, estimator, runs, truth)
         verb = "init"
         try:
             belief = estimator.init(self.problem.prior, rngs)
@@ -72,10 +62,12 @@ class Trial(NamedTuple):
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
+                verb = "sample"
+                judge.add(belief, step)
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = " ".join(str(error).split()) or "no message"
             raise TrialError(f"{verb}() failed: {type(error).__name__}: {text}") from error
-        return mean, covariance, log_evidence
+        return mean, covariance, log_evidence, judge.arrays()
 
     def run(
         self,
@@ -83,6 +75,7 @@ class Trial(NamedTuple):
         measurement: Array,
         first: int,
         note: Callable[[int, int], None] = lambda place, count: None,
+        truth: Array | None = None,
     ) -> Outcome:
         """Runs first, first + 1, ... for measurements (M, T, B); where a batch fails, run by run.
 
@@ -95,36 +88,62 @@ class Trial(NamedTuple):
         if count > 1 and not isinstance(estimator, EachRun):
             note(0, count)
             try:
-                return judged(*self.attempt(estimator, measurement, range(first, first + count)))
+                runs = range(first, first + count)
+                *estimates, beliefs = self.attempt(estimator, measurement, runs, truth)
+                return judged(*estimates)._replace(beliefs=beliefs)
             except TrialError:
                 pass  # whose fault it is will show
         outcome = blank(measurement.shape, self.problem.space.size)
-        failed = {}
+        failed, beliefs = {}, {}
         for place in range(count):
             note(place, 1)
+            here = slice(place, place + 1)
             try:
-                one = self.attempt(estimator, measurement[place : place + 1], [first + place])
+                *one, found = self.attempt(
+                    estimator, measurement[here], [first + place], None if truth is None else truth[here]
+                )
             except TrialError as error:
                 failed[place] = str(error)
                 continue
             for target, array in zip(outcome[:3], one, strict=True):
                 target[place] = array[0]
-        outcome = judged(*outcome[:3])
+            for name, array in found.items():
+                whole = np.full((count, *array.shape[1:]), np.nan)
+                beliefs.setdefault(name, whole)[place] = array[0]
+        outcome = judged(*outcome[:3])._replace(beliefs=beliefs)
         outcome.status[list(failed)] = STATUSES.index("error")
         outcome.reasons.update(failed)
         return outcome
 
 
-def blank(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
-    """An outcome without estimates for measurements of a shape (M, T, B): all runs of one status."""
-    runs, steps = shape[:2]
-    return Outcome(
-        np.full((runs, steps, size), np.nan),
-        np.full((runs, steps, size, size), np.nan),
-        np.full((runs, steps), np.nan),
-        np.full(runs, STATUSES.index(status), dtype=np.int8),
-        dict.fromkeys(range(runs), reason) if status != "ok" else {},
-    )
+class _Beliefs:
+    """Measures of the beliefs of some runs, step by step; none without truths or without samples."""
+
+    def __init__(
+        self, trial: Trial, estimator: Estimator[Any], runs: Iterable[int], truth: Array | None
+    ) -> None:
+        self.trial, self.estimator, self.runs, self.truth = trial, estimator, runs, truth
+        self.found: list[Any] = []
+
+    def add(self, belief: object, step: int) -> None:
+        if self.truth is None:
+            return
+        from .scores_parts import judge_belief
+
+        truth, space = self.truth[:, step], self.trial.problem.space
+        found = judge_belief(self.estimator, belief, truth, space, self.trial.seed, self.runs, step)
+        if found is None:
+            self.truth = None
+        else:
+            self.found.append(found)
+
+    def arrays(self) -> dict[str, Array]:
+        """For the part, (M, T, ...) each."""
+        if not self.found:
+            return {}
+        from .scores_parts import belief_arrays
+
+        return belief_arrays(self.found)
 
 
 def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
@@ -133,67 +152,6 @@ def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
         raise ValueError(f"it gave {len(parts)} things, not mean, covariance and log evidence")
     names = ("mean", "covariance", "log_evidence")
     return [(name, np.asarray(part, dtype=float)) for name, part in zip(names, parts, strict=True)]
-
-
-def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
-    """Estimates with their status: "nan" before "error" before "diverged" before "ok".
-
-    A covariance with a negative eigenvalue, or one that is not symmetric, is none: "error". A singular one
-    claims certainty, which a collapsed filter does in earnest: it stays, and its NEES is infinite.
-    """
-    finite = np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1)) & (log_evidence != np.inf)
-    sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
-    status = np.zeros(len(mean), dtype=np.int8)
-    reasons: dict[int, str] = {}
-    for name, wrong, text in (
-        ("diverged", log_evidence == -np.inf, "the log evidence is -inf (nothing explains the measurement)"),
-        ("error", ~is_covariance(sound), "estimate(): the covariance is not "),
-        ("nan", ~finite, "estimate(): an estimate is not finite"),
-    ):
-        for place in np.flatnonzero(wrong.any(1)):
-            step = int(wrong[place].argmax())
-            fault = _fault(covariance[place, step]) if name == "error" else ""
-            status[place] = STATUSES.index(name)
-            reasons[int(place)] = f"{text}{fault} at step {step + 1}"
-    return Outcome(mean, covariance, log_evidence, status, reasons)
-
-
-def is_covariance(covariance: Array) -> BoolArray:
-    """Whether matrices (..., n, n) are symmetric without negative eigenvalues, but for ROUNDING."""
-    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
-    try:
-        np.linalg.cholesky(covariance)  # quick; reads the lower half only
-        semidefinite = np.ones(covariance.shape[:-2], dtype=bool)
-    except np.linalg.LinAlgError:
-        std = np.sqrt(np.where(variance > 0, variance, 1.0))
-        scaled = 0.5 * (covariance + np.swapaxes(covariance, -1, -2)) / std[..., None] / std[..., None, :]
-        semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -ROUNDING)
-    gap = np.abs(covariance - np.swapaxes(covariance, -1, -2))
-    if not gap.any():
-        return semidefinite
-    std = np.sqrt(np.abs(variance))
-    return np.asarray(semidefinite & (gap <= ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1)))
-
-
-def _fault(covariance: Array) -> str:
-    """What is wrong with a finite matrix that is no covariance."""
-    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
-    if is_covariance(0.5 * (covariance + covariance.T)):
-        return "symmetric"
-    return f"positive definite (smallest eigenvalue {values[0]:.3g})"
-
-
-def joined(outcomes: list[Outcome]) -> Outcome:
-    """Outcomes of batches that follow each other, as one."""
-    reasons: dict[int, str] = {}
-    place = 0
-    for outcome in outcomes:
-        reasons |= {place + key: text for key, text in outcome.reasons.items()}
-        place += len(outcome.status)
-    mean, covariance, log_evidence, status = (
-        np.concatenate(parts) for parts in zip(*(outcome[:4] for outcome in outcomes), strict=True)
-    )
-    return Outcome(mean, covariance, log_evidence, status, reasons)
 
 
 def batch_size(trial: Trial, estimator: Estimator[Any], measurement: Array) -> int:

@@ -10,10 +10,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..filters.space import Array
 from .crew import Crew, Task
 from .experiment import Experiment
 from .provenance import pickled
+from .simulate import Simulation
 from .store import ResultsError
 
 Part = dict[str, NDArray[Any]]
@@ -21,7 +21,7 @@ BREAKS = 3  # pools that die one after the other without having finished a task
 
 
 def on_workers(
-    experiment: Experiment, tasks: Sequence[Task], measured: Callable[[Task], Array], workers: int
+    experiment: Experiment, tasks: Sequence[Task], world: Callable[[Task], Simulation], workers: int
 ) -> Iterator[tuple[Task, Part]]:
     """Tasks and their parts as a pool of processes finishes them.
 
@@ -38,7 +38,7 @@ def on_workers(
         while left:
             pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
             try:
-                for task, part in pool(delayed(_work)(payload, task, measured(task)) for task in list(left)):
+                for task, part in pool(delayed(_work)(payload, task, world(task)) for task in list(left)):
                     del left[task]
                     breaks = 0
                     yield task, part
@@ -52,8 +52,8 @@ def on_workers(
                     ) from None
 
 
-def _work(payload: Path, task: Task, measurement: Array) -> tuple[Task, Part]:
-    return task, _crew(payload).work(task, measurement)
+def _work(payload: Path, task: Task, world: Simulation) -> tuple[Task, Part]:
+    return task, _crew(payload).work(task, world)
 
 
 @lru_cache(maxsize=1)

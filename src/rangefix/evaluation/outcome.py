@@ -1,0 +1,108 @@
+"""What trials come to: estimates, a status for each run, and reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filters.space import Array, BoolArray
+from .summary import STATUSES
+
+ROUNDING = 1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
+
+
+class Outcome(NamedTuple):
+    """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok.
+
+    Where beliefs are judged and the estimator can sample them, also what `scores_parts.py` says of them.
+    """
+
+    mean: Array
+    covariance: Array
+    log_evidence: Array
+    status: NDArray[np.int8]
+    reasons: dict[int, str]
+    beliefs: Mapping[str, Array] = {}
+
+
+def blank(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
+    """An outcome without estimates for measurements of a shape (M, T, B): all runs of one status."""
+    runs, steps = shape[:2]
+    return Outcome(
+        np.full((runs, steps, size), np.nan),
+        np.full((runs, steps, size, size), np.nan),
+        np.full((runs, steps), np.nan),
+        np.full(runs, STATUSES.index(status), dtype=np.int8),
+        dict.fromkeys(range(runs), reason) if status != "ok" else {},
+    )
+
+
+def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
+    """Estimates with their status: "nan" before "error" before "diverged" before "ok".
+
+    A covariance with a negative eigenvalue, or one that is not symmetric, is none: "error". A singular one
+    claims certainty, which a collapsed filter does in earnest: it stays, and its NEES is infinite.
+    """
+    finite = np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1)) & (log_evidence != np.inf)
+    sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
+    status = np.zeros(len(mean), dtype=np.int8)
+    reasons: dict[int, str] = {}
+    for name, wrong, text in (
+        ("diverged", log_evidence == -np.inf, "the log evidence is -inf (nothing explains the measurement)"),
+        ("error", ~is_covariance(sound), "estimate(): the covariance is not "),
+        ("nan", ~finite, "estimate(): an estimate is not finite"),
+    ):
+        for place in np.flatnonzero(wrong.any(1)):
+            step = int(wrong[place].argmax())
+            fault = _fault(covariance[place, step]) if name == "error" else ""
+            status[place] = STATUSES.index(name)
+            reasons[int(place)] = f"{text}{fault} at step {step + 1}"
+    return Outcome(mean, covariance, log_evidence, status, reasons)
+
+
+def is_covariance(covariance: Array) -> BoolArray:
+    """Whether matrices (..., n, n) are symmetric without negative eigenvalues, but for ROUNDING."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    try:
+        np.linalg.cholesky(covariance)  # quick; reads the lower half only
+        semidefinite = np.ones(covariance.shape[:-2], dtype=bool)
+    except np.linalg.LinAlgError:
+        std = np.sqrt(np.where(variance > 0, variance, 1.0))
+        scaled = 0.5 * (covariance + np.swapaxes(covariance, -1, -2)) / std[..., None] / std[..., None, :]
+        semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -ROUNDING)
+    gap = np.abs(covariance - np.swapaxes(covariance, -1, -2))
+    if not gap.any():
+        return semidefinite
+    std = np.sqrt(np.abs(variance))
+    return np.asarray(semidefinite & (gap <= ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1)))
+
+
+def _fault(covariance: Array) -> str:
+    """What is wrong with a finite matrix that is no covariance."""
+    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    if is_covariance(0.5 * (covariance + covariance.T)):
+        return "symmetric"
+    return f"positive definite (smallest eigenvalue {values[0]:.3g})"
+
+
+def joined(outcomes: list[Outcome]) -> Outcome:
+    """Outcomes of batches that follow each other, as one."""
+    reasons: dict[int, str] = {}
+    place = 0
+    for outcome in outcomes:
+        reasons |= {place + key: text for key, text in outcome.reasons.items()}
+        place += len(outcome.status)
+    mean, covariance, log_evidence, status = (
+        np.concatenate(parts) for parts in zip(*(outcome[:4] for outcome in outcomes), strict=True)
+    )
+    beliefs: dict[str, Array] = {}
+    if any(outcome.beliefs for outcome in outcomes):
+        some = next(outcome.beliefs for outcome in outcomes if outcome.beliefs)
+        for name, array in some.items():
+            unknown = [np.full((len(outcome.status), *array.shape[1:]), np.nan) for outcome in outcomes]
+            pairs = zip(outcomes, unknown, strict=True)
+            beliefs[name] = np.concatenate([outcome.beliefs.get(name, nan) for outcome, nan in pairs])
+    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs)
