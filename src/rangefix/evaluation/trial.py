@@ -169,7 +169,7 @@ def batch_size(trial: Trial, estimator: Estimator[Any], measurement: Array) -> i
             before = estimator.init(trial.problem.prior, rngs)
             after = estimator.update(before, measurement[:count, 0].copy(), rngs)
             sizes.append(max(nbytes(before), nbytes(after)))
-    except Exception:  # its trials will say what is wrong
+    except (Exception, SystemExit):  # its trials will say what is wrong
         return 1_000_000
     return max(1, int(BUDGET / max(1, sizes[1] - sizes[0])))
 
@@ -233,6 +233,6 @@ def seconds_per_update(
         times: list[float] = []
         while len(times) < 3 and sum(times) < budget:
             times.append(once(count) / count)
-    except Exception:  # its trials say what is wrong
+    except (Exception, SystemExit):  # its trials say what is wrong
         return float("nan")
     return float(np.median(times))
