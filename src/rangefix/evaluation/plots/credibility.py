@@ -25,6 +25,9 @@ def symbol(name: str) -> str:
     return f"${name[0]}_{name[1:]}$" if name in ("x1", "x2", "v1", "v2") else name
 
 
+DECADES = 1e3  # a longer logarithmic axis has no room to label more than its powers of ten
+
+
 def last_step(rows: Sequence[Row]) -> list[Row]:
     """The rows after the last measurement, all estimators of a beam set together."""
     end = max(row.step for row in rows)
@@ -203,7 +206,8 @@ def time_figure(rows: Sequence[Row], title: str) -> Figure | None:
     axes.set_yscale("log")
     axes.margins(0.12)
     for axis in (axes.xaxis, axes.yaxis):
-        plain_numbers(axis, (1.0, 2.0, 5.0))
+        low, high = axis.get_view_interval()
+        plain_numbers(axis, (1.0, 2.0, 5.0) if high < DECADES * low else (1.0,))
     axes.grid(which="major")
     axes.set_xlabel("time per update and run, ms")
     axes.set_ylabel("root mean square position error, m")
