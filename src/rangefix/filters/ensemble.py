@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from .draws import weighted_draws
 from .estimator import Estimate
 from .noise import LOG_TURN
 from .problem import Prior, Problem
@@ -69,6 +70,14 @@ class EnsembleKalmanFilter:
         weights = np.full(belief.members.shape[:2], 1.0 / self.members)
         mean, covariance = self.problem.space.moments(belief.members, weights)
         return Estimate(mean, covariance * (self.members / (self.members - 1)), belief.log_evidence)
+
+    def sample(self, belief: EnsembleBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Members, drawn with equal probability and spread to the unbiased covariance, (M, size, n)."""
+        space, weights = self.problem.space, np.full(belief.members.shape[:2], 1.0 / self.members)
+        mean = space.moments(belief.members, weights)[0][:, None, :]
+        drawn = weighted_draws(belief.members, weights, size, rngs)
+        wider = np.sqrt(self.members / (self.members - 1))
+        return space.wrap(mean + wider * space.difference(drawn, mean))
 
     def _update_run(self, members: Array, reading: Array, rng: Generator) -> tuple[Array, float]:
         """One run's members (N, n) after its reading (B,), and log N(innovation; 0, S)."""

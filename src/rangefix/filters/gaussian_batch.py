@@ -14,6 +14,7 @@ from functools import reduce
 import numpy as np
 from numpy.random import Generator
 
+from .draws import gaussian_draws
 from .estimator import Estimate
 from .kalman import GaussianBelief, check_iterations, check_sigma_points
 from .noise import LOG_TURN
@@ -73,6 +74,10 @@ class BatchExtendedKalmanFilter:
     def estimate(self, belief: GaussianBelief) -> Estimate:
         """Mean (M, n), covariance (M, n, n) and log evidence (M,)."""
         return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Draws from the Gaussian, angles wrapped, (M, size, n)."""
+        return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,10 @@ class BatchUnscentedKalmanFilter:
     def estimate(self, belief: GaussianBelief) -> Estimate:
         """Mean (M, n), covariance (M, n, n) and log evidence (M,)."""
         return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Draws from the Gaussian, angles wrapped, (M, size, n)."""
+        return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
 
     @property
     def _reach(self) -> float:

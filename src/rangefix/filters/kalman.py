@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from .draws import gaussian_draws
 from .estimator import Estimate
 from .noise import LOG_TURN
 from .problem import Prior, Problem
@@ -92,6 +93,11 @@ class ExtendedKalmanFilter:
         """Mean (n,), covariance (n, n) and log evidence."""
         return Estimate(belief.mean, belief.covariance, belief.log_evidence)
 
+    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
+        """Draws from the Gaussian, angles wrapped, (size, n)."""
+        moments = belief.mean[None], belief.covariance[None]
+        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
+
 
 @dataclass(frozen=True)
 class UnscentedKalmanFilter:
@@ -156,6 +162,11 @@ class UnscentedKalmanFilter:
     def estimate(self, belief: GaussianBelief) -> Estimate:
         """Mean (n,), covariance (n, n) and log evidence."""
         return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
+        """Draws from the Gaussian, angles wrapped, (size, n)."""
+        moments = belief.mean[None], belief.covariance[None]
+        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
 
     def _unscented(self, belief: GaussianBelief, beams: int) -> Any:
         from filterpy.kalman import MerweScaledSigmaPoints

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
+from .draws import weighted_draws
 from .estimator import Estimate
 from .motion import Stationary
 from .moves import Posterior, kernel_step, metropolis, root_of, within_walls
@@ -152,6 +153,10 @@ class ParticleFilter:
         weights = exp_of(belief.log_weights)
         mean, covariance = self.problem.space.moments(belief.states, weights)
         return Estimate(mean, covariance, belief.log_evidence)
+
+    def sample(self, belief: ParticleBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Particles drawn by their weights, (M, size, n): where few have all the weight, copies of those."""
+        return weighted_draws(belief.states, exp_of(belief.log_weights), size, rngs)
 
     def effective_particles(self, belief: ParticleBelief) -> Array:
         """Effective number of particles 1 / sum w^2 (Kong, Liu and Wong, 1994), (M,)."""

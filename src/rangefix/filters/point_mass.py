@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from .draws import cell_draws, gaussian_draws
 from .estimator import Estimate
 from .grid import Grid, build_grid
 from .kernels import block_bounds, gaussian_moments
@@ -138,6 +139,23 @@ class PointMassFilter:
         weights /= weights.sum(axis=1, keepdims=True)
         return weights
 
+    def sample(self, belief: PointMassBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Draws from the cells and within them, with the claimed mean and covariance, (M, size, n).
+
+        Where no cell is possible any more: from the Gaussian of what was believed before.
+        """
+        draws = []
+        for run, rng in enumerate(rngs):
+            one = _one(belief, run)
+            mean, covariance, log_evidence = one.estimate
+            if np.isneginf(log_evidence).all():
+                draws.append(gaussian_draws(mean, covariance, size, self.problem.space, [rng])[0])
+                continue
+            weights, claim = self.posterior(one)[0], (mean[0], covariance[0])
+            space, grid = self.problem.space, self.grid
+            draws.append(cell_draws(grid.centres, weights, grid.step, claim, size, space, rng))
+        return np.stack(draws)
+
     @property
     def _sizes(self) -> ArrayLike:
         """Largest cell sizes, one number or one for each component."""
@@ -215,3 +233,18 @@ class PointMassFilter:
         ratio = np.diagonal(covariance, axis1=1, axis2=2) / step**2
         error: Array = step**2 / 12 * np.exp(-2 * np.pi**2 * ratio)
         return error[:, :, None] * np.eye(len(step))
+
+
+def _one(belief: PointMassBelief, run: int) -> PointMassBelief:
+    """The belief of one run alone."""
+    here = slice(run, run + 1)
+    log_mass = belief.log_mass if len(belief.log_mass) == 1 else belief.log_mass[here]
+    estimate = Estimate(*(np.asarray(part)[here] for part in belief.estimate))
+    return replace(
+        belief,
+        log_mass=log_mass,
+        counts=belief.counts[here],
+        readings=belief.readings[here],
+        log_scale=belief.log_scale[here],
+        estimate=estimate,
+    )
