@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..filters.kalman import GaussianBelief
 from ..filters.motion import Stationary
 from ..filters.space import TURN, Array, StateSpace, wrap
 from .experiment import Experiment, Named
@@ -131,6 +132,8 @@ def picture(
             states, logs = single.states, getattr(single, masses)
             states, logs = (states[0], logs[0]) if states.ndim == 3 else (states, logs)
             return _of_points(label, states, np.exp(logs - logs.max()), space, bounds)
+    if isinstance(single, GaussianBelief):
+        return None  # figures draw what it claims in any case
     draws = draw(estimator, belief, DRAWS, streams(0, "picture", [RUN]))
     if draws is None:
         return None
