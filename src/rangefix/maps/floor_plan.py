@@ -62,7 +62,7 @@ class FloorPlan:
 
     @property
     def segments(self) -> Array:
-        """All walls as x1a, x2a, x1b, x2b, m, (S, 4): the outline's, the holes', then the inner ones."""
+        """All walls, (S, 4), as x1a, x2a, x1b, x2b in m; the outline's, the holes', then the inner ones."""
         return self._walls.segments
 
     @cached_property
