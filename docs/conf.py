@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.util.inspect import TypeAliasForwardRef
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
@@ -29,7 +30,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(collections|pathlib|typing|datetime|types|os)\..*"),
     (
         r"py:.*",
-        r"(NDArray|TypeAliasForwardRef|ArrayLike|Array|BoolArray|Builder|Factory|Belief|FieldInfo|MinLen|NoneType)",
+        r"(NDArray|ArrayLike|Array|BoolArray|Builder|Factory|Belief|FieldInfo|MinLen|NoneType)",
     ),
     (r"py:.*", r"rangefix\.(maps|filters|evaluation)\.[a-z_]+\.\w+"),
 ]
@@ -46,6 +47,7 @@ default_role = "code"  # docstrings write `names` as Markdown does
 autodoc_member_order = "groupwise"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+TypeAliasForwardRef.__repr__ = lambda self: self.name  # type: ignore[method-assign]
 autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "BoolArray", "Builder", "Factory")}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
@@ -112,12 +114,8 @@ def keep_formulas(app: Sphinx, what: str, name: str, obj: Any, options: Any, lin
 def plain_signature(
     app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    """Names of types and defaults as the code has them, where Sphinx writes its own objects."""
-
-    def plain(text: str | None) -> str | None:
-        return text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text).replace("<factory>", "...")
-
-    return plain(signature), plain(returned)
+    """Defaults that are made anew for each object are written as dots, which Sphinx can read."""
+    return signature and signature.replace("<factory>", "..."), returned
 
 
 def skip_fields(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
