@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from docutils import nodes
-from docutils.utils.math import MathError, latex2mathml, wrap_math_code
+from docutils.utils.math import MathError, latex2mathml
 from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.writers.html5 import HTML5Translator
@@ -20,9 +20,8 @@ logger = logging.getLogger(__name__)
 def mathml(writer: HTML5Translator, node: Any, display: str) -> str:
     """The formula of a node as a `math` element."""
     text = node.astext()
-    code = wrap_math_code(text, as_block=True) if display == "block" else text
     try:
-        tree = latex2mathml.tex2mathml(code, as_block=display == "block")
+        tree = latex2mathml.tex2mathml(text, as_block=display == "block")
     except (MathError, SyntaxError) as error:
         logger.warning("cannot draw the formula %r: %s", text, error, location=node)
         return writer.encode(text)
