@@ -126,6 +126,8 @@ def run(
     labels = described.experiment().estimators
     if unknown := [each.text for each in gates if each.estimator not in (None, *labels)]:
         raise ValueError(f"--gate {unknown[0]!r} names no estimator; there are {', '.join(labels)}")
+    for warning in described.warnings:
+        print(f"rangefix: {warning}", file=sys.stderr)
     folder = Path("results") / described.name if out is None else out
     try:
         with bars() as progress:

@@ -64,6 +64,9 @@ def estimators(as_json: Json = False) -> None:
         print_json({"estimators": described})
         return
     for each in described:
+        if "fault" in each:
+            typer.echo(f"{each['name']:<12} cannot be used: {each['fault']}")
+            continue
         listed = ", ".join(f"{name}={value}" for name, value in each["options"].items())
         typer.echo(f"{each['name']:<12} {each['summary']}\n{'':<12} options: {listed or 'none'}")
 

@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-import inspect
 from collections import Counter
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from .evaluation.looks import describe as look_at
+from .evaluation.looks import look
 from .evaluation.results import Results
 from .evaluation.verdict import name_beams
-from .filters.registry import available, resolve
+from .filters.registry import BUILT_IN, available, resolve
 from .maps import RectangularRoom, load
 
 
 def describe() -> list[dict[str, Any]]:
-    """Name, first line of the docstring and options (with defaults) of each estimator."""
+    """Name, first line of the docstring and options (with defaults) of each estimator.
+
+    Plug-ins are imported in processes of their own; one that cannot be has a fault that says why.
+    """
     described = []
     for name in available():
-        factory = resolve(name)
-        parameters = list(inspect.signature(factory).parameters.values())[1:]  # the first is the problem
-        options = {
-            each.name: None if each.default is inspect.Parameter.empty else _plain(each.default)
-            for each in parameters
-        }
-        summary = (inspect.getdoc(factory) or "").split("\n")[0]
-        described.append({"name": name, "summary": summary, "options": options})
+        seen = look_at(name, resolve(name)) if name in BUILT_IN else look(name)
+        row = {"name": name, "summary": seen.summary, "options": dict(seen.parameters)}
+        described.append(row | ({"fault": seen.fault} if seen.fault else {}))
     return described
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, bool | int | float | str | None) else str(value)
 
 
 def failures(results: Results) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import threading
 import time
@@ -16,7 +17,6 @@ from rangefix.evaluation import STATUSES, Experiment, Named, experiment, guard, 
 from rangefix.evaluation.contestant import Contestant
 from rangefix.evaluation.guard import Guard
 from rangefix.evaluation.outcome import is_covariance
-from rangefix.evaluation.scores_parts import read_belief
 from rangefix.evaluation.trial import Trial
 
 from .conftest import PriorOnly, make_problem
@@ -95,10 +95,12 @@ def test_only_the_guilty_runs_are_lost(guarded, name):
         8: "error",
         9: "error",
     }
-    assert outcome.reasons[5] == "the trial took longer than 0.3 s"
-    assert outcome.reasons[7] == "the trial ended the process (exit code 3)"
-    assert outcome.reasons[8] == "the trial ended the process (SIGSEGV)"
-    assert outcome.reasons[9] == "update() failed: SystemExit: so be it"
+    assert outcome.reasons[5] == "the trial took longer than 0.3 s, in update() at measurement 1"
+    assert outcome.reasons[7] == "update() at measurement 1 ended the process (exit code 3)"
+    assert outcome.reasons[8] == "update() at measurement 1 ended the process (SIGSEGV)"
+    assert re.fullmatch(
+        r"update\(\) at measurement 1 failed: SystemExit: so be it \(bad.py, line \d+\)", outcome.reasons[9]
+    )
     harmless = np.where((READINGS > 4) & (READINGS < 10), 1.0, READINGS)
     expected = free.run(harmless, 0, 1000)
     assert (outcome.mean[outcome.status == 0] == expected.mean[outcome.status == 0]).all()
@@ -120,7 +122,7 @@ def test_a_builder_that_hangs(plugin, monkeypatch):
     estimators = {"slow": Named(f"{plugin}:Slow"), "ekf": Named("ekf")}
     results = run(Experiment(make_problem(), estimators, runs=5))
     assert results.get("slow").failures == {"timeout": 5}
-    assert results.get("slow").reasons[0] == "building it took longer than 1 s"
+    assert results.get("slow").reasons[0] == f"estimator '{plugin}:Slow': building it took longer than 1 s"
     assert results.get("ekf").ok.all()
 
 
@@ -196,10 +198,10 @@ def test_beliefs_are_judged_where_they_can_be_sampled(plugin):
         for name, timeout in (("here", 0.0), ("there", 5.0)):
             made = Experiment(make_problem(), estimators, runs=7, block=4, timeout=timeout, beliefs=True)
             found = run(made, Path(folder) / name, timing=False)
-            results[name] = read_belief(found, found.get("sampler"))
-            assert read_belief(found, found.get("silent")) is None
+            results[name] = found.get("sampler").belief(0)
+            assert found.get("silent").belief(0) is None
             plain = run(Experiment(make_problem(), estimators, runs=7, block=4, timeout=0), timing=False)
             assert (plain.get("sampler").mean == found.get("sampler").mean).all()
-    assert results["here"].ranks.shape == (7, 1, 2)
+    assert results["here"].ranks.shape == (7, 2)
     for one, other in zip(results["here"], results["there"], strict=True):
         np.testing.assert_array_equal(one, other)

@@ -155,9 +155,12 @@ def test_maps_that_are_no_meshes(tmp_path, content, words):
 
 
 def test_a_plugin_that_raises_on_import(tmp_path):
-    (tmp_path / "bad.py").write_text("this is not python")
-    (found,) = mistakes(GOOD.replace('"ekf"', f'"{tmp_path}/bad.py:make"'))
-    assert "estimators[2].name" in found
+    """The study is sound: its trials will say so, and the others run."""
+    (tmp_path / "bad.py").write_text("def make(problem:")
+    study = parse_study(GOOD.replace('"ekf"', f'"{tmp_path}/bad.py:make"'), source="s.toml")
+    (found,) = study.warnings
+    assert found.startswith("s.toml:26: estimators[2].name: estimator ")
+    assert re.search(r"failed to import: SyntaxError: .+ \(bad.py, line 1\); rangefix check ", found)
 
 
 def test_unknown_study_lists_those_that_come_along(tmp_path):

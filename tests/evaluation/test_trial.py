@@ -49,9 +49,9 @@ def run(estimator, first=0, count=RUNS):
 @pytest.mark.parametrize(
     ("fault", "status", "words"),
     [
-        ("raise", "error", "update() failed: ZeroDivisionError: five is too much"),
-        ("write", "error", "update() failed: ValueError: assignment destination is read-only"),
-        ("shape", "error", "estimate() failed: ValueError: mean has shape (1, 1), not (1, 2)"),
+        ("raise", "error", "update() at measurement 1 failed: ZeroDivisionError: five is too much (test"),
+        ("write", "error", "assignment destination is read-only; copy what you write to (test"),
+        ("shape", "error", "estimate() at measurement 1 failed: ValueError: mean has shape (1, 1)"),
         ("nan", "nan", "an estimate is not finite at step 1"),
         ("inf", "nan", "an estimate is not finite at step 1"),
         ("diverge", "diverged", "-inf"),

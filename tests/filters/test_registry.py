@@ -193,9 +193,8 @@ def test_a_missing_attribute_is_told(folder: Path, problem: Problem) -> None:
     """The module is there, the function is not."""
     with pytest.raises(KeyError) as error:
         build("still_plugin:Stil", problem)
-    assert (
-        one_line(error) == "no estimator 'still_plugin:Stil': module 'still_plugin' has no attribute 'Stil'"
-    )
+    told = "no estimator 'still_plugin:Stil': still_plugin has no 'Stil'; did you mean Still?"
+    assert one_line(error) == told
 
 
 @pytest.mark.parametrize("name", [*BUILT_IN, "still_plugin:Still"])
@@ -217,7 +216,9 @@ def test_missing_verbs_are_told(folder: Path, problem: Problem) -> None:
     """All of them at once."""
     with pytest.raises(TypeError) as error:
         build("still_plugin:Half", problem)
-    assert one_line(error) == "estimator 'still_plugin:Half' lacks predict, update"
+    assert one_line(error) == (
+        "estimator 'still_plugin:Half' makes a Half, which lacks predict, update: it needs all four verbs"
+    )
 
 
 @pytest.mark.parametrize("name", ["broken", "broken_plugin:Filter", "broken_plugin.py:Filter"])

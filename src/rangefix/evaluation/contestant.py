@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter
 from typing import Any, NamedTuple
 
 from ..filters.estimator import Estimator
 from ..filters.space import Array
-from .experiment import Builder
+from .experiment import Builder, Named
+from .marks import At, Note, silent
 from .outcome import Outcome, joined
 from .provenance import one_thread
 from .trial import Trial, batch_size, seconds_per_update
-
-Note = Callable[[int, int], None]
-
-
-def silent(place: int, count: int) -> None:
-    """Tell nobody."""
 
 
 class Probe(NamedTuple):
@@ -34,8 +28,19 @@ class Contestant(NamedTuple):
     estimator: Estimator[Any]
 
     @classmethod
-    def of(cls, trial: Trial, builder: Builder) -> Contestant:
-        """The one that a builder makes; whatever the builder raises comes out."""
+    def of(cls, trial: Trial, builder: Builder, at: At = silent) -> Contestant:
+        """The one that a builder makes; whatever the builder raises comes out.
+
+        Args:
+            trial: What it will be put to.
+            builder: What makes it.
+            at: Hears whether it is being imported or built.
+        """
+        if isinstance(builder, Named):
+            factory = builder.factory()
+            at("building it", 0)
+            return cls(trial, builder.made(factory, trial.problem))
+        at("building it", 0)
         return cls(trial, builder(trial.problem))
 
     def probe(self, measurement: Array) -> Probe:
@@ -46,9 +51,18 @@ class Contestant(NamedTuple):
         return Probe(size, perf_counter() - start)
 
     def run(
-        self, measurement: Array, first: int, size: int, truth: Array | None = None, note: Note = silent
+        self,
+        measurement: Array,
+        first: int,
+        size: int,
+        truth: Array | None = None,
+        note: Note = silent,
+        at: At = silent,
     ) -> Outcome:
-        """Trials of runs first, first + 1, ... in batches of a size; with truths, beliefs are judged too."""
+        """Trials of runs first, first + 1, ... in batches of a size; with truths, beliefs are judged too.
+
+        `note` and `at` hear what is about to be done: see `Trial.run`.
+        """
         outcomes = []
         for start in range(0, len(measurement), size):
 
@@ -57,7 +71,8 @@ class Contestant(NamedTuple):
 
             here = slice(start, start + size)
             true = None if truth is None else truth[here]
-            outcomes.append(self.trial.run(self.estimator, measurement[here], first + start, noted, true))
+            some = measurement[here]
+            outcomes.append(self.trial.run(self.estimator, some, first + start, noted, true, at))
         return joined(outcomes) if len(outcomes) != 1 else outcomes[0]
 
     def time(self, measurement: Array) -> dict[str, Any]:

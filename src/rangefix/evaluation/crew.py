@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..filters.located import located
 from ..filters.space import Array
 from .child import Refused, Stopped
-from .contestant import Contestant, Note, silent
-from .experiment import Experiment
+from .contestant import Contestant
+from .experiment import Experiment, Named
 from .guard import Guard
+from .marks import Note, silent
 from .mistakes import one_line
 from .outcome import Outcome, blank
 from .parts import part_arrays
@@ -30,7 +32,11 @@ class Task(NamedTuple):
 
 
 class Unbuilt(Exception):
-    """Why there is no estimator."""
+    """Why there is no estimator: the status of its trials, and the reason."""
+
+    def __init__(self, reason: str, status: str = "error") -> None:
+        super().__init__(reason)
+        self.status = status
 
 
 @dataclass
@@ -46,7 +52,9 @@ class Crew:
     @property
     def trial(self) -> Trial:
         """What all estimators are put to."""
-        return Trial(self.experiment.told, self.experiment.moves, self.experiment.seed)
+        moves = self.experiment.moves.copy()
+        moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
+        return Trial(self.experiment.told, moves, self.experiment.seed)
 
     def contestant(self, label: str) -> Contestant:
         """The estimator, in this process.
@@ -57,8 +65,9 @@ class Crew:
         if label not in self.built:
             try:
                 self.built[label] = Contestant.of(self.trial, self.experiment.estimators[label])
-            except Exception as error:  # a plug-in may raise anything
-                self.built[label] = Unbuilt(f"{type(error).__name__}: {one_line(error)}")
+            except (Exception, SystemExit) as error:  # a plug-in may raise anything
+                text = one_line(error) + located(error.__traceback__)
+                self.built[label] = self._unbuilt(label, Refused(type(error).__name__, text))
         found = self.built[label]
         if isinstance(found, Unbuilt):
             raise found
@@ -68,7 +77,7 @@ class Crew:
         """The estimator in a process of its own; those of other estimators are ended.
 
         Raises:
-            Unbuilt: If it cannot be sent there.
+            Unbuilt: If it cannot be sent, or built, there.
         """
         for other in self.guards.keys() - {label}:
             self.guards[other].close()
@@ -78,7 +87,19 @@ class Crew:
             except Exception as error:  # whatever refuses to be pickled
                 text = f"it cannot be sent to a process of its own: {type(error).__name__}: {one_line(error)}"
                 raise Unbuilt(f"{text}; timeout 0 runs it in this one") from None
+        try:
+            self.guards[label].start()
+        except (Refused, Stopped) as error:
+            raise self._unbuilt(label, error) from None
         return self.guards[label]
+
+    def _unbuilt(self, label: str, error: Refused | Stopped) -> Unbuilt:
+        """Names the plug-in and the stage."""
+        builder = self.experiment.estimators[label]
+        name = f"estimator {(builder.name if isinstance(builder, Named) else label)!r}"
+        if isinstance(error, Stopped):
+            return Unbuilt(f"{name}: {error}", error.status)
+        return Unbuilt(error.text if error.kind == "ImportError" else f"building {name} failed: {error}")
 
     def close(self) -> None:
         """End the processes of guarded estimators."""
@@ -102,10 +123,11 @@ class Crew:
         size = self.experiment.told.space.size
         try:
             outcome = self._outcome(task, seen, truth, note)
-        except (Unbuilt, Refused) as error:
-            outcome = blank(seen.shape, size, "error", f"it cannot be built: {error}")
-        except Stopped as stopped:
-            outcome = blank(seen.shape, size, stopped.status, str(stopped))
+        except Unbuilt as unbuilt:
+            outcome = blank(seen.shape, size, unbuilt.status, str(unbuilt))
+        except (Refused, Stopped) as error:  # it was built, and cannot be built again
+            again = self._unbuilt(task.estimator, error)
+            outcome = blank(seen.shape, size, again.status, str(again))
         return part_arrays(outcome, evidence_floor(self.experiment.told.sensor, seen))
 
     def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:

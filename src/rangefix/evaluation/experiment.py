@@ -29,9 +29,19 @@ class Named:
 
     def __call__(self, problem: Problem) -> Estimator[Any]:
         """The estimator for a problem."""
-        from ..filters.registry import build
+        return self.made(self.factory(), problem)
 
-        return build(self.name, problem, **self.options)
+    def factory(self) -> Any:
+        """The function or class of that name; importing it may raise what `resolve` raises."""
+        from ..filters.registry import resolve
+
+        return resolve(self.name)
+
+    def made(self, factory: Any, problem: Problem) -> Estimator[Any]:
+        """The estimator that it makes for a problem; whatever the factory raises comes out."""
+        from ..filters.registry import made
+
+        return made(self.name, factory, problem, self.options)
 
     @property
     def ours(self) -> bool:

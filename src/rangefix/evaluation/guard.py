@@ -35,6 +35,8 @@ class Guard:
     size: int
     timeout: float
     _child: Child | None = None
+    _unbuilt: Refused | Stopped | None = None
+    _ends: int = 0
     _fresh: bool = True
     _probes: dict[bytes, Probe | None] = field(default_factory=dict)
 
@@ -46,13 +48,26 @@ class Guard:
     def start(self) -> None:
         """Have the estimator built, if it is not.
 
+        One that cannot be built is not tried again, but for one that ended the process: that may have been
+        killed from outside, and is tried twice.
+
         Raises:
-            Refused: If that raises.
-            Stopped: If it takes too long.
+            Refused: If importing or building it raises.
+            Stopped: If that takes too long, or ends the process.
         """
+        if self._unbuilt is not None:
+            raise self._unbuilt
         if self._child is None:
             child = Child()
-            child.ask("build", (self.content,), lambda count: BUILD + self.timeout)
+            try:
+                child.ask("build", (self.content,), lambda count: BUILD + self.timeout)
+            except (Refused, Stopped) as error:
+                child.kill()
+                self._ends += isinstance(error, Stopped) and error.status == "error"
+                if self._ends == 1:
+                    return self.start()
+                self._unbuilt = error
+                raise
             self._child, self._fresh = child, True
 
     def close(self) -> None:

@@ -2,21 +2,26 @@
 
 It takes pickled questions from standard input and writes pickled answers to what was standard output; what a
 plug-in prints goes to standard error. It marks in a file what it is about to do. It ends as soon as standard
-input does, however busy it is.
+input does, however busy it is. Questions: ("build", the pickled trial and builder); then "probe", "run" or
+"time" with the arguments of that `Contestant`; ("call", a function and its arguments); (WHERE, nothing),
+which is answered at once with the line that is being executed.
 """
 
 from __future__ import annotations
 
 import os
 import pickle
+import sys
 from queue import SimpleQueue
-from threading import Thread
+from threading import Lock, Thread, main_thread
 from typing import IO, Any
 
-import numpy as np
-
+from ..filters.located import located
 from .contestant import Contestant
+from .marks import Marks
 from .mistakes import one_line
+
+ANSWER, WHERE = "answer", "where"
 
 
 def send(pipe: IO[bytes], thing: object) -> None:
@@ -45,32 +50,49 @@ def main(marks_file: str) -> None:
     questions = os.fdopen(os.dup(0), "rb")
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    marks = np.memmap(marks_file, dtype=np.int64, mode="r+", shape=(3,))
+    marks = Marks(marks_file, new=False)
     asked: SimpleQueue[Any] = SimpleQueue()
+    turn = Lock()
+
+    def answer(kind: str, thing: object) -> None:
+        with turn:
+            send(answers, (kind, thing))
 
     def listen() -> None:
         try:
             while True:
-                asked.put(receive(questions))
+                question = receive(questions)
+                if question[0] == WHERE:
+                    answer(WHERE, _where())
+                else:
+                    asked.put(question)
         except (EOFError, OSError):
             os._exit(0)  # the guard is gone, or has let go of us
 
     Thread(target=listen, daemon=True).start()
-
-    def note(place: int, count: int) -> None:
-        marks[1], marks[2] = place, count
-        marks[0] += 1
-
     contestant: Contestant | None = None
     while True:
         verb, arguments = asked.get()
-        note(0, 0)
+        marks.note(0, 0)
         try:
+            value = None
             if verb == "build":
-                contestant, answer = Contestant.of(*pickle.loads(*arguments)), None
+                marks.at("importing it")
+                trial, builder = pickle.loads(*arguments)
+                contestant = Contestant.of(trial, builder, marks.at)
+            elif verb == "call":
+                function, *rest = arguments
+                value = function(*rest, marks.at)
             else:
-                more = (note,) if verb == "run" else ()
-                answer = getattr(contestant, verb)(*arguments, *more)
-            send(answers, (True, answer))
+                value = getattr(contestant, verb)(
+                    *arguments, *((marks.note, marks.at) if verb == "run" else ())
+                )
+            answer(ANSWER, (True, value))
         except BaseException as error:  # a plug-in may raise anything, SystemExit too
-            send(answers, (False, f"{type(error).__name__}: {one_line(error)}"))
+            text = one_line(error) + located(error.__traceback__)
+            answer(ANSWER, (False, (type(error).__name__, text)))
+
+
+def _where() -> str:
+    frame = sys._current_frames().get(main_thread().ident or 0)
+    return located(frame) if frame else ""

@@ -44,12 +44,16 @@ class Mistakes:
 
     def add(self, path: Path, text: str) -> None:
         """Note a mistake at a key; () for the whole file."""
+        self.found.append((line_of(path, self.lines) or 0, self.line(path, text)))
+
+    def line(self, path: Path, text: str) -> str:
+        """What is to be said of a key, with the place where it stands."""
         line = line_of(path, self.lines)
         where = f"{self.source}:{line}" if line else self.source
         if path in self.given:
             where = "command line"
         name = dotted(path)
-        self.found.append((line or 0, f"{where}: {name}: {text}" if name else f"{where}: {text}"))
+        return f"{where}: {name}: {text}" if name else f"{where}: {text}"
 
     def add_all(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import importlib
+import importlib.util
 import inspect
 import json
 import os
@@ -20,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ..filters.registry import module_of
 from .experiment import Builder, Experiment, Named
 
 PACKAGE = Path(__file__).parent.parent
@@ -28,7 +30,19 @@ NUMERIC = (
     "filters",
     *(
         f"evaluation/{name}.py"
-        for name in ("experiment", "seeds", "simulate", "trial", "outcome", "contestant", "guard", "crew")
+        for name in (
+            "experiment",
+            "seeds",
+            "simulate",
+            "trial",
+            "outcome",
+            "contestant",
+            "guard",
+            "crew",
+            "trajectories",
+            "scores_belief",
+            "scores_parts",
+        )
     ),
 )
 LIBRARIES = ("numpy", "scipy", "filterpy", "open3d", "numba")
@@ -78,17 +92,27 @@ def plugin_source(builder: Builder) -> str:
         if where.endswith(".py"):
             path = Path(where)
             return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-        from ..filters.registry import resolve
-
-        target = resolve(builder.name)
+        return _module_source(module_of(builder.name))
     module = inspect.getmodule(target)
     file = getattr(module, "__file__", None)
-    if module is None or file is None or module.__name__.partition(".")[0] == "rangefix":
+    if module is None or file is None:
         return ""
-    top = sys.modules[module.__name__.partition(".")[0]]
-    if folders := list(getattr(top, "__path__", [])):
+    if module.__name__ == "__main__":
+        return sha256(Path(file).read_bytes()).hexdigest()
+    return _module_source(module.__name__)
+
+
+def _module_source(module: str) -> str:
+    """SHA-256 of the source of the package or file that holds a module, which is not imported."""
+    top = module.partition(".")[0]
+    if top == PACKAGE.name:
+        return ""
+    spec = importlib.util.find_spec(top)
+    if spec is None:
+        return "not found"
+    if folders := list(spec.submodule_search_locations or ()):
         return source_digest(Path(folders[0]))
-    return sha256(Path(file).read_bytes()).hexdigest()
+    return sha256(Path(spec.origin or "").read_bytes()).hexdigest()
 
 
 def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:

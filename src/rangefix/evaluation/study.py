@@ -98,6 +98,11 @@ class Study(Section):
         """
         return self.world().truth
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Plug-ins that cannot be imported or built, a line each: their trials will fail, others' not."""
+        return self.world().warnings
+
     def world(self) -> World:
         """The true problem, what estimators are told of it, and the drive; built once.
 

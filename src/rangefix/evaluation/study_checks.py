@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
+import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -13,8 +13,9 @@ import numpy as np
 
 from ..filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
 from ..filters.problem import RangeMap
-from ..filters.registry import resolve
+from ..filters.registry import BUILT_IN, resolve
 from ..filters.space import Array
+from .looks import Look, describe, look
 from .mistakes import Misfit, Mistakes, one_line, suggestion
 from .schema import EstimatorSection, MeshMap
 from .trajectories import Drive
@@ -31,6 +32,7 @@ class World:
     drive: The planned drive, where there is one.
     controls: Moves between measurements, (T - 1, k); None where there is one measurement only.
     start: A true first state for all runs, (n,); None where it is drawn from the prior.
+    warnings: Plug-ins that cannot be imported or built, a line each: their trials will fail.
     """
 
     truth: Problem
@@ -38,6 +40,7 @@ class World:
     drive: Drive | None = None
     controls: Array | None = None
     start: Array | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def told(self) -> Problem:
@@ -62,8 +65,8 @@ def check_world(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -
     world = None
     if truth is not None and motion is not None:
         world = World(truth, assumed, drive, motion.controls(drive), start)
-    _estimators(sections.get("estimators", []), world.told if world else None, mistakes)
-    return world
+    warnings = _estimators(sections.get("estimators", []), world.told if world else None, mistakes)
+    return replace(world, warnings=warnings) if world else None
 
 
 def _try(at: tuple[str, ...], mistakes: Mistakes, build: Callable[[], Any]) -> Any:
@@ -192,26 +195,37 @@ def _beam_sets(beam_sets: list[list[int]], beams: int, mistakes: Mistakes) -> No
         seen.add(frozenset(each))
 
 
-def _estimators(entries: list[EstimatorSection], problem: Problem | None, mistakes: Mistakes) -> None:
+def _estimators(
+    entries: list[EstimatorSection], problem: Problem | None, mistakes: Mistakes
+) -> tuple[str, ...]:
+    """Note what is wrong with the study; faults in the code of a plug-in are returned, a line each."""
     labels: set[str] = set()
+    warnings = []
     for place, entry in enumerate(entries):
         at = ("estimators", place)
         for label in (each.label for each in entry.variants()):
             if label in labels:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
             labels.add(label)
-        try:
+        if entry.name in BUILT_IN:
             factory = resolve(entry.name)
-        except Exception as error:  # a plug-in's module may raise anything
-            mistakes.add((*at, "name"), one_line(error))
+            if _options(entry, describe(entry.name, factory), at, mistakes):
+                for each in entry.variants():
+                    try:
+                        build(each.name, problem or _stand_in(), **each.options)
+                    except Exception as error:
+                        mistakes.add((*at, "options"), f"{each.label}: {one_line(error)}")
             continue
-        ours = getattr(factory, "__module__", "").startswith("rangefix.")
-        if _options(entry, factory, at, mistakes) and (problem is not None or ours):
-            for each in entry.variants():
-                try:
-                    build(each.name, problem or _stand_in(), **each.options)
-                except Exception as error:  # so may a plug-in itself
-                    mistakes.add((*at, "options"), f"{each.label}: {one_line(error)}")
+        seen = look(entry.name, problem, [each.options for each in entry.variants()])
+        if seen.missing:
+            mistakes.add((*at, "name"), seen.fault)
+        elif _options(entry, seen, at, mistakes):
+            for number, text in seen.unfit:
+                mistakes.add((*at, "options"), f"{entry.variants()[number].label}: {text}")
+        if seen.fault and not seen.missing:
+            text = f"{seen.fault}; rangefix check {shlex.quote(entry.name)} tells more"
+            warnings.append(mistakes.line((*at, "name"), text))
+    return tuple(warnings)
 
 
 def _stand_in() -> Problem:
@@ -223,12 +237,11 @@ def _stand_in() -> Problem:
     return Problem(space, Stationary(space), sensor, Uniform(room, space))
 
 
-def _options(entry: EstimatorSection, factory: Any, at: tuple[str | int, ...], mistakes: Mistakes) -> bool:
+def _options(entry: EstimatorSection, seen: Look, at: tuple[str | int, ...], mistakes: Mistakes) -> bool:
     """Whether the options are ones that the estimator has; notes those that are not."""
-    parameters = inspect.signature(factory).parameters
-    if any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
+    if seen.any_option or not (seen.parameters or seen.summary or not seen.fault):
         return True
-    known = list(parameters)[1:]
+    known = list(seen.parameters)
     sound = True
     for given, name in zip(entry.options, entry.converted(), strict=True):
         if name not in known:

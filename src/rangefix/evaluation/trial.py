@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..filters.estimator import EachRun, Estimator
+from ..filters.located import located
 from ..filters.problem import Problem
 from ..filters.space import Array
+from .marks import At, Note, during, silent
 from .outcome import Outcome, blank, judged
 from .seeds import Streams
 from .summary import STATUSES
@@ -32,9 +34,16 @@ class Trial(NamedTuple):
     seed: int
 
     def attempt(
-        self, estimator: Estimator[Any], measurement: Array, runs: Iterable[int], truth: Array | None = None
+        self,
+        estimator: Estimator[Any],
+        measurement: Array,
+        runs: Iterable[int],
+        truth: Array | None = None,
+        at: At = silent,
     ) -> tuple[Array, Array, Array, dict[str, Array]]:
         """Estimates after each step, all runs at once; measures of beliefs, if truths (M, T, n) are given.
+
+        Before each call `at` hears the method and the step.
 
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
@@ -45,16 +54,20 @@ class Trial(NamedTuple):
         mean, covariance = np.empty((count, steps, size)), np.empty((count, steps, size, size))
         log_evidence = np.empty((count, steps))
         judge = _Beliefs(self, estimator, runs, truth)
-        verb = "init"
+        verb, step = "init", 0
         try:
+            at(verb, step)
             belief = estimator.init(self.problem.prior, rngs)
             for step in range(steps):
                 if step:
                     verb = "predict"
+                    at(verb, step)
                     belief = estimator.predict(belief, self.moves[step - 1], rngs)
                 verb = "update"
+                at(verb, step)
                 belief = estimator.update(belief, measurement[:, step], rngs)
                 verb = "estimate"
+                at(verb, step)
                 for target, (name, array) in zip(
                     (mean, covariance, log_evidence), _named(estimator.estimate(belief)), strict=True
                 ):
@@ -63,10 +76,13 @@ class Trial(NamedTuple):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
                 verb = "sample"
+                at(verb, step)
                 judge.add(belief, step)
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = " ".join(str(error).split()) or "no message"
-            raise TrialError(f"{verb}() failed: {type(error).__name__}: {text}") from error
+            text += "; copy what you write to" if "read-only" in text else ""
+            what, where = during(verb, step), located(error.__traceback__)
+            raise TrialError(f"{what} failed: {type(error).__name__}: {text}{where}") from error
         return mean, covariance, log_evidence, judge.arrays()
 
     def run(
@@ -74,13 +90,14 @@ class Trial(NamedTuple):
         estimator: Estimator[Any],
         measurement: Array,
         first: int,
-        note: Callable[[int, int], None] = lambda place, count: None,
+        note: Note = silent,
         truth: Array | None = None,
+        at: At = silent,
     ) -> Outcome:
         """Runs first, first + 1, ... for measurements (M, T, B); where a batch fails, run by run.
 
         An estimator of single runs is always run so, with the same numbers. Before each piece of work `note`
-        hears at which place of the batch it begins and how many runs it does at once.
+        hears at which place of the batch it begins and how many runs it does at once; `at` is for `attempt`.
         """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
@@ -89,7 +106,7 @@ class Trial(NamedTuple):
             note(0, count)
             try:
                 runs = range(first, first + count)
-                *estimates, beliefs = self.attempt(estimator, measurement, runs, truth)
+                *estimates, beliefs = self.attempt(estimator, measurement, runs, truth, at)
                 return judged(*estimates)._replace(beliefs=beliefs)
             except TrialError:
                 pass  # whose fault it is will show
@@ -99,9 +116,8 @@ class Trial(NamedTuple):
             note(place, 1)
             here = slice(place, place + 1)
             try:
-                *one, found = self.attempt(
-                    estimator, measurement[here], [first + place], None if truth is None else truth[here]
-                )
+                true = None if truth is None else truth[here]
+                *one, found = self.attempt(estimator, measurement[here], [first + place], true, at)
             except TrialError as error:
                 failed[place] = str(error)
                 continue

@@ -6,6 +6,8 @@ import importlib
 import importlib.util
 import inspect
 import sys
+from collections.abc import Mapping
+from difflib import get_close_matches
 from importlib.metadata import entry_points
 from operator import attrgetter
 from pathlib import Path
@@ -13,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from .estimator import EachRun, Estimator
+from .located import located
 from .problem import Problem
 
 GROUP = "rangefix.estimators"
@@ -52,7 +55,16 @@ def build(name: str, problem: Problem, **options: Any) -> Estimator[Any]:
         TypeError: If it has no such option, or lacks one of the four verbs.
         ValueError: If an option's value does not fit.
     """
-    factory = resolve(name)
+    return made(name, resolve(name), problem, options)
+
+
+def made(name: str, factory: Any, problem: Problem, options: Mapping[str, Any]) -> Estimator[Any]:
+    """What the factory behind a name makes of a problem: see `build`.
+
+    Raises:
+        TypeError: If it has no such option, or lacks one of the four verbs.
+        ValueError: If an option's value does not fit.
+    """
     try:
         inspect.signature(factory).bind(problem, **options)
     except TypeError as error:
@@ -60,7 +72,8 @@ def build(name: str, problem: Problem, **options: Any) -> Estimator[Any]:
     estimator = factory(problem, **options)
     verbs = ("init", "predict", "update", "estimate")
     if missing := [verb for verb in verbs if not callable(getattr(estimator, verb, None))]:
-        raise TypeError(f"estimator {name!r} lacks {', '.join(missing)}")
+        kind, lacking = type(estimator).__name__, ", ".join(missing)
+        raise TypeError(f"estimator {name!r} makes a {kind}, which lacks {lacking}: it needs all four verbs")
     single = "rng" in inspect.signature(estimator.init).parameters
     return EachRun(estimator) if single else estimator
 
@@ -81,27 +94,53 @@ def resolve(name: str) -> Any:
     raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
 
 
+def module_of(name: str) -> str:
+    """The module that holds an estimator of a name that is not a file's, without importing it.
+
+    Raises:
+        KeyError: If there is no such estimator.
+    """
+    if name in BUILT_IN:
+        return BUILT_IN[name].partition(":")[0]
+    for entry in entry_points(group=GROUP, name=name):
+        return entry.module
+    if ":" in name:
+        return name.rpartition(":")[0]
+    raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
+
+
 def _load(target: str, name: str) -> Any:
     """The attribute named by "module:attribute" or "file.py:attribute", for the estimator of that name."""
     where, _, attribute = target.rpartition(":")
     try:
         module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
-        return attrgetter(attribute)(module)
-    except FileNotFoundError as error:
-        raise KeyError(f"no estimator {name!r}: {error}") from None
-    except Exception as error:  # whatever a plug-in's code may raise
-        absent = isinstance(error, ModuleNotFoundError) and where.startswith(error.name or where)
-        if name == target and (absent or isinstance(error, AttributeError)):
+    except (Exception, SystemExit) as error:  # whatever a plug-in's code may raise
+        missing = error.name or where if isinstance(error, ModuleNotFoundError) else ""
+        if name == target and (isinstance(error, _NoFile) or f"{where}.".startswith(f"{missing or ' '}.")):
             raise KeyError(f"no estimator {name!r}: {error}") from None
-        cause = " ".join(str(error).split())
-        raise ImportError(f"estimator {name!r} failed to import: {type(error).__name__}: {cause}") from error
+        cause = f"{type(error).__name__}: {' '.join(str(error).split())}{located(error.__traceback__)}"
+        raise ImportError(f"estimator {name!r} failed to import: {cause}") from error
+    try:
+        return attrgetter(attribute)(module)
+    except AttributeError:
+        offered = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
+        close = get_close_matches(attribute, offered, n=1)
+        mend = f"; did you mean {close[0]}?" if close else ""
+        text = f"{where} has no {attribute!r}{mend}"
+        if name == target:
+            raise KeyError(f"no estimator {name!r}: {text}") from None
+        raise ImportError(f"estimator {name!r} failed to import: {text}") from None
+
+
+class _NoFile(FileNotFoundError):
+    """There is no such file; a plug-in that misses another one raises its own error."""
 
 
 def _file_module(path: Path) -> ModuleType:
     """A module made from a file outside any package."""
     spec = importlib.util.spec_from_file_location(f"rangefix_file_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise FileNotFoundError(f"no file {path}")
+        raise _NoFile(f"no file {path}")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look there while they are made
     try:
