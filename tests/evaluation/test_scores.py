@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
-from rangefix.evaluation.covariance import nees
+from rangefix.evaluation import credibility, nees
 from rangefix.evaluation.scores import (
+    DIRECTIONS,
     coverage_curve,
     crps,
     energy_score,
@@ -15,7 +16,6 @@ from rangefix.evaluation.scores import (
     log_score,
     pit,
     reliability,
-    score,
     uniform_band,
     uniform_p_value,
 )
@@ -130,8 +130,30 @@ def test_few_runs_have_few_bins():
 
 
 def test_all_scores_of_a_row(errors):
-    found = score(errors, claims(1.0), np.full(4000, -3.0), [0, 1])
+    """Rows hold the mean scores of the Gaussian claims, with intervals; the energy needs x1 and x2."""
+    zero = np.zeros_like(errors)
+    found = credibility(errors, zero, claims(1.0)).scores
     assert found.log.value == pytest.approx(log_score(errors, claims(1.0)).mean())
-    assert found.evidence.value == -3.0
-    assert len(found.crps) == 2
+    assert found.energy.value == pytest.approx(energy_score(errors, claims(1.0)).mean())
+    assert found.crps[1].value == pytest.approx(crps(errors[:, 1], np.sqrt(P[1, 1])).mean())
     assert found.energy.low < found.energy.value < found.energy.high
+    assert np.isnan(found.evidence.value)
+    others = credibility(errors, zero, claims(1.0), names=("v1", "v2")).scores
+    assert np.isnan(others.energy.value)
+    assert others.log == found.log
+    certain = credibility(errors, zero, np.zeros((2, 2))).scores
+    assert certain.log.value == np.inf
+    assert certain.crps[0].value == pytest.approx(np.abs(errors[:, 0]).mean())
+
+
+def test_the_energy_score_is_good_to_3e_4():
+    """Against 60 times as many directions, for claims up to 10 000 times as long as wide."""
+    rng = np.random.default_rng(25)
+    for width in (1.0, 1e-2, 1e-4):
+        errors = rng.normal(size=(50, 2)) * [1.0, width]
+        claim = np.broadcast_to(np.diag([1.0, width**2]), (50, 2, 2))
+        angles = np.pi * np.arange(60 * DIRECTIONS) / (60 * DIRECTIONS)
+        units = np.stack([np.sin(angles), np.cos(angles)])
+        stds = np.sqrt(units[0] ** 2 + width**2 * units[1] ** 2)
+        fine = 0.5 * np.pi * crps(errors @ units, stds).mean(-1)
+        np.testing.assert_allclose(energy_score(errors, claim), fine, rtol=3e-4)

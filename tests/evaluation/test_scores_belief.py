@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, run
+from rangefix.evaluation import Experiment, Named, load, run
 from rangefix.evaluation.parts import Plan, trials_path
 from rangefix.evaluation.scores import energy_score, histogram, pit, uniform_p_value
 from rangefix.evaluation.scores_belief import DRAWS, CanSample, draw, main_mode, measure, rank_histogram
-from rangefix.evaluation.scores_parts import belief_arrays, judge_belief, read_belief
+from rangefix.evaluation.scores_parts import belief_arrays, judge_belief
 from rangefix.evaluation.seeds import streams
 from rangefix.evaluation.simulate import simulate
 from rangefix.evaluation.store import read_part, write_part
@@ -151,8 +151,8 @@ def test_ranks_go_into_equal_bins():
 def test_beliefs_survive_in_parts(tmp_path):
     """What a runner adds to a part is read again, (M, T, ...); a study without it has none."""
     results = run(Experiment(make_problem(), {"prior": PriorOnly}, runs=6, block=4), tmp_path, timing=False)
-    trials = results.trials[0]
-    assert read_belief(results, trials) is None
+    assert results.trials[0].belief(0) is None
+    assert results.rows[0].beliefs is None
     plan = Plan.read(results.manifest)
     for first, end in plan.blocks():
         path = trials_path(tmp_path, "prior", "all", first, end)
@@ -160,11 +160,18 @@ def test_beliefs_survive_in_parts(tmp_path):
         found = judge_belief(EachRun(Ring()), [None] * (end - first), truth, SPACE, 1, range(first, end), 0)  # type: ignore[type-var]
         assert found is not None
         write_part(path, read_part(path) | belief_arrays([found]), plan.key("prior", "all"))
-    again = read_belief(results, trials)
-    assert again is not None
-    assert again.ranks.shape == (6, 1, 2)
-    assert again.mode_covariance.shape == (6, 1, 2, 2)
-    assert np.isfinite(again.energy).all()
+    again = load(tmp_path)
+    found = again.trials[0].belief(0)
+    assert found is not None
+    assert found.ranks.shape == (6, 2)
+    assert found.mode_covariance.shape == (6, 2, 2)
+    assert np.isfinite(found.energy).all()
+    beliefs = again.rows[0].beliefs
+    assert beliefs is not None
+    assert beliefs.energy.value == pytest.approx(found.energy.mean())
+    assert beliefs.whole[1].value == pytest.approx(found.spread[:, 1, 1].mean())
+    assert beliefs.mode[0].value == pytest.approx(found.mode_covariance[:, 0, 0].mean())
+    assert beliefs.ranks.sum(1).tolist() == [6.0] * 3
 
 
 @dataclass(frozen=True)

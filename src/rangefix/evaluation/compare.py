@@ -13,7 +13,7 @@ from scipy.special import bdtr
 
 from ..filters.space import Array, BoolArray
 from .intervals import Interval, Moments
-from .judgement import nees
+from .normalised import nees
 from .results import Results, Trials
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences

@@ -14,7 +14,8 @@ from scipy.special import chdtri
 
 from ..filters.space import Array, wrap
 from .intervals import LEVEL, Interval, share_interval
-from .judgement import Chunk, Judgement, anees_band, is_positive, nees
+from .judgement import Chunk, Judgement
+from .normalised import anees_band, is_positive, nees
 from .summary import Row
 
 __all__ = ["anees_band", "coverage", "credibility", "is_positive", "judge", "nees", "noncredibility"]
@@ -31,7 +32,7 @@ def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tu
     Returns:
         (NCI, inclination); inf where a P is not positive definite, NaN where G is singular.
     """
-    judgement = Judgement(np.shape(errors)[-1])
+    judgement = Judgement(_names(np.shape(errors)[-1]))
     judgement.add_all([Chunk(np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float))])
     return judgement.noncredibility(level)
 
@@ -84,13 +85,18 @@ def credibility(
             f"mean is {(runs, size)}: truth must be (M, n), covariance (M, n, n), angles (n,); "
             f"got {np.shape(truth)}, {np.shape(covariance)}, {angles}"
         ) from None
-    names = tuple(names) if names is not None else tuple(f"x{i + 1}" for i in range(size))
+    names = tuple(names) if names is not None else _names(size)
     if len(names) != size:
         raise ValueError(f"{size} components have {len(names)} names")
     errors = np.where(turning, wrap(truth - mean), truth - mean)
     sound = np.isfinite(errors).all(-1) & np.isfinite(covariance).all((-2, -1))
     failures = {"nan": int((~sound).sum())} if not sound.all() else {}
     return judge(errors[sound], covariance[sound], names, planned=runs, failures=failures, estimator=label)
+
+
+def _names(size: int) -> tuple[str, ...]:
+    """x1, x2, ..."""
+    return tuple(f"x{i + 1}" for i in range(size))
 
 
 def judge(
@@ -108,10 +114,9 @@ def judge(
     one_truth: bool = False,
 ) -> Row:
     """The row of the runs that went well, errors (M, n) and covariances (M, n, n), out of those planned."""
-    judgement = Judgement(errors.shape[1])
+    judgement = Judgement(names)
     judgement.add_all([Chunk(errors, covariance)])
     return judgement.row(
-        names,
         planned=planned,
         failures=failures,
         improbable=improbable,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import chdtrc, stdtr, stdtrit
 
 from ..filters.space import Array
 
@@ -178,3 +178,11 @@ def share_interval(hits: int, total: int, level: float = LEVEL) -> Interval:
     centre = (share + z**2 / (2 * total)) / (1 + z**2 / total)
     half = z / (1 + z**2 / total) * (share * (1 - share) / total + z**2 / (4 * total**2)) ** 0.5
     return Interval(share, max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half)))
+
+
+def uniform_p_value(counts: Array) -> float:
+    """P-value of equal bins by Pearson's chi-square; NaN below five expected in a bin."""
+    expected = counts.sum() / len(counts)
+    if expected < 5:
+        return float("nan")
+    return float(chdtrc(len(counts) - 1, ((counts - expected) ** 2).sum() / expected))

@@ -9,65 +9,32 @@ from scipy.special import chdtri
 
 from ..filters.space import Array, BoolArray
 from .intervals import LEVEL, UNKNOWN, Interval, Moments, can_divide, share_interval
-from .summary import Row
+from .normalised import anees_band, is_positive, nees
+from .scores import crps, energy_score, log_score_of
+from .scores_belief import BeliefScores
+from .scores_totals import BeliefTotals
+from .summary import Row, Scores
 
+PLACE = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
 PASSES = 3  # over the runs: means; what varies about the means; what varies about G
 
 
-def is_positive(covariance: Array) -> BoolArray:
-    """Whether each covariance is positive definite beyond rounding: (..., n, n) -> (...).
-
-    Judged on the correlation matrix, so that the units of the components do not matter: its smallest
-    eigenvalue must exceed n 1e-14.
-    """
-    return _eigen(covariance)[2]
-
-
-def _eigen(covariance: Array) -> tuple[Array, Array, BoolArray]:
-    """Eigenvalues and vectors of P whitened by its diagonal (row i over std_i), and whether P is positive."""
-    covariance = np.asarray(covariance, dtype=float)
-    size = covariance.shape[-1]
-    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
-    sound = np.asarray(np.isfinite(covariance).all((-2, -1)) & (variances > 0).all(-1))
-    stds = np.sqrt(np.where(sound[..., None], variances, 1.0))
-    scaled = np.where(sound[..., None, None], covariance, np.eye(size)) / stds[..., None] / stds[..., None, :]
-    values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, -1, -2)))
-    positive = sound & (values[..., 0] > size * 1e-14)
-    return values, vectors / stds[..., None], positive
-
-
-def nees(errors: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared e' P^-1 e of each run: (M, n), (M, n, n) -> (M,).
-
-    Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
-    not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
-    """
-    values, vectors, positive = _eigen(covariance)
-    with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
-        parts = np.einsum("...ij,...i->...j", vectors, errors) ** 2
-        result = (parts / np.where(positive[..., None], values, 1.0)).sum(-1)
-    wrong = np.where((np.asarray(errors) == 0).all(-1), 0.0, np.inf)
-    return np.where(positive, result, wrong)
-
-
-def anees_band(runs: int, size: int, level: float = LEVEL) -> tuple[float, float]:
-    """Where ANEES / n would lie for Gaussian posteriors: a REFERENCE only, theirs are not Gaussian here.
-
-    M n times ANEES / n is chi-square with M n degrees of freedom (Bar-Shalom et al., 5.4.2-12).
-    """
-    degrees = runs * size
-    if not degrees:
-        return np.nan, np.nan
-    tail = (1 - level) / 2
-    return float(chdtri(degrees, 1 - tail)) / degrees, float(chdtri(degrees, tail)) / degrees
-
-
 class Chunk:
-    """Some runs that went well: errors (M, n), claimed covariances (M, n, n), and their NEES (M,)."""
+    """Some runs that went well: errors (M, n), claimed covariances (M, n, n), and their NEES (M,).
 
-    def __init__(self, errors: Array, covariance: Array) -> None:
-        self.errors, self.covariance = errors, covariance
+    Where they are known, also log evidence (M,) and what draws from the beliefs come to.
+    """
+
+    def __init__(
+        self,
+        errors: Array,
+        covariance: Array,
+        log_evidence: Array | None = None,
+        belief: BeliefScores | None = None,
+    ) -> None:
+        self.errors, self.covariance, self.belief = errors, covariance, belief
+        self.log_evidence = np.full(len(errors), np.nan) if log_evidence is None else log_evidence
 
     @cached_property
     def positive(self) -> BoolArray:
@@ -83,8 +50,12 @@ class Chunk:
 class Judgement:
     """What all runs of one estimator come to; each chunk is added in each pass, in the same order."""
 
-    def __init__(self, size: int) -> None:
-        self.size, self.runs, self.indefinite = size, 0, 0
+    def __init__(self, names: tuple[str, ...]) -> None:
+        size = len(names)
+        self.names, self.size, self.runs, self.indefinite = names, size, 0, 0
+        self.place = [names.index(name) for name in PLACE] if set(PLACE) <= set(names) else []
+        self.log_score, self.energy, self.evidence = Moments(), Moments(), Moments()
+        self.crps, self.beliefs = [Moments() for _ in range(size)], BeliefTotals(size)
         self.G, self.P = np.zeros((size, size)), np.zeros((size, size))
         self.g, self.p, self.bias, self.ratio = ([Moments() for _ in range(size)] for _ in range(4))
         self.anees, self.logs = Moments(), (Moments(), Moments())
@@ -104,6 +75,8 @@ class Judgement:
         """Add a chunk in a pass, 0, 1 or 2."""
         if len(chunk.errors):
             (self._means, self._variations, self._indices)[number](chunk)
+            if number == 0:
+                self._scores(chunk)
 
     def end(self, number: int) -> None:
         """Close a pass."""
@@ -127,6 +100,19 @@ class Judgement:
         self.indefinite += int((~chunk.positive).sum())
         for level in LEVELS:
             self.inside[level] += int((chunk.nees <= chdtri(self.size, 1 - level)).sum())
+
+    def _scores(self, chunk: Chunk) -> None:
+        errors, covariance = chunk.errors, chunk.covariance
+        self.log_score.add(log_score_of(chunk.nees, covariance, chunk.positive))
+        self.evidence.add(chunk.log_evidence)
+        if self.place:
+            plane = covariance[:, self.place][:, :, self.place]
+            self.energy.add(energy_score(errors[:, self.place], plane))
+        stds = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+        for moments, each in zip(self.crps, crps(errors, stds).T, strict=True):
+            moments.add(each)
+        if chunk.belief is not None:
+            self.beliefs.add(chunk.belief)
 
     def _variations(self, chunk: Chunk) -> None:
         for i, (g, p) in enumerate(zip(self.g, self.p, strict=True)):
@@ -180,10 +166,10 @@ class Judgement:
             for g, p, varied in zip(self.g, self.p, self.ratio, strict=True)
         )
 
-    def doubts(self, names: tuple[str, ...]) -> dict[str, float]:
+    def doubts(self) -> dict[str, float]:
         """p-values of what an honest estimator fixes: anees, ratio_NAME, bias_NAME; NaN = cannot say."""
         found = {"anees": self.anees.doubt(1.0)}
-        for name, g, p, ratio, bias in zip(names, self.g, self.p, self.ratio, self.bias, strict=True):
+        for name, g, p, ratio, bias in zip(self.names, self.g, self.p, self.ratio, self.bias, strict=True):
             if can_divide(g, p):
                 found[f"ratio_{name}"] = ratio.p_value(g.mean / p.mean, 1.0)
             found[f"bias_{name}"] = bias.doubt(0.0)
@@ -191,7 +177,6 @@ class Judgement:
 
     def row(
         self,
-        names: tuple[str, ...],
         *,
         planned: int,
         failures: dict[str, int],
@@ -209,7 +194,7 @@ class Judgement:
             estimator=estimator,
             beams=beams,
             step=step,
-            names=names,
+            names=self.names,
             planned=planned,
             ok=self.runs,
             failures=failures,
@@ -227,7 +212,14 @@ class Judgement:
             indefinite=share_interval(self.indefinite, self.runs),
             diverged=share_interval(failures.get("diverged", 0), planned),
             improbable=share_interval(improbable, self.runs),
+            scores=Scores(
+                self.log_score.interval(),
+                self.energy.interval(),
+                tuple(moments.interval() for moments in self.crps),
+                self.evidence.interval(),
+            ),
             seconds=seconds,
-            doubts=self.doubts(names),
+            doubts=self.doubts(),
             one_truth=one_truth,
+            beliefs=self.beliefs.summary(),
         )

@@ -10,11 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from ..filters.space import Array
-from .covariance import nees
+from .normalised import nees
 from .results import MOST, Results, Trials, summarise
-from .scores import Curve, Reliability, Scores, coverage_curve, curve, histogram, pit, reliability, score
+from .scores import Curve, Reliability, coverage_curve, curve, histogram, pit, reliability
 from .scores_belief import DRAWS, BeliefScores, rank_histogram
-from .scores_parts import read_belief
 from .summary import Row
 from .units import factor
 from .verdict import Verdict, decide, decide_overall
@@ -28,14 +27,12 @@ class Setting:
     Attributes:
         row: Its row.
         errors, covariance: Of those that went well of the first MOST runs, (M, n) and (M, n, n).
-        scores: Mean scores.
         belief: Measures of its sampled beliefs in those runs; None where it does not sample.
     """
 
     row: Row
     errors: Array
     covariance: Array
-    scores: Scores
     belief: BeliefScores | None
 
     @property
@@ -130,10 +127,7 @@ def _setting(results: Results, trials: Trials, row: Row) -> Setting:
     truth = results.source.world(0, len(ok))[0][:, -1]
     errors = results.space.difference(truth, trials.mean[:, -1])[ok]
     covariance = trials.covariance[ok, -1]
-    belief = read_belief(results, trials)
-    if belief is not None:
-        belief = BeliefScores(*(array[ok, -1] for array in belief))
-        if not np.isfinite(belief.energy).all():
-            belief = None  # of a folder whose parts were made in part without samples
-    scores = score(errors, covariance, trials.log_evidence[ok, -1], results.space.position_indices)
-    return Setting(row, errors, covariance, scores, belief)
+    belief = trials.belief(-1)
+    if belief is not None and not np.isfinite(belief.energy).all():
+        belief = None  # of a folder whose parts were made in part without samples
+    return Setting(row, errors, covariance, belief)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from .report_charts import (
     Lane,
     Mark,
@@ -167,12 +165,14 @@ def _panels(setting: Setting) -> Iterable[Html]:
 
 
 def _facts(setting: Setting) -> Iterable[Html]:
-    row, scores, belief = setting.row, setting.scores, setting.belief
+    row, scores, beliefs = setting.row, setting.row.scores, setting.row.beliefs
     pairs: list[tuple[str, str]] = []
     for i, name in enumerate(row.names):
         pairs.append((f"G / P of {name} (1 = honest)", measured(row.ratio[i])))
         pairs.append((f"mean error of {name}, {unit(name)}", measured(scaled(row.bias[i], factor(name)))))
-        pairs.append((f"CRPS of {name}, {unit(name)}", measured(scaled(scores.crps[i], factor(name)))))
+        pairs.append(
+            (f"CRPS of {name}, {unit(name)} (Gaussian claim)", measured(scaled(scores.crps[i], factor(name))))
+        )
     pairs += [
         ("ANEES / n", measured(row.anees)),
         ("NCI, dB", measured(row.nci)),
@@ -188,15 +188,13 @@ def _facts(setting: Setting) -> Iterable[Html]:
         pairs.append(("covariance not positive definite", percent(row.indefinite)))
     if row.improbable.value > 0:
         pairs.append(("improbable measurements", percent(row.improbable)))
-    if belief is not None and len(belief.energy):
-        pairs.append(("energy score of the sampled belief, m", short(float(belief.energy.mean()))))
-        pairs.append(("mean share of the main mode", f"{100 * belief.mode_share.mean():.3g} %"))
+    if beliefs is not None:
+        pairs.append(("energy score of the position, m (sampled belief)", measured(beliefs.energy)))
+        pairs.append(("mean share of the main mode", percent(beliefs.share)))
         for i, name in enumerate(row.names):
-            whole, mode = (
-                factor(name) * np.sqrt(each[:, i, i].mean())
-                for each in (belief.spread, belief.mode_covariance)
-            )
-            label = f"std of {name}, {unit(name)}: whole belief / main mode"
-            pairs.append((label, f"{short(float(whole))} / {short(float(mode))}"))
+            k, shown = factor(name), unit(name)
+            pairs.append((f"CRPS of {name}, {shown} (sampled belief)", measured(scaled(beliefs.crps[i], k))))
+            whole, mode = (short(k * each[i].sqrt().value) for each in (beliefs.whole, beliefs.mode))
+            pairs.append((f"std of {name}, {shown}: whole belief / main mode", f"{whole} / {mode}"))
     for label, value in pairs:
         yield tag("div", tag("dt", label), tag("dd", value))

@@ -151,7 +151,7 @@ def _table_row(setting: Setting, columns: Sequence[str]) -> Html:
         row.ok if row.ok == row.planned else f"{row.ok} of {row.planned}",
         *pairs,
         stacked(row.anees),
-        stacked(setting.scores.energy),
+        stacked(row.scores.energy),
         seconds,
     ]
     labels = [name.removeprefix("std of ") for name in columns[1:-1]]

@@ -140,9 +140,14 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
                 trials = results.source.trials(estimator, beams, first, end)
                 errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
                 ok = trials.ok
-                chunks = [Chunk(errors[ok, t], trials.covariance[ok, t]) for t in range(errors.shape[1])]
+                chunks = [
+                    Chunk(
+                        errors[ok, t], trials.covariance[ok, t], trials.log_evidence[ok, t], trials.belief(t)
+                    )
+                    for t in range(errors.shape[1])
+                ]
                 if number == 0:
-                    judgements = judgements or [Judgement(results.space.size) for _ in chunks]
+                    judgements = judgements or [Judgement(results.space.names) for _ in chunks]
                     counts += np.bincount(trials.status, minlength=len(STATUSES))
                     improbable = trials.improbable.sum(0) + (improbable if improbable.size else 0)
             for judgement, chunk in zip(judgements, chunks, strict=True):
@@ -151,7 +156,6 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
             judgement.end(number)
     for step, judgement in enumerate(judgements):
         yield judgement.row(
-            results.space.names,
             planned=results.runs,
             failures={name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"},
             improbable=int(improbable[step]),

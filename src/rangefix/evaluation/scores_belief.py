@@ -8,28 +8,20 @@ An estimator may have a fifth method, which no check demands:
 A plug-in for single runs takes one `rng` and returns (size, n). Where the method is there, ranks need no
 Gaussian: the rank of the truth among draws from an exact belief is uniform whatever the shape of that belief
 (Talts et al., "Validating Bayesian inference algorithms with simulation-based calibration", 2018).
-
-What a runner calls, after `estimate` of a step, with streams of their own, so that no other number changes:
-
-    draws = draw(estimator, belief, DRAWS, streams(seed, "belief", runs))
-    if draws is not None:
-        arrays = measure(draws, truth[:, step], space)._asdict()     # (M, ...) each: into the part
-
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from scipy.spatial.distance import pdist, squareform
 
-from ..filters.space import Array, BoolArray, StateSpace
+from ..filters.space import Array, BoolArray, StateSpace, wrap
 from .scores import BINS
 
+PREFIX = "belief_"  # of the arrays in a part
 DRAWS = 99  # of each belief: ranks 0 to 99, ten to a bin
 GAP = 4.0  # a longer link than this many times the usual long one separates modes
 
@@ -46,13 +38,16 @@ class CanSample(Protocol[Belief]):
 
 
 class BeliefScores(NamedTuple):
-    """Per run, from draws of its belief: small enough to be saved for every run.
+    """Per run, from S draws of its belief: small enough to be saved for every run.
 
-    ranks: How many draws lie below the truth in each component, 0 to S, (M, n).
+    ranks: How many draws lie below the truth in each component, 0 to S, (M, n). Angles are cut half a turn
+        from the circular mean of draws and truth together, so that draws from an exact belief and the truth
+        can be exchanged and the rank is uniform to the last digit.
     distance_rank: How many draws lie nearer to the middle of the belief than the truth does, 0 to S, (M,). By
-        Mahalanobis distance with the moments of draws and truth together, so that draws from an exact belief
-        and the truth can be exchanged and the rank is uniform to the last digit.
+        Mahalanobis distance with the moments of draws and truth together, for the same reason.
     energy: Energy score of the position, m, (M,).
+    crps: Continuous ranked probability score of each component, m or rad, (M, n); of an angle that of the
+        arcs (Grimit, Gneiting, Berrocal and Johnson, 2006).
     mode_share: Share of the draws in the main mode, (M,).
     mode_covariance: Covariance of the draws in the main mode, (M, n, n).
     spread: Covariance of all draws, (M, n, n).
@@ -61,9 +56,17 @@ class BeliefScores(NamedTuple):
     ranks: Array
     distance_rank: Array
     energy: Array
+    crps: Array
     mode_share: Array
     mode_covariance: Array
     spread: Array
+
+
+def belief_of(part: Mapping[str, Array]) -> dict[str, Array]:
+    """The fields of `BeliefScores` that a part of trials holds, (M, T, ...) each; none if any is missing."""
+    names = BeliefScores._fields
+    held = all(PREFIX + name in part for name in names)
+    return {name: part[PREFIX + name] for name in names} if held else {}
 
 
 def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
@@ -92,27 +95,50 @@ def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> A
 def measure(draws: Array, truth: Array, space: StateSpace) -> BeliefScores:
     """Draws (M, S, n) of the beliefs of M runs against their truths (M, n).
 
-    Angles are compared in the tangent space at the circular mean of the draws.
+    Covariances of angles are those in the tangent space at the circular mean of the draws.
     """
+    from scipy.spatial.distance import pdist
+
     runs, size, _ = draws.shape
-    mean, spread = space.moments(draws, np.full((runs, size), 1 / size))
+    both = np.concatenate([draws, truth[:, None, :]], axis=1)
+    middle, _ = space.moments(both, np.full((runs, size + 1), 1 / (size + 1)))
+    off = space.difference(both, middle[:, None, :])
+    distances = _distances(off)
+    mean, _ = space.moments(draws, np.full((runs, size), 1 / size))
     deviations = space.difference(draws, mean[:, None, :])
-    error = space.difference(truth, mean)
-    ranks = (deviations < error[:, None, :]).sum(1)
-    distances = _distances(np.concatenate([deviations, error[:, None]], axis=1))
-    distance_rank = (distances[:, :-1] < distances[:, -1:]).sum(1)
     place = space.position_indices
-    energy = _energy(deviations[..., place], error[:, place])
-    modes = [main_mode(each[:, place]) for each in deviations]
-    covariances = [np.cov(each[mode].T, bias=True) for each, mode in zip(deviations, modes, strict=True)]
+    lengths = np.stack([pdist(each) for each in deviations[..., place]])
+    near = np.linalg.norm(space.difference(draws, truth[:, None, :])[..., place], axis=-1)
+    modes = [_main_mode(each, size) for each in lengths]
     return BeliefScores(
-        ranks.astype(float),
-        distance_rank.astype(float),
-        energy,
+        (off[:, :-1] < off[:, -1:]).sum(1).astype(float),
+        (distances[:, :-1] < distances[:, -1:]).sum(1).astype(float),
+        near.mean(-1) - 0.5 * lengths.mean(-1),
+        _crps(deviations, truth, mean, space),
         np.array([mode.mean() for mode in modes]),
-        np.array(covariances).reshape(spread.shape),
-        spread,
+        np.stack([_covariance(each[mode]) for each, mode in zip(deviations, modes, strict=True)]),
+        np.stack([_covariance(each) for each in deviations]),
     )
+
+
+def _covariance(points: Array) -> Array:
+    """Unbiased covariance of points (S, n), (n, n); that of a single one is zero."""
+    off = points - points.mean(0)
+    return np.asarray(off.T @ off / max(len(points) - 1, 1))
+
+
+def _crps(deviations: Array, truth: Array, mean: Array, space: StateSpace) -> Array:
+    """Mean distance to the truth less half the mean distance of two draws, component by component, (M, n)."""
+    size = deviations.shape[1]
+    error = space.difference(truth, mean)[:, None, :]
+    near = np.abs(space.difference(deviations, error)).mean(1)
+    places = 2.0 * np.arange(size) - size + 1  # of the k-th smallest of S: k draws below, S - 1 - k above
+    apart = np.einsum("k,mki->mi", places, np.sort(deviations, axis=1)) / (0.5 * size * (size - 1))
+    for turn in np.flatnonzero(space.is_angle):
+        angles = deviations[..., turn]
+        arcs = [np.abs(wrap(each[:, None] - each)).sum() for each in angles]
+        apart[:, turn] = np.array(arcs) / (size * (size - 1))
+    return np.asarray(near - 0.5 * apart)
 
 
 def _distances(points: Array) -> Array:
@@ -128,27 +154,27 @@ def _distances(points: Array) -> Array:
     return np.asarray((apart * np.linalg.solve(moment, np.swapaxes(apart, 1, 2)).swapaxes(1, 2)).sum(-1))
 
 
-def _energy(draws: Array, truth: Array) -> Array:
-    """Mean distance to the truth less half the mean distance of two draws: (M, S, 2), (M, 2) -> (M,)."""
-    near = np.linalg.norm(draws - truth[:, None, :], axis=-1).mean(-1)
-    apart = np.array([pdist(each).mean() for each in draws])
-    return np.asarray(near - 0.5 * apart)
-
-
 def main_mode(points: Array) -> BoolArray:
     """Which points (S, 2) belong to the mode that holds most of them, (S,).
 
     Modes are what remains connected when the links of the minimum spanning tree that are `GAP` times longer
-    than nine tenths of the links are cut: two clouds, not the thin ends of one.
+    than nine tenths of the links are cut: two clouds, not the thin ends of one. Copies of a point count as
+    one point where links are compared.
     """
-    lengths = pdist(points)
-    if not lengths.max() > 0:
-        return np.ones(len(points), dtype=bool)
-    tree = minimum_spanning_tree(squareform(lengths / lengths.max() + 1e-6))  # 0 would be no link
-    usual = float(np.quantile(tree.data, 0.9))
-    tree.data = np.where(tree.data > GAP * usual, 0.0, tree.data)
-    tree.eliminate_zeros()
-    _, labels = connected_components(tree, directed=False)
+    from scipy.spatial.distance import pdist
+
+    return _main_mode(pdist(points), len(points))
+
+
+def _main_mode(lengths: Array, size: int) -> BoolArray:
+    """The same from the distances of all pairs of points, as `pdist` gives them."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    tree = linkage(lengths, "single")  # its merges are the links of the tree
+    links = tree[:, 2][tree[:, 2] > 0]
+    if not len(links):
+        return np.ones(size, dtype=bool)
+    labels = fcluster(tree, GAP * float(np.quantile(links, 0.9)), "distance")
     return np.asarray(labels == np.bincount(labels).argmax())
 
 

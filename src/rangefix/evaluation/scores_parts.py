@@ -1,4 +1,4 @@
-"""Measures of beliefs in the parts of a study: what a runner adds to a part, and how it is read again.
+"""Measures of beliefs in the parts of a study: what a runner adds to a part; `Trials.beliefs` has it again.
 
 After `estimate` of each step a runner that knows the truths calls, for runs first, first + 1, ...:
 
@@ -16,13 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..filters.space import Array, StateSpace
-from .parts import Plan, trials_path
-from .results import Results, Trials
-from .scores_belief import DRAWS, BeliefScores, draw, measure
+from .scores_belief import DRAWS, PREFIX, BeliefScores, draw, measure
 from .seeds import streams
-from .store import read_part
-
-PREFIX = "belief_"
 
 
 def judge_belief(
@@ -43,26 +38,3 @@ def belief_arrays(steps: Sequence[BeliefScores]) -> dict[str, Array]:
         PREFIX + name: np.stack([getattr(step, name) for step in steps], axis=1)
         for name in BeliefScores._fields
     }
-
-
-def read_belief(results: Results, trials: Trials) -> BeliefScores | None:
-    """What the parts of a folder hold of an estimator's beliefs, (M, T, ...); None where they hold nothing.
-
-    It reads as many runs as the trials have. Runs of a part that is missing, or was made without, are NaN.
-    """
-    if results.folder is None:
-        return None
-    runs, found = len(trials.status), dict[str, Array]()
-    for first, end in Plan.read(results.manifest).blocks():
-        if first >= runs:
-            break
-        path = trials_path(results.folder, trials.estimator, trials.beams, first, end)
-        if not path.exists():
-            continue
-        part = read_part(path)
-        for name in BeliefScores._fields:
-            if PREFIX + name in part:
-                array = part[PREFIX + name]
-                whole = found.setdefault(name, np.full((runs, *array.shape[1:]), np.nan))
-                whole[first:end] = array[: runs - first]
-    return BeliefScores(**found) if len(found) == len(BeliefScores._fields) else None

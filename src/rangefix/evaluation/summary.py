@@ -6,12 +6,49 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ..filters.space import Array
-from .intervals import Interval
+from .intervals import Interval, uniform_p_value
 
 FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
 STATUSES = ("ok", *FAILURES)  # the code of a status is its place here
+
+
+class Scores(NamedTuple):
+    """Mean scores of what is claimed, N(mean, P); lower is better, but for the evidence. See `scores.py`.
+
+    log: Minus log density of the Gaussian claim at the truth, nats.
+    energy: Energy score of the Gaussian claim of the position, m; NaN where x1 or x2 is not estimated.
+    crps: Continuous ranked probability score of the Gaussian claim of each component, m or rad.
+    evidence: Mean log evidence of the measurements up to this step, nats: HIGHER is better. It judges the
+        estimator's prediction of measurements, not of the state; NaN where the estimator gives none.
+    """
+
+    log: Interval
+    energy: Interval
+    crps: tuple[Interval, ...]
+    evidence: Interval
+
+
+class Beliefs(NamedTuple):
+    """What draws from the beliefs themselves come to, whatever their shape. See `scores_belief.py`.
+
+    energy: Mean energy score of the position, m.
+    crps: Mean continuous ranked probability score of each component, m or rad.
+    whole: Mean variance of the whole belief in each component, m^2 or rad^2.
+    mode: Mean variance of its main mode alone.
+    share: Mean share of the main mode.
+    ranks: How often the truth has each rank among the draws, in equal bins; a row for each component and one
+        for the distance from the middle of the belief, (n + 1, bins).
+    """
+
+    energy: Interval
+    crps: tuple[Interval, ...]
+    whole: tuple[Interval, ...]
+    mode: tuple[Interval, ...]
+    share: Interval
+    ranks: Array
 
 
 @dataclass(frozen=True)
@@ -39,10 +76,12 @@ class Row:
         indefinite: Share of ok runs whose P is not positive definite.
         diverged: Share of planned runs in which no hypothesis explained the measurement.
         improbable: Share of ok runs whose evidence lies below the floor.
+        scores: Of the Gaussian claims.
         seconds: Per update and run, from a serial pass; NaN if not timed.
         doubts: Figure -> p-value against an honest estimator: see `verdict_evidence.py`.
         one_truth: Whether all runs have the same true state: an exact Bayesian filter is honest on average
             over its prior, and need not be at one place of it.
+        beliefs: What draws from the beliefs come to; None where they were not sampled.
     """
 
     estimator: str
@@ -66,9 +105,11 @@ class Row:
     indefinite: Interval
     diverged: Interval
     improbable: Interval
+    scores: Scores
     seconds: float
     doubts: dict[str, float] = field(default_factory=dict)
     one_truth: bool = False
+    beliefs: Beliefs | None = None
 
     @property
     def rmse(self) -> tuple[Interval, ...]:
@@ -91,25 +132,41 @@ class Row:
         for i, one in enumerate(self.names):
             for j, other in enumerate(self.names[:i]):
                 row |= {f"G_{other}_{one}": float(self.G[j, i]), f"P_{other}_{one}": float(self.P[j, i])}
-        return row | {"seconds_per_update": self.seconds}
+        row |= {"seconds_per_update": self.seconds}
+        if self.beliefs is not None:
+            names = [f"belief_rank_p_{name}" for name in (*self.names, "distance")]
+            row |= dict(zip(names, map(uniform_p_value, self.beliefs.ranks), strict=True))
+        return row
 
     def _figures(self) -> Iterator[tuple[str, Interval]]:
         by_component = {"G": self.g, "P": self.p, "ratio": self.ratio, "rmse": self.rmse, "bias": self.bias}
         for what, intervals in by_component.items():
-            for name, interval in zip(self.names, intervals, strict=True):
-                yield f"{what}_{name}", interval
+            yield from self._named(what, intervals)
         yield from (("anees", self.anees), ("nci_db", self.nci), ("inclination_db", self.inclination))
         yield from ((f"coverage_{level * 100:g}", interval) for level, interval in self.coverage.items())
         yield "share_indefinite", self.indefinite
         yield "share_diverged", self.diverged
         yield "share_improbable", self.improbable
+        yield from (("log_score", self.scores.log), ("energy_score", self.scores.energy))
+        yield from self._named("crps", self.scores.crps)
+        yield "log_evidence", self.scores.evidence
+        if self.beliefs is not None:
+            yield "belief_energy_score", self.beliefs.energy
+            yield from self._named("belief_crps", self.beliefs.crps)
+            yield from self._named("belief_P", self.beliefs.whole)
+            yield from self._named("belief_main_mode_P", self.beliefs.mode)
+            yield "belief_main_mode_share", self.beliefs.share
+
+    def _named(self, what: str, intervals: Sequence[Interval]) -> Iterator[tuple[str, Interval]]:
+        return ((f"{what}_{name}", each) for name, each in zip(self.names, intervals, strict=True))
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """The rows as CSV text with a header; floats in full."""
+    """The rows as CSV text with a header; floats in full. A figure that a row does not have is nan."""
     lines = [row.flat() for row in rows]
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(lines[0]) if lines else [], lineterminator="\n")
+    columns = dict.fromkeys(name for line in lines for name in line)
+    writer = csv.DictWriter(text, list(columns), restval="nan", lineterminator="\n")
     writer.writeheader()
     writer.writerows(lines)
     return text.getvalue()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..filters.space import Array, BoolArray
 from .parts import Plan, trials_path, world_path
+from .scores_belief import BeliefScores, belief_of
 from .store import read_part
 from .summary import STATUSES
 
@@ -29,6 +30,8 @@ class Trials:
         log_evidence_floor: Below it they were improbable, (M, T).
         status: Codes, places in STATUSES, (M,).
         reasons: Run -> why it is not ok.
+        beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
+            where none were drawn.
     """
 
     estimator: str
@@ -39,6 +42,7 @@ class Trials:
     log_evidence_floor: Array
     status: NDArray[np.int8]
     reasons: Mapping[int, str] = field(default_factory=dict)
+    beliefs: Mapping[str, Array] = field(default_factory=dict)
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
@@ -52,6 +56,13 @@ class Trials:
             self.log_evidence_floor[some],
             self.status[some],
             {run: text for run, text in self.reasons.items() if first <= run < end},
+            {name: array[some] for name, array in self.beliefs.items()},
+        )
+
+    def belief(self, step: int) -> BeliefScores | None:
+        """What draws from the beliefs of the ok runs came to after a step, (K, ...); NaN in runs without."""
+        return (
+            BeliefScores(**{k: v[self.ok, step] for k, v in self.beliefs.items()}) if self.beliefs else None
         )
 
     @property
@@ -135,6 +146,7 @@ class Saved:
             "status": np.full(runs, STATUSES.index("skipped"), dtype=np.int8),
         }
         reasons: dict[int, str] = {}
+        beliefs: dict[str, Array] = {}
         for low, high in self._blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
@@ -147,10 +159,12 @@ class Saved:
             )
             for name, array in arrays.items():
                 array[mine] = part[name][its]
+            for name, found in belief_of(part).items():
+                beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):
                 if first <= low + int(place) < end:
                     reasons[low + int(place)] = str(reason)
-        return Trials(estimator, beams, reasons=reasons, **arrays)
+        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, **arrays)
 
 
 def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:
