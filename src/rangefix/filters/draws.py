@@ -89,8 +89,8 @@ def cell_draws(
     centres, weights = centres[kept], weights[kept] / weights[kept].sum()
     places = _places(weights, size, rng)
     even = centres[places] + step * (rng.random((size, len(step))) - 0.5)
-    _, between = space.moments(centres, weights)
-    root = np.linalg.cholesky(between + np.diag(step**2 / 12))
+    off = space.difference(centres, mean)  # where angles cancel, another mean would be another turn
+    root = np.linalg.cholesky((off * weights[:, None]).T @ off + np.diag(step**2 / 12))
     white = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
     values, vectors = np.linalg.eigh(white)
     shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
