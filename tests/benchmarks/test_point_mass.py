@@ -36,7 +36,7 @@ class Case:
         self.estimator = build("point-mass", problem, cell=cell)
         grid = self.estimator.grid
         self.step, self.shape = grid.step, grid.shape
-        self.ranges = np.ascontiguousarray(grid.image(self.estimator.ranges.T))  # (B, *shape)
+        self.ranges = np.ascontiguousarray(grid.image(self.estimator.cells.ranges.T))  # (B, *shape)
         edges = zip(grid.lower, self.step, self.shape, strict=True)
         self.axes = [low + step * (np.arange(count) + 0.5) for low, step, count in edges]
         self.points = np.stack([axis.ravel() for axis in np.meshgrid(*self.axes, indexing="ij")])

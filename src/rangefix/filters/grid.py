@@ -11,6 +11,7 @@ from .problem import Prior
 from .space import Array, StateSpace
 
 TILE = 8  # cells along a side of the tiles in which cells are stored, so that neighbours lie together
+SPOT_TILE = 4  # the same for places, where all headings of a place are stored together
 CHUNK = 1 << 18  # cells whose prior is asked for at once
 
 
@@ -18,12 +19,16 @@ CHUNK = 1 << 18  # cells whose prior is asked for at once
 class Grid:
     """The cells of a regular grid that the prior allows, stored tile by tile.
 
+    Where the last of three components is the heading, the tiles are of places, all headings of a place lie in
+    a row, and those that the prior does not allow have a log mass of -inf.
+
     shape: Cells along each axis, n numbers, the whole box counted.
     lower: Lower corner of the box, (n,).
     step: Cell size along each axis, (n,); m, or rad for an angle.
     index: Place of each allowed cell in the box, row-major, (G,).
     centres: Their centres, (G, n).
     log_mass: Their log prior probabilities, (G,), which sum to one.
+    turns: How many cells in a row are the headings of one place; 1 where the heading is known.
     """
 
     shape: tuple[int, ...]
@@ -32,6 +37,7 @@ class Grid:
     index: NDArray[np.int64]
     centres: Array
     log_mass: Array
+    turns: int = 1
 
     def image(self, values: ArrayLike) -> Array:
         """Values of the allowed cells (..., G) laid out as the whole box (..., *shape); NaN elsewhere."""
@@ -74,26 +80,32 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> G
         )
     shape = tuple(int(count) for count in counts)
     step = (upper - lower) / counts
-    index = _tiled(shape)
-    kept, centres, densities = [], [], []
-    for start in range(0, len(index), CHUNK):
-        part = index[start : start + CHUNK]
-        points = lower + step * (np.stack(np.unravel_index(part, shape), -1) + 0.5)
+    turns = shape[-1] if space.names[-1] == "heading" and space.size == 3 else 1
+    places = _tiled(shape[:-1], SPOT_TILE) if turns > 1 else _tiled(shape, TILE)
+    row = np.arange(turns)
+    index = np.empty((len(places), turns), np.int64)
+    centres = np.empty((len(places), turns, space.size))
+    log_mass = np.empty((len(places), turns))
+    count, size = 0, max(1, CHUNK // turns)
+    for start in range(0, len(places), size):
+        cells = places[start : start + size, None] * turns + row
+        numbers = np.stack(np.unravel_index(cells.ravel(), shape), -1)  # numpy 2.4 errs on long columns
+        points = (lower + step * (numbers + 0.5)).reshape(*cells.shape, -1)
         density = prior.log_density(points)
-        allowed = density > -np.inf
-        kept.append(part[allowed])
-        centres.append(points[allowed])
-        densities.append(density[allowed])
-    log_mass = np.concatenate(densities)
-    if not log_mass.size:
+        allowed = (density > -np.inf).any(axis=1)
+        rows = slice(count, count := count + int(allowed.sum()))
+        index[rows], centres[rows], log_mass[rows] = cells[allowed], points[allowed], density[allowed]
+    if not count:
         raise ValueError("the prior allows the centre of no cell: take smaller cells")
-    log_mass -= log_mass.max()
-    log_mass -= np.log(np.exp(log_mass).sum())
-    return Grid(shape, lower, step, np.concatenate(kept), np.concatenate(centres), log_mass)
+    log = log_mass[:count].ravel()
+    log -= log.max()
+    log -= np.log(np.exp(log).sum())
+    states = centres[:count].reshape(-1, space.size)
+    return Grid(shape, lower, step, index[:count].ravel(), states, log, turns)
 
 
-def _tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
+def _tiled(shape: tuple[int, ...], tile: int) -> NDArray[np.int64]:
     """Row-major places of all cells of a box, ordered tile by tile."""
     places = np.indices(shape, dtype=np.int32).reshape(len(shape), -1)
-    keys = [*reversed(places % TILE), *reversed(places // TILE)]  # the last key sorts first
+    keys = [*reversed(places % tile), *reversed(places // tile)]  # the last key sorts first
     return np.lexsort(keys)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from .cell_ranges import CellRanges, cast
 from .draws import cell_draws, gaussian_draws
 from .estimator import Estimate
 from .grid import Grid, build_grid
-from .kernels import block_bounds, gaussian_moments
 from .motion import Stationary
 from .noise import LOG_TURN, Gaussian
 from .problem import Prior, Problem
@@ -29,6 +29,7 @@ class PointMassBelief:
     alone, so no (M, G) array is kept for them; other noise goes into log_mass at once.
 
     log_mass: Log probability of each cell before the readings below, (1, G) shared by the runs, or (M, G).
+    top_mass: The greatest of it in each block of cells, (1 or M, ...).
     counts: How many readings of each beam, (M, B).
     readings: Their mean, (M, B), m; inf = no return.
     log_scale: Log of what the readings' densities have in common over all cells, (M,).
@@ -36,6 +37,7 @@ class PointMassBelief:
     """
 
     log_mass: Array
+    top_mass: Array
     counts: Array
     readings: Array
     log_scale: Array
@@ -57,27 +59,27 @@ class PointMassFilter:
         cell: Largest cell size, one number or one for each component; m, or rad for a heading.
         heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
+        memory_gb: The most that the table of expected ranges may take, GB; posteriors come on top.
 
     Raises:
-        ValueError: If the cell size is not positive, there are too many cells, no cell is in free space, or
-            heading_cell is given for a known heading or beside several sizes.
+        ValueError: If the cell size is not positive, there are too many cells or ranges, no cell is in free
+            space, or heading_cell is given for a known heading or beside several sizes.
     """
 
     problem: Problem
     cell: ArrayLike = 0.05
     heading_cell: float | None = None
     most_cells: int = 20_000_000
+    memory_gb: float = 4.0
     grid: Grid = field(init=False, repr=False, compare=False)
-    ranges: Array = field(init=False, repr=False, compare=False)
-    bounds: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+    cells: CellRanges = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
         grid = build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
-        ranges = np.ascontiguousarray(self.problem.sensor.expected(grid.centres))
-        for name, value in (("grid", grid), ("ranges", ranges), ("bounds", block_bounds(ranges))):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "grid", grid)
+        object.__setattr__(self, "cells", cast(grid, self.problem.sensor, 1e9 * self.memory_gb))
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> PointMassBelief:
         """The prior's probability of each cell, the same for all runs.
@@ -85,7 +87,7 @@ class PointMassFilter:
         Raises:
             ValueError: If the prior is not the problem's and reaches beyond the grid.
         """
-        runs, beams = len(rngs), self.ranges.shape[1]
+        runs, beams = len(rngs), len(self.problem.sensor.bearings)
         grid = self.grid
         log_mass = grid.log_mass
         if prior is not self.problem.prior:
@@ -94,11 +96,12 @@ class PointMassFilter:
                 raise ValueError("this prior allows no cell of the grid: build the estimator for it")
             log_mass = log_mass - np.logaddexp.reduce(log_mass)
         blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
-        one = PointMassBelief(log_mass[None], np.zeros((1, beams)), np.zeros((1, beams)), np.zeros(1), blank)
+        log_mass, none = log_mass[None], np.zeros((1, beams))
+        one = PointMassBelief(log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank)
         prior_moments = self._finish(one, None).estimate  # the same for all runs: worked out once
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in prior_moments))
-        blank_readings = np.zeros((runs, beams))
-        return PointMassBelief(log_mass[None], blank_readings, blank_readings.copy(), np.zeros(runs), shared)
+        counts, readings = np.zeros((2, runs, beams))
+        return PointMassBelief(log_mass, one.top_mass, counts, readings, np.zeros(runs), shared)
 
     def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
@@ -125,16 +128,12 @@ class PointMassFilter:
 
     def posterior(self, belief: PointMassBelief) -> Array:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""
-        logs = np.broadcast_to(belief.log_mass, (len(belief.counts), self.ranges.shape[0])).copy()
-        for beam in range(self.ranges.shape[1]):
-            count, reading = belief.counts[:, beam], belief.readings[:, beam]
-            precision = self._precision[beam]
-            for run in np.flatnonzero(count):
-                expected = self.ranges[:, beam]
-                if np.isinf(reading[run]):
-                    logs[run, np.isfinite(expected)] = -np.inf
-                else:
-                    logs[run] -= 0.5 * precision * count[run] * (reading[run] - expected) ** 2
+        logs = np.broadcast_to(belief.log_mass, (len(belief.counts), len(self.grid.centres))).copy()
+        for run, (reading, precision) in enumerate(
+            zip(belief.readings, belief.counts * self._precision, strict=True)
+        ):
+            if precision.any():
+                logs[run] -= self.cells.misfit(reading, precision)
         weights: Array = np.exp(logs - logs.max(axis=1, keepdims=True))
         weights /= weights.sum(axis=1, keepdims=True)
         return weights
@@ -169,7 +168,7 @@ class PointMassFilter:
     @property
     def _precision(self) -> Array:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
-        beams = self.ranges.shape[1]
+        beams = len(self.problem.sensor.bearings)
         if self._gaussian is None:
             return np.zeros(beams)
         return np.broadcast_to(1 / self._gaussian.stds**2, (beams,))
@@ -200,13 +199,17 @@ class PointMassFilter:
 
     def _with_densities(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Any noise: the log density of the measurement at every cell goes into the cells' log mass."""
-        runs, (cells, beams) = len(measurement), self.ranges.shape
+        (runs, beams), cells = measurement.shape, len(self.grid.centres)
         log_mass = np.broadcast_to(belief.log_mass, (runs, cells)).copy()
-        size = max(1, SLAB // (cells * beams))
-        for start in range(0, runs, size):
-            part = slice(start, start + size)
-            log_mass[part] += self.problem.sensor.log_density(measurement[part, None, :], self.ranges)
-        return replace(belief, log_mass=log_mass)
+        some = max(1, min(cells, SLAB // beams))
+        size = max(1, SLAB // (some * beams))
+        for first in range(0, cells, some):
+            expected = self.cells.expected(first, min(first + some, cells))
+            for start in range(0, runs, size):
+                part = slice(start, start + size)
+                density = self.problem.sensor.log_density(measurement[part, None, :], expected)
+                log_mass[part, first : first + some] += density
+        return replace(belief, log_mass=log_mass, top_mass=self.cells.top(log_mass))
 
     def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
         """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
@@ -214,12 +217,9 @@ class PointMassFilter:
         mean = np.zeros((runs, size)) if before is None else before.estimate.mean.copy()
         covariance = np.zeros((runs, size, size)) if before is None else before.estimate.covariance.copy()
         raw = np.empty_like(covariance)
-        log_sum = np.empty(runs)
-        gaussian_moments(
-            belief.readings, belief.counts * self._precision, self.ranges, *self.bounds, belief.log_mass,
-            block_bounds(belief.log_mass.T)[1].T.copy(), self.grid.centres, self.problem.space.is_angle,
-            mean, raw, log_sum,
-        )  # fmt: skip
+        log_sum = self.cells.moments(
+            belief.readings, belief.counts * self._precision, belief.log_mass, belief.top_mass, mean, raw
+        )
         log_evidence = belief.log_scale + log_sum
         possible = log_evidence > -np.inf
         covariance[possible] = raw[possible] + self._lattice_error(raw[possible])
