@@ -73,27 +73,26 @@ def test_equals_the_kalman_filter_without_walls():
         assert abs(found.log_evidence[step] - log_evidence) < 1e-4
 
 
-@pytest.mark.parametrize("plan", [PLAN, HOLED], ids=["door", "pillar"])
-@pytest.mark.parametrize("tries", [1, 3])
+@pytest.mark.parametrize(("plan", "tries"), [(PLAN, 3), (HOLED, 1)], ids=["door", "pillar"])
 def test_one_step_is_that_of_samples(plan, tries):
-    """Chi-square of 200 000 steps of a confined walk from one place, over blocks of 3 x 3 cells: p > 1e-5.
+    """Chi-square of 200 000 steps of a confined walk from one place, over blocks of 6 x 6 cells: 5 standard deviations.
 
     Start: a cell beside the wall, so that a third of the steps are refused. Steps are drawn from anywhere in
-    the cell. A correct grid fails one of four for fewer than 1 seed in 25 000, but for its own error, which
-    is below 1e-3 of each block's probability.
+    the cell. The sum over some 100 blocks is below its degrees of freedom + 5 standard deviations + 5: a
+    correct law exceeds that for fewer than 1 seed in 10 000, skewness counted.
     """
     motion = Confined(RandomWalk(SPACE, 0.3), plan, SPACE, tries=tries)
     sensor = Rangefinder(plan, BEARINGS, Gaussian(1.0), SPACE)
     nothing = [np.full(4, np.nan)] * 2
-    start = np.array([0.825, 0.525])
-    prior = Uniform(plan, SPACE, start - 0.025, start + 0.025)
-    found = recursion(Problem(SPACE, motion, sensor, prior), (48, 36), [None, STILL], nothing)
+    start = np.array([0.8125, 0.5375])
+    prior = Uniform(plan, SPACE, start - 0.0125, start + 0.0125)
+    found = recursion(Problem(SPACE, motion, sensor, prior), (96, 72), [None, STILL], nothing)
     assert found.masses.sum(axis=(1, 2)) == pytest.approx(1.0, abs=1e-9)
     size = 200_000
     rng = np.random.default_rng(20)
     ends = motion.sample(prior.sample(size, rng), STILL, rng)
     counts, _, _ = np.histogram2d(ends[:, 0], ends[:, 1], bins=(16, 12), range=[[0, 2.4], [0, 1.8]])
-    expected = size * found.masses[1].reshape(16, 3, 12, 3).sum(axis=(1, 3))
+    expected = size * found.masses[1].reshape(16, 6, 12, 6).sum(axis=(1, 3))
     assert not counts[expected < 1e-9].any()
     some = expected > 10
     square = ((counts[some] - expected[some]) ** 2 / expected[some]).sum()
