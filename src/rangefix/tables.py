@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from .evaluation.intervals import Interval
+from .evaluation.intervals import Interval, uniform_p_value
 from .evaluation.paper import BAND, CELLS, Paper
 from .evaluation.summary import Row
 from .evaluation.units import factor, unit
@@ -91,7 +91,8 @@ def comparison(rows: Sequence[Row], title: str) -> Table:
     """
     names, planned = rows[0].names, rows[0].planned
     deviations = [f"{name} std, {unit(name)}\ntrue / claimed" for name in names]
-    columns = ["\nestimator", f"ok of\n{planned}", *deviations, "ANEES/n\n[95 %]", "ms per\nupdate"]
+    columns = ["\nestimator", f"ok of\n{planned}", *deviations, "ANEES/n\n[95 %]", "energy\nscore, m"]
+    columns.append("ms per\nupdate")
     table = new_table(title, columns)
     table.add_column("\nverdict", justify="left", min_width=24)
     end = max(row.step for row in rows)
@@ -113,6 +114,43 @@ def _cells(row: Row) -> list[str]:
         str(row.ok),
         *(f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" for g, p, k in triples),
         _interval(row.anees),
+        short(row.scores.energy.value) if row.ok else "-",
         short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
         verdict(row),
+    ]
+
+
+def beliefs(rows: Sequence[Row]) -> Table | None:
+    """What samples of the beliefs say, after the last measurement; None where none were sampled."""
+    end, names = max(row.step for row in rows), rows[0].names
+    sampled = [row for row in rows if row.step == end and row.beliefs is not None]
+    if not sampled:
+        return None
+    deviations = [f"{name} std, {unit(name)}\nwhole / main mode" for name in names]
+    columns = [
+        "\nestimator",
+        *deviations,
+        "share of\nmain mode",
+        "energy score, m\nclaim / belief",
+        "\nranks, p",
+    ]
+    table = new_table("Beliefs: 99 samples of each", columns)
+    for beams in dict.fromkeys(row.beams for row in sampled):
+        table.add_row(name_beams(beams), style="bold")
+        for row in (row for row in sampled if row.beams == beams):
+            table.add_row(*_belief_cells(row))
+        table.add_section()
+    return table
+
+
+def _belief_cells(row: Row) -> list[str]:
+    found = row.beliefs
+    assert found is not None
+    triples = zip(found.whole, found.mode, map(factor, row.names), strict=True)
+    return [
+        f"  {row.estimator}",
+        *(f"{short(k * whole.sqrt().value)} / {short(k * mode.sqrt().value)}" for whole, mode, k in triples),
+        f"{100 * found.share.value:.3g} %",
+        f"{short(row.scores.energy.value)} / {short(found.energy.value)}",
+        short(uniform_p_value(found.ranks[-1])),
     ]

@@ -72,6 +72,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
         beam_sets=[[1], [1, 2, 3]],
         title=HOSTILE,
         config=NASTY,
+        beliefs=True,
     )
     run(experiment, folder, command_line=["rangefix", "run", NASTY])
     return folder
@@ -154,7 +155,7 @@ def test_hostile_text_stays_text(page: str) -> None:
 
 def test_the_order_of_the_sections(page: str) -> None:
     ids = [attributes["id"] for name, attributes in read(page).elements if name == "section"]
-    assert ids == ["verdict", "table", "charts", "pictures", "estimators", "failures", "provenance"]
+    assert ids == ["verdict", "table", "scores", "charts", "pictures", "estimators", "failures", "provenance"]
 
 
 def test_it_says_what_the_figures_say(page: str) -> None:
@@ -209,6 +210,21 @@ def test_steps_and_sampled_beliefs(drive: Path) -> None:
     assert "PIT of x1" not in shown
     assert "std of x1, m: whole belief / main mode" in shown
     assert "dashed: of the sampled belief" in shown
+    assert "share of the main mode" in shown
+    assert "ranks, p" in shown
+
+
+def test_scores_of_claim_and_belief_stand_together(page: str) -> None:
+    """The exact filter's belief is sampled, the others' are not: both kinds of row fill all columns."""
+    table = page[page.index('<section id="scores">') :]
+    rows = table[: table.index("</section>")].split("<tr>")[1:]
+    columns = rows[0].count('scope="col"')
+    assert columns == 9
+    exact, sure = (next(row for row in rows if f">{name}</th>" in row) for name in ("exact", "sure"))
+    assert [row.count("<td ") for row in (exact, sure)] == [columns - 1] * 2
+    assert "claim 0." in exact
+    assert exact.count("belief 0.") + exact.count("belief 1.") == 3
+    assert "belief" not in sure.replace("whole belief", "")
 
 
 def test_no_folder_of_results_is_one_clear_line(tmp_path: Path) -> None:

@@ -15,12 +15,13 @@ from .report_data import digest
 from .report_details import charts, details
 from .report_html import page, tag
 from .report_pictures import pictures
+from .report_scores import scores
 from .report_sections import failures, heading, provenance, table, verdicts
 from .results import Results, load
 from .store import write_bytes
 from .verdict_gates import Gate
 
-SECTIONS = ("verdict", "table", "charts", "pictures", "estimators", "failures", "provenance")
+SECTIONS = ("verdict", "table", "scores", "charts", "pictures", "estimators", "failures", "provenance")
 
 
 def write_report(folder: Path | str, out: Path | str | None = None, gates: Sequence[Gate] = ()) -> Path:
@@ -57,6 +58,7 @@ def render(results: Results, gates: Sequence[Gate] = ()) -> str:
             "main",
             verdicts(found),
             table(found),
+            scores(found),
             charts(found),
             pictures(results),
             details(found),
