@@ -75,7 +75,7 @@ def test_equals_the_kalman_filter_without_walls():
 
 @pytest.mark.parametrize(("plan", "tries"), [(PLAN, 3), (HOLED, 1)], ids=["door", "pillar"])
 def test_one_step_is_that_of_samples(plan, tries):
-    """Chi-square of 200 000 steps of a confined walk from one place, over blocks of 6 x 6 cells: 5 standard deviations.
+    """Chi-square of 200 000 steps of a confined walk from one place, in blocks of 6 x 6 cells.
 
     Start: a cell beside the wall, so that a third of the steps are refused. Steps are drawn from anywhere in
     the cell. The sum over some 100 blocks is below its degrees of freedom + 5 standard deviations + 5: a
