@@ -160,10 +160,12 @@ def run(
         )
     else:
         from .listing import failures
-        from .tables import comparison, console
+        from .tables import beliefs, comparison, console
 
         screen = console()
         screen.print(comparison(rows, f"{described.title or described.name}: {results.runs} runs"))
+        if (sampled := beliefs(rows)) is not None:
+            screen.print(sampled)
         for text in failures(results):
             screen.print(text, markup=False, soft_wrap=True)
         for line in lines:
