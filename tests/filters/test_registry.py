@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from rangefix.filters import (
     build,
     position_space,
 )
-from rangefix.filters.checks import check_names, run_checks
+from rangefix.filters.checks import run_checks
 from rangefix.filters.registry import BUILT_IN, resolve
 from rangefix.maps import RectangularRoom
 
@@ -293,24 +292,3 @@ def test_example_package_as_a_third_party_has_it(tmp_path: Path) -> None:
     assert "stonesoup-particle" in listed
     tests = [sys.executable, "-m", "pytest", "-q", "-c", example / "pyproject.toml", example / "tests"]
     subprocess.run([*tests, "-p", "no:cacheprovider"], env=environment, cwd=tmp_path, check=True)
-
-
-def test_the_tutorial_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Python blocks of docs/plugins.md run, in order; one that begins with a file's name is that file."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", sys.path.copy())
-    text = (ROOT / "docs" / "plugins.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    names: dict[str, Any] = {"__name__": "tutorial"}
-    for block in blocks:
-        if match := re.match(r"# (\w+\.py)\n", block):
-            (tmp_path / match[1]).write_text(block)
-        else:
-            exec(compile(block, "docs/plugins.md", "exec"), names)
-    sys.modules.pop("my_filter", None)
-    assert len(blocks) == 6
-    assert all(f"| `{name}` |" in text for name in check_names())
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", "-p", "no:cacheprovider", str(tmp_path)]
-    command += ["-k", "built or shapes"]
-    tests = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert "2 passed, 18 deselected" in tests.stdout
