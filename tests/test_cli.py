@@ -153,16 +153,18 @@ def test_gather_bearings() -> None:
 
 
 def test_gates_are_told_one_by_one(rangefix: Callable[..., Said], tmp_path: Path) -> None:
-    """A band on a figure, for all estimators or for one; a wrong label is told before anything runs."""
+    """A band on a figure, for all estimators or for one; wrong ones are told before anything runs."""
     study = write(tmp_path / "s.toml", STUDY)
     assert rangefix("run", study, "--runs", "60", "--gate", "point-mass:anees=0.5:2").code == 0
     said = rangefix("run", study, "--runs", "60", "--gate", "anees=0.5:2", "--json")
     gates = json.loads(said.out)["gates"]
     assert said.code == 4
     assert [each["passed"] for each in gates] == [True, True, False, False]
-    said = rangefix("run", study, "--gate", "kalman", "--out", tmp_path / "none")
-    assert (said.code, said.err.count("\n")) == (2, 1)
-    assert not (tmp_path / "none").exists()
+    for gate in ("kalman", "aness=0.8:1.25", "anees=0.8-1.25", "ekf:anees=1"):
+        said = rangefix("run", study, "--gate", gate, "--out", tmp_path / "none")
+        assert (said.code, said.err.count("\n")) == (2, 1)
+        assert repr(gate) in said.err
+        assert not (tmp_path / "none").exists()
 
 
 def test_new_study_runs_and_is_not_overwritten(rangefix: Callable[..., Said], tmp_path: Path) -> None:

@@ -118,14 +118,13 @@ def run(
     from .evaluation.runner import run as run_study
     from .evaluation.study import load_study
     from .evaluation.verdict import verdict
-    from .evaluation.verdict_gates import check_gates, parse_gates
+    from .evaluation.verdict_gates import check_gates, need_sound, parse_gates
     from .progress import bars
 
     gates = parse_gates(gate or ())
     described = load_study(study, runs=runs, seed=seed, map_path=map_path)
-    labels = described.experiment().estimators
-    if unknown := [each.text for each in gates if each.estimator not in (None, *labels)]:
-        raise ValueError(f"--gate {unknown[0]!r} names no estimator; there are {', '.join(labels)}")
+    experiment = described.experiment()
+    need_sound(gates, tuple(experiment.estimators), experiment.told.space.names, described.beliefs)
     for warning in described.warnings:
         print(f"rangefix: {warning}", file=sys.stderr)
     folder = Path("results") / described.name if out is None else out

@@ -35,21 +35,28 @@ def check(
         list[str] | None,
         typer.Option(metavar="CHECK=REASON", help="A check that must fail, and why; may be repeated."),
     ] = None,
+    timeout: Annotated[
+        float, typer.Option(min=0.1, metavar="SECONDS", help="Longest that a check may take.")
+    ] = 60.0,
     as_json: Json = False,
 ) -> None:
     """Whether an estimator does what every estimator must; exit code 1 if not."""
-    from .filters.checks import conforms, render, run_checks
+    from .evaluation.checked import check_apart
+    from .filters.checks import conforms, sum_up, told
     from .starting import read_options, read_reasons
 
     options, reasons = read_options(option or ()), read_reasons(expect_failure or ())
-    results = run_checks(target, expected_failures=reasons, **options)
+    results = []
+    for result in check_apart(target, options, reasons, timeout):
+        results.append(result)
+        for line in () if as_json else told(result):
+            typer.echo(line)
     if as_json:
         print_json(
             {"target": target, "conforms": conforms(results), "checks": [vars(each) for each in results]}
         )
     else:
-        for line in render(results):
-            typer.echo(line)
+        typer.echo(sum_up(results))
     if not conforms(results):
         raise typer.Exit(SOME_FAILED)
 

@@ -95,11 +95,12 @@ def test_only_the_guilty_runs_are_lost(guarded, name):
         8: "error",
         9: "error",
     }
-    assert outcome.reasons[5] == "the trial took longer than 0.3 s, in update() at measurement 1"
+    assert outcome.reasons[5] == "the trial took longer than 0.3 s (timeout_s), in update() at measurement 1"
     assert outcome.reasons[7] == "update() at measurement 1 ended the process (exit code 3)"
     assert outcome.reasons[8] == "update() at measurement 1 ended the process (SIGSEGV)"
     assert re.fullmatch(
-        r"update\(\) at measurement 1 failed: SystemExit: so be it \(bad.py, line \d+\)", outcome.reasons[9]
+        r"update\(\) at measurement 1 failed: SystemExit: so be it \(bad.py, line \d+, in act\)",
+        outcome.reasons[9],
     )
     harmless = np.where((READINGS > 4) & (READINGS < 10), 1.0, READINGS)
     expected = free.run(harmless, 0, 1000)
@@ -173,7 +174,7 @@ def test_no_covariance(plugin, covariance, words):
     builder = Named(f"{plugin}:Batch", {"covariance": covariance})
     results = run(Experiment(make_problem(), {"bad": builder}, runs=4, timeout=0), timing=False)
     assert results.get("bad").failures == {"error": 4}
-    assert results.get("bad").reasons[0] == f"estimate(): the covariance is {words} at step 1"
+    assert results.get("bad").reasons[0] == f"estimate(): the covariance is {words} at measurement 1"
 
 
 def test_what_is_a_covariance():

@@ -52,8 +52,8 @@ def run(estimator, first=0, count=RUNS):
         ("raise", "error", "update() at measurement 1 failed: ZeroDivisionError: five is too much (test"),
         ("write", "error", "assignment destination is read-only; copy what you write to (test"),
         ("shape", "error", "estimate() at measurement 1 failed: ValueError: mean has shape (1, 1)"),
-        ("nan", "nan", "an estimate is not finite at step 1"),
-        ("inf", "nan", "an estimate is not finite at step 1"),
+        ("nan", "nan", "an estimate is not finite at measurement 1"),
+        ("inf", "nan", "an estimate is not finite at measurement 1"),
         ("diverge", "diverged", "-inf"),
     ],
 )

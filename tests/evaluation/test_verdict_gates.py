@@ -9,7 +9,7 @@ import pytest
 
 from rangefix.evaluation import credibility
 from rangefix.evaluation.summary import Row
-from rangefix.evaluation.verdict_gates import check_gates, parse_gates
+from rangefix.evaluation.verdict_gates import check_gates, need_sound, parse_gates
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +89,30 @@ def test_whole_numbers_have_gates_too(rows: list[Row]) -> None:
 def test_what_is_not_there_is_listed(rows: list[Row], text: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         check_gates(parse_gates([text]), rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("exatc", "did you mean exact?"),
+        ("nobody", "there are exact, ukf"),
+        ("anees", "'anees' has no band: write ESTIMATOR, FIGURE=LOW:HIGH"),
+        ("anees=0.8-1.25", "'0.8-1.25' is no band LOW:HIGH: write"),
+        ("exact:anees=a:b", "'a:b' is no band LOW:HIGH: write"),
+        ("aness=0.8:1.25", "no figure 'aness'; did you mean anees?"),
+        ("exact:size=1:2", "there are step, planned"),
+        ("belief_energy_score=:1", "needs beliefs = true in the study"),
+    ],
+)
+def test_mistakes_are_told_before_anything_runs(text: str, says: str) -> None:
+    with pytest.raises(ValueError, match="gate") as error:
+        need_sound(parse_gates([text]), ["exact", "ukf"], ("x1", "x2"), beliefs=False)
+    assert says in str(error.value)
+
+
+def test_sound_gates_pass_and_need_no_more_than_a_run_gives(rows: list[Row]) -> None:
+    """Every figure of a row can be asked for beforehand; figures of beliefs where those are judged."""
+    names = [name for name in rows[0].flat() if name not in ("estimator", "beams")]
+    gates = parse_gates([*(f"{name}=:1" for name in names), "exact", "ukf:anees=0.8:"])
+    need_sound(gates, ["exact", "ukf"], ("x1", "x2"), beliefs=False)
+    need_sound(parse_gates(["belief_energy_score=:1"]), ["exact"], ("x1", "x2"), beliefs=True)

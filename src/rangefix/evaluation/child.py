@@ -115,7 +115,7 @@ class Child:
                 line = answer if kind == WHERE else ""
         self.kill()
         if mark.count:
-            reason = f"the trial took longer than {limit:g} s, in {mark.words or 'no method'}"
+            reason = f"the trial took longer than {limit:g} s (timeout_s), in {mark.words or 'no method'}"
         else:
             reason = f"{mark.words or 'it'} took longer than {limit:g} s"
         return Stopped("timeout", reason + line, mark.place, mark.count)

@@ -83,6 +83,7 @@ def describe(name: str, factory: Any) -> Look:
 def _look(content: bytes, at: At) -> Look:
     """In the process of its own."""
     name, problem, options = pickle.loads(content)
+    at("importing it", 0)
     factory = resolve(name)
     found = describe(name, factory)
     unfit, fault = [], ""

@@ -59,7 +59,7 @@ def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
             step = int(wrong[place].argmax())
             fault = _fault(covariance[place, step]) if name == "error" else ""
             status[place] = STATUSES.index(name)
-            reasons[int(place)] = f"{text}{fault} at step {step + 1}"
+            reasons[int(place)] = f"{text}{fault} at measurement {step + 1}"
     return Outcome(mean, covariance, log_evidence, status, reasons)
 
 

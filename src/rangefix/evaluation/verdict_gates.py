@@ -12,9 +12,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
-from .summary import Row
+import numpy as np
+
+from .covariance import credibility
+from .intervals import UNKNOWN
+from .summary import Beliefs, Row
 from .verdict import decide, name_beams, overconfident, short
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures
@@ -88,6 +93,57 @@ def _parse(text: str) -> Gate:
     return Gate(text, owner or None, figure, low, high)
 
 
+def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, ...], beliefs: bool) -> None:
+    """Say before anything runs what would be said after it.
+
+    Args:
+        gates: What will be asked.
+        labels: Labels of the estimators.
+        names: Components of the state.
+        beliefs: Whether beliefs will be judged.
+
+    Raises:
+        ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
+    """
+    every = figures(names, beliefs=True)
+    known = every if beliefs else figures(names, beliefs=False)
+    for gate in gates:
+        if gate.estimator is not None and gate.estimator not in labels:
+            if gate.figure is None and gate.text.strip() in every:
+                raise ValueError(f"gate {gate.text!r} has no band: write {FORM}")
+            if gate.figure is None and "=" in gate.text:
+                band = gate.text.rpartition("=")[2].strip()
+                raise ValueError(f"gate {gate.text!r}: {band!r} is no band LOW:HIGH: write {FORM}")
+            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+        if gate.figure is not None and gate.figure not in known:
+            if gate.figure in every:
+                raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
+            raise ValueError(_no_figure(gate, known))
+
+
+def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
+    """Names of the figures that a row has, for components of the state."""
+    size = len(names)
+    row = credibility(np.zeros(size), np.zeros((2, size)), np.eye(size), names=names)
+    if beliefs:
+        each = (UNKNOWN,) * size
+        row = replace(row, beliefs=Beliefs(UNKNOWN, each, each, each, UNKNOWN, np.ones((size + 1, 2))))
+    return tuple(name for name in row.flat() if name not in LABELS)
+
+
+def _there(labels: Iterable[str], gate: Gate) -> str:
+    close = get_close_matches(gate.estimator or "", list(labels), n=1)
+    return f"did you mean {close[0]}?" if close else f"there are {', '.join(labels)}; or write {FORM}"
+
+
+def _no_figure(gate: Gate, known: Iterable[str]) -> str:
+    plain = [name for name in known if not name.endswith(("_low", "_high"))]
+    close = get_close_matches(gate.figure or "", plain, n=1)
+    return f"gate {gate.text!r}: no figure {gate.figure!r}; " + (
+        f"did you mean {close[0]}?" if close else f"there are {', '.join(plain)}"
+    )
+
+
 def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
     """One line for each gate and row that it holds for: all sets of beams, all steps.
 
@@ -98,10 +154,10 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
     lines = []
     for gate in gates:
         if gate.estimator is not None and gate.estimator not in labels:
-            raise ValueError(
-                f"gate {gate.text!r} names no estimator of this study: there are {', '.join(labels)}; "
-                f"or write {FORM}"
-            )
+            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+        known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
+        if gate.figure is not None and gate.figure not in known:
+            raise ValueError(_no_figure(gate, known))
         mine = [row for row in rows if gate.estimator in (None, row.estimator)]
         lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in mine]
     return lines
@@ -121,16 +177,8 @@ def _verdict_line(gate: Gate, row: Row) -> GateLine:
 
 def _line(gate: Gate, row: Row) -> GateLine:
     columns = row.flat()
-    figures = {
-        name: value
-        for name, value in columns.items()
-        if name not in LABELS and isinstance(value, int | float)
-    }
-    if gate.figure not in figures:
-        known = ", ".join(name for name in figures if not name.endswith(("_low", "_high")))
-        raise ValueError(f"gate {gate.text!r}: no figure {gate.figure!r}; there are {known}")
-    value = float(figures[gate.figure])
-    low, high = (float(figures.get(f"{gate.figure}_{end}", value)) for end in ("low", "high"))
+    value = float(columns.get(gate.figure or "", math.nan))  # of one that cannot sample its beliefs
+    low, high = (float(columns.get(f"{gate.figure}_{end}", value)) for end in ("low", "high"))
     passed = gate.low <= value <= gate.high
     inside, meets = gate.low <= low and high <= gate.high, high >= gate.low and low <= gate.high
     settled = inside if passed else not meets

@@ -13,16 +13,15 @@ The idea is scikit-learn's estimator checks. Problems are small, seeds fixed; th
 
 from __future__ import annotations
 
-import traceback
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 from unittest import SkipTest
 
 from . import checks_answers, checks_beliefs, checks_contract
 from .checks_subject import CheckFailure, Claim, Factory, Subject
+from .located import located
 from .registry import resolve
 
 if TYPE_CHECKING:
@@ -41,6 +40,7 @@ __all__ = [
 ]
 
 Outcome = Literal["passed", "failed", "expected_failure", "unexpected_pass", "skipped"]
+RAISED = "Look at the line where it is raised."
 BAD: tuple[Outcome, ...] = ("failed", "unexpected_pass")
 CLAIMS: tuple[Claim, ...] = (
     checks_contract.can_be_built,
@@ -120,6 +120,7 @@ class Check:
     def result(self) -> CheckResult:
         """Run it; no failure of the estimator gets out."""
         outcome: Outcome = "expected_failure" if self.expected else "failed"
+        mend = self.claim.mend
         try:
             self.claim.test(self.subject)
             outcome = "unexpected_pass" if self.expected else "passed"
@@ -128,11 +129,13 @@ class Check:
             outcome, detail = "skipped", str(skip)
         except CheckFailure as failure:
             detail = str(failure)
-        except Exception as error:
-            detail = _located(error)
+        except (Exception, SystemExit) as error:
+            message = " ".join(str(error).split())
+            detail = f"{type(error).__name__}: {message}{located(error.__traceback__)}"
+            mend = RAISED
         if outcome == "expected_failure":
             detail = f"{self.expected} ({detail})"
-        return CheckResult(self.name, outcome, self.claim.meaning, self.claim.mend, detail)
+        return CheckResult(self.name, outcome, self.claim.meaning, mend, detail)
 
 
 def check_names() -> tuple[str, ...]:
@@ -193,19 +196,27 @@ def conforms(results: Iterable[CheckResult]) -> bool:
 
 def render(results: Sequence[CheckResult]) -> list[str]:
     """Lines to print: each check; what was seen, what it means and how to mend it where it failed; a sum."""
-    lines = []
-    for result in results:
-        bad = result.outcome in BAD
-        word = result.outcome.replace("_", " ")
-        lines.append(f"{word.upper() if bad else word:17}{result.name}")
-        if result.detail:
-            lines.append(f"{'':17}{'seen:  ' if bad else ''}{result.detail}")
-        if result.outcome == "failed":
-            lines += [f"{'':17}means: {result.meaning}", f"{'':17}mend:  {result.mend}"]
+    return [*(line for result in results for line in told(result)), sum_up(results)]
+
+
+def told(result: CheckResult) -> list[str]:
+    """Lines about one check."""
+    bad = result.outcome in BAD
+    word = result.outcome.replace("_", " ")
+    lines = [f"{word.upper() if bad else word:17}{result.name}"]
+    if result.detail:
+        lines.append(f"{'':17}{'seen:  ' if bad else ''}{result.detail}")
+    if result.outcome == "failed":
+        lines += [f"{'':17}means: {result.meaning}", f"{'':17}mend:  {result.mend}"]
+    return lines
+
+
+def sum_up(results: Sequence[CheckResult]) -> str:
+    """How many checks ran, and what came of them."""
     counts = Counter(result.outcome for result in results)
     ran = len(results) - counts["skipped"]
     parts = [f"{count} {outcome.replace('_', ' ')}" for outcome, count in counts.items()]
-    return [*lines, f"{ran} of {len(results)} checks ran: {', '.join(parts)}"]
+    return f"{ran} of {len(results)} checks ran: {', '.join(parts)}"
 
 
 def parametrize_with_checks(
@@ -234,12 +245,3 @@ def _need_known(name: str) -> None:
         raise
     except Exception:
         return
-
-
-def _located(error: Exception) -> str:
-    """One line for an exception: its type, its message, and the place in the estimator it came from."""
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    message = " ".join(str(error).split())
-    return (
-        f"{type(error).__name__}: {message} ({Path(last.filename).name}, line {last.lineno}, in {last.name})"
-    )

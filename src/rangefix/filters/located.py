@@ -13,7 +13,7 @@ SHARED = ("site-packages", "dist-packages")
 
 
 def located(where: TracebackType | FrameType | None) -> str:
-    """The innermost line of a plug-in's own code, as " (my_filter.py, line 12)"; empty if there is none.
+    """The innermost line of a plug-in's own code: " (my_filter.py, line 12, in update)", or empty.
 
     The code is that which we called first, and what lies beside it or below its folder; lines of the
     libraries that it calls say little about what to mend.
@@ -25,12 +25,12 @@ def located(where: TracebackType | FrameType | None) -> str:
         steps = list(traceback.walk_stack(where))[::-1]
     else:
         steps = list(traceback.walk_tb(where))
-    lines = [(Path(frame.f_code.co_filename), line) for frame, line in steps]
+    lines = [(Path(frame.f_code.co_filename), line, frame.f_code.co_name) for frame, line in steps]
     lines = [each for each in lines if not str(each[0]).startswith(BETWEEN)]
-    foreign = [(file, line) for file, line in lines if not file.is_relative_to(PACKAGE)]
+    foreign = [each for each in lines if not each[0].is_relative_to(PACKAGE)]
     if not foreign:
         return ""
     first = foreign[0][0]
     home = first if first.parent.name in SHARED else first.parent
-    file, line = [each for each in foreign if each[0].is_relative_to(home)][-1]
-    return f" ({file.name}, line {line})"
+    file, line, name = [each for each in foreign if each[0].is_relative_to(home)][-1]
+    return f" ({file.name}, line {line}{'' if name.startswith('<') else f', in {name}'})"
