@@ -95,7 +95,7 @@ def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> A
 def measure(draws: Array, truth: Array, space: StateSpace) -> BeliefScores:
     """Draws (M, S, n) of the beliefs of M runs against their truths (M, n).
 
-    Covariances of angles are those in the tangent space at the circular mean of the draws.
+    Covariances of angles are about the circular mean of the draws, as those that estimators claim.
     """
     from scipy.spatial.distance import pdist
 
@@ -104,7 +104,7 @@ def measure(draws: Array, truth: Array, space: StateSpace) -> BeliefScores:
     middle, _ = space.moments(both, np.full((runs, size + 1), 1 / (size + 1)))
     off = space.difference(both, middle[:, None, :])
     distances = _distances(off)
-    mean, _ = space.moments(draws, np.full((runs, size), 1 / size))
+    mean, spread = space.moments(draws, np.full((runs, size), 1 / size))
     deviations = space.difference(draws, mean[:, None, :])
     place = space.position_indices
     lengths = np.stack([pdist(each) for each in deviations[..., place]])
@@ -116,15 +116,15 @@ def measure(draws: Array, truth: Array, space: StateSpace) -> BeliefScores:
         near.mean(-1) - 0.5 * lengths.mean(-1),
         _crps(deviations, truth, mean, space),
         np.array([mode.mean() for mode in modes]),
-        np.stack([_covariance(each[mode]) for each, mode in zip(deviations, modes, strict=True)]),
-        np.stack([_covariance(each) for each in deviations]),
+        np.stack([_covariance(each[mode], space) for each, mode in zip(draws, modes, strict=True)]),
+        spread * (size / (size - 1)),
     )
 
 
-def _covariance(points: Array) -> Array:
-    """Unbiased covariance of points (S, n), (n, n); that of a single one is zero."""
-    off = points - points.mean(0)
-    return np.asarray(off.T @ off / max(len(points) - 1, 1))
+def _covariance(points: Array, space: StateSpace) -> Array:
+    """Covariance of points (S, n), (n, n), angles about their circular mean; zero of a single one."""
+    size = len(points)
+    return space.moments(points, np.full(size, 1 / size))[1] * (size / max(size - 1, 1))
 
 
 def _crps(deviations: Array, truth: Array, mean: Array, space: StateSpace) -> Array:
