@@ -23,7 +23,7 @@ from .space import TURN, Array, StateSpace
 SAME = 1e-10  # rad; beams whose offsets from the heading cells differ by less are of one kind
 ROWS = 1 << 18  # directions transformed at once: a few MB
 THREADS = 2
-TRANSFORM = 40.0  # what a transform costs, for each range in the table, in terms of a cell and beam
+TRANSFORM = 60.0  # what a transform costs, for each range in the table, in terms of a cell and beam
 ROUNDING = 1e-7  # nats; the error that a transform may make
 
 

@@ -79,25 +79,16 @@ def _bound(
     return log
 
 
-@njit(cache=True, nogil=True)
-def _add_misfits(
-    first: int, last: int, place: int, heading: int, reading: Array, weight: Array, kind: Places,
-    shift: Places, table: Array, misfits: Array,
-) -> None:  # fmt: skip
-    """Add what beams first to last say against RUN headings of one place."""
-    period = table.shape[2] - RUN + 1
-    for beam in range(first, last):
-        column = heading + shift[beam]
-        if column >= period:
-            column -= period
-        if math.isinf(reading[beam]):
-            for lane in range(RUN):
-                if not math.isinf(table[place, kind[beam], column + lane]):
-                    misfits[lane] = math.inf
-        else:
-            for lane in range(RUN):
-                off = reading[beam] - table[place, kind[beam], column + lane]
-                misfits[lane] += weight[beam] * off**2
+@njit(cache=True, nogil=True, inline="always")
+def _add_misfits(reading: float, weight: float, expected: Array, misfits: Array) -> None:
+    """Add what a beam says against cells with these expected ranges."""
+    if math.isinf(reading):
+        for k in range(misfits.size):
+            if not math.isinf(expected[k]):
+                misfits[k] = math.inf
+    else:
+        for k in range(misfits.size):
+            misfits[k] += weight * (reading - expected[k]) ** 2
 
 
 @njit(cache=True, nogil=True)
@@ -106,23 +97,22 @@ def _cells(
     log_mass: Array, chosen: Places, logs: Array, count: int, best: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block that matter; returns the new count and best log weight."""
-    headings, heading = log_mass.shape[1], RUN * run
-    lanes = min(RUN, headings - heading)
+    headings, period, heading = log_mass.shape[1], table.shape[2] - RUN + 1, RUN * run
     misfits = np.empty(RUN)
     for place in range(SPOT * spot, min(SPOT * (spot + 1), len(table))):
+        masses = log_mass[place, heading : heading + RUN]
+        room = masses.max() - best + MARGIN
         misfits[:] = 0.0
-        top = -math.inf
-        for lane in range(lanes):
-            top = max(top, log_mass[place, heading + lane])
-        first = 0
-        while first < reading.size:
-            last = min(first + STRIDE, reading.size)
-            _add_misfits(first, last, place, heading, reading, weight, kind, shift, table, misfits)
-            first = last
-            if top - misfits.min() <= best - MARGIN:
+        for beam in range(reading.size):
+            column = heading + shift[beam]
+            if column >= period:
+                column -= period
+            expected = table[place, kind[beam], column : column + RUN]
+            _add_misfits(reading[beam], weight[beam], expected, misfits)
+            if beam % STRIDE == STRIDE - 1 and misfits.min() >= room:
                 break
-        for lane in range(lanes):
-            log = log_mass[place, heading + lane] - misfits[lane]
+        for lane in range(masses.size):
+            log = masses[lane] - misfits[lane]
             if log > best - MARGIN:
                 chosen[count] = place * headings + heading + lane
                 logs[count] = log
@@ -256,11 +246,11 @@ def scan_misfits(
     reading: Array, weight: Array, kind: Places, shift: Places, table: Array, misfits: Array
 ) -> None:
     """Sum_j weight_j (reading_j - range_j)^2 for all cells, written in place, (C, H)."""
-    headings = misfits.shape[1]
+    headings, period = misfits.shape[1], table.shape[2] - RUN + 1
     for place in prange(len(table)):
-        lanes = np.empty(RUN)
-        for heading in range(0, headings, RUN):
-            lanes[:] = 0.0
-            _add_misfits(0, reading.size, place, heading, reading, weight, kind, shift, table, lanes)
-            last = min(heading + RUN, headings)
-            misfits[place, heading:last] = lanes[: last - heading]
+        misfits[place] = 0.0
+        for beam in range(reading.size):
+            turn = min(headings, period - shift[beam])  # headings before the directions start again
+            row = table[place, kind[beam]]
+            _add_misfits(reading[beam], weight[beam], row[shift[beam] :], misfits[place, :turn])
+            _add_misfits(reading[beam], weight[beam], row, misfits[place, turn:])
