@@ -2,6 +2,7 @@
 # make test    lint, types and tests
 # make bench   speed against other libraries
 # make lint    format and lint only
+# make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
 
 PYTHON ?= python3
@@ -12,9 +13,10 @@ OUT ?= results
 BUILDING ?= ../shared/data/avz/avz.ply
 RUNS ?= 1000
 BUILDING_RUNS ?= 400
+DOCS_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test bench lint clean
+.PHONY: demo test bench docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper
@@ -40,12 +42,17 @@ bench: $(BENCH)/.done
 	BENCH_JSON=$(OUT)/bench.json $(BENCH)/bin/python -m pytest -q tests/benchmarks -m benchmark \
 		--benchmark-columns=min,median,rounds
 
+docs: $(VENV)/.docs
+	$(BIN)/python docs/make_gallery.py --runs $(DOCS_RUNS) --out docs/gallery
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky -q docs docs/_build/html
+	@echo "Pages: docs/_build/html/index.html"
+
 lint: $(VENV)/.test
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) $(OUT) build dist
+	rm -rf $(VENV) $(OUT) build dist docs/_build docs/gallery
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -56,6 +63,10 @@ $(VENV)/.base: pyproject.toml | $(BIN)/python
 
 $(VENV)/.test: pyproject.toml | $(BIN)/python
 	$(PIP) --editable ".[test]" hatchling  # the packaging test builds offline
+	@touch $@ $(VENV)/.base
+
+$(VENV)/.docs: pyproject.toml | $(BIN)/python
+	$(PIP) --editable ".[docs]"
 	@touch $@ $(VENV)/.base
 
 $(BENCH)/.done: pyproject.toml  # apart: the peers hold numpy below 2
