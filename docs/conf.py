@@ -30,7 +30,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(collections|pathlib|typing|datetime|types|os)\..*"),
     (
         r"py:.*",
-        r"(NDArray|ArrayLike|Array|BoolArray|Builder|Factory|Belief|FieldInfo|MinLen|NoneType)",
+        r"(NDArray|ArrayLike|Array|BoolArray|Builder|Factory|Belief|FieldInfo|MinLen|NoneType|_\w+)",
     ),
     (r"py:.*", r"rangefix\.(maps|filters|evaluation)\.[a-z_]+\.\w+"),
 ]
@@ -63,7 +63,7 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_theme_options = {"navigation_with_keys": True}
 highlight_language = "none"
-pygments_style = "friendly"
+pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "monokai"
 
 
