@@ -11,12 +11,13 @@ import pytest
 from rangefix.evaluation import Experiment, Named, load, run
 from rangefix.evaluation.parts import Plan, trials_path
 from rangefix.evaluation.scores import crps, energy_score, histogram, pit, uniform_p_value
-from rangefix.evaluation.scores_belief import DRAWS, CanSample, draw, main_mode, measure, rank_histogram
+from rangefix.evaluation.scores_belief import DRAWS, main_mode, measure, rank_histogram
 from rangefix.evaluation.scores_parts import belief_arrays, judge_belief
 from rangefix.evaluation.seeds import streams
 from rangefix.evaluation.simulate import simulate
 from rangefix.evaluation.store import read_part, write_part
 from rangefix.filters import EachRun, build, pose_space, position_space
+from rangefix.filters.draws import CanSample, draw
 
 from .conftest import PriorOnly, make_problem
 

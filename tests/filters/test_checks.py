@@ -92,6 +92,11 @@ class Kalman:
     def estimate(self, belief: Any) -> Any:
         return Estimate(belief.mean, belief.covariance, belief.log_evidence)
 
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        pairs = zip(belief.mean, belief.covariance, rngs, strict=True)
+        drawn = [rng.multivariate_normal(mean, covariance, size) for mean, covariance, rng in pairs]
+        return self.problem.space.wrap(np.array(drawn))
+
 
 @dataclass(frozen=True)
 class Particles:
@@ -125,6 +130,9 @@ class Particles:
 
     def estimate(self, belief: Any) -> Any:
         return Estimate(*self.problem.space.moments(belief[0], np.exp(belief[1])), belief[2])
+
+    def sample(self, belief: Any, size: int, rng: Generator) -> Any:
+        return belief[0][rng.choice(self.size, size, p=np.exp(belief[1]))]
 
 
 class WritesIntoTheBelief(Kalman):
@@ -383,6 +391,61 @@ class Raises(Kalman):
         raise RuntimeError("no\nlicence")
 
 
+class DrawsTooNarrowly(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        return super().sample(replace(belief, covariance=0.9 * belief.covariance), size, rngs)
+
+
+class DrawsBesideTheMean(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        aside = 0.1 * np.sqrt(np.diagonal(belief.covariance, axis1=1, axis2=2))
+        return super().sample(replace(belief, mean=belief.mean + aside), size, rngs)
+
+
+class DrawsComponentsApart(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        apart = belief.covariance * np.eye(belief.covariance.shape[-1])
+        return super().sample(replace(belief, covariance=apart), size, rngs)
+
+
+class DrawsFromThePrior(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        return np.stack([self.problem.prior.sample(size, rng) for rng in rngs])
+
+
+class DrawsWithOneGenerator(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        return super().sample(belief, size, [rngs[0]] * len(rngs))
+
+
+class DrawsTheSameEachTime(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        return super().sample(belief, size, [np.random.default_rng(run) for run in range(len(rngs))])
+
+
+class DrawsOnePoint(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        return np.repeat(super().sample(belief, 1, rngs), size, axis=1)
+
+
+class DrawsAlongTheWrongAxis(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        return super().sample(belief, size, rngs).swapaxes(0, 1)
+
+
+class DrawsUnwrapped(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        draws, mean = super().sample(belief, size, rngs), belief.mean[:, None]
+        return mean + self.problem.space.difference(draws, mean)
+
+
+class DrawsTheBeliefAway(Kalman):
+    def sample(self, belief: Any, size: int, rngs: Sequence[Generator]) -> Any:
+        draws = super().sample(belief, size, rngs)
+        belief.mean[:] = draws[:, 0]
+        return draws
+
+
 FAULTS: list[tuple[Callable[..., Any], str]] = [
     (WritesIntoTheBelief, "beliefs_can_be_used_again"),
     (DrawsFromTheGlobalState, "same_seed_same_answer"),
@@ -421,6 +484,16 @@ FAULTS: list[tuple[Callable[..., Any], str]] = [
     (TurnsTheWrongWay, "claims_what_is_true_with_a_heading"),
     (LacksAVerb, "can_be_built"),
     (Raises, "shapes_and_dtypes"),
+    (DrawsTooNarrowly, "samples_what_it_claims"),
+    (DrawsBesideTheMean, "samples_what_it_claims"),
+    (DrawsComponentsApart, "samples_what_it_claims"),
+    (DrawsFromThePrior, "samples_what_it_claims"),
+    (DrawsWithOneGenerator, "samples_what_it_claims"),
+    (DrawsTheSameEachTime, "samples_what_it_claims"),
+    (DrawsOnePoint, "samples_what_it_claims"),
+    (DrawsAlongTheWrongAxis, "samples_what_it_claims"),
+    (DrawsUnwrapped, "samples_what_it_claims"),
+    (DrawsTheBeliefAway, "samples_what_it_claims"),
 ]
 
 
@@ -460,7 +533,7 @@ def test_no_false_alarms(monkeypatch: pytest.MonkeyPatch, sound: type, seed: int
     monkeypatch.setattr(problems, "SEED", seed)
     results = [check.result() for check in checks_for(sound) if "claims" in check.name or "kal" in check.name]
     assert [result.detail for result in results if result.outcome != "passed"] == []
-    assert len(results) == 4
+    assert len(results) == 5
 
 
 def test_the_hall_is_a_rectangular_room() -> None:
@@ -504,7 +577,7 @@ def test_results_and_their_lines() -> None:
     assert "FAILED           claims_what_is_true\n" in text
     assert "ANEES / n is 3" in text
     assert "mend:" in text
-    assert text.splitlines()[-1].startswith("20 of 20 checks ran: ")
+    assert text.splitlines()[-1].startswith("21 of 21 checks ran: ")
     assert conforms(run_checks(Kalman))
 
 
@@ -514,7 +587,7 @@ def test_an_estimator_that_cannot_be_built_fails_once() -> None:
     assert results[0].outcome == "failed"
     assert "predict" in results[0].detail
     assert {result.outcome for result in results[1:]} == {"skipped"}
-    assert render(results)[-1] == "1 of 20 checks ran: 1 failed, 19 skipped"
+    assert render(results)[-1] == "1 of 21 checks ran: 1 failed, 20 skipped"
 
 
 def test_an_unknown_name_is_no_result(tmp_path: Path) -> None:
@@ -543,8 +616,20 @@ def test_a_refused_problem_is_skipped() -> None:
         return Kalman(problem)
 
     skipped = {result.name: result.detail for result in run_checks(flat_only) if result.outcome == "skipped"}
-    assert set(skipped) == {"headings_are_angles", "claims_what_is_true_with_a_heading"}
+    need_heading = {"headings_are_angles", "claims_what_is_true_with_a_heading", "samples_what_it_claims"}
+    assert set(skipped) == need_heading
     assert set(skipped.values()) == {"refuses this problem: made for known headings"}
+
+
+def test_sampling_is_optional() -> None:
+    """Without the method the check is skipped, and says so."""
+
+    class Mute(Kalman):
+        sample = None  # type: ignore[assignment]
+
+    (result,) = [result for result in run_checks(Mute) if result.outcome == "skipped"]
+    assert result.name == "samples_what_it_claims"
+    assert "optional" in result.detail
 
 
 def test_no_log_evidence_is_allowed() -> None:

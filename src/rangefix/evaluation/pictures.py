@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..filters.draws import draw
 from ..filters.kalman import GaussianBelief
 from ..filters.motion import Stationary
 from ..filters.space import TURN, Array, StateSpace, wrap
 from .experiment import Experiment, Named
 from .parts import whole
 from .provenance import digest
-from .scores_belief import draw
 from .seeds import streams
 from .simulate import simulate
 from .store import read_part, write_part

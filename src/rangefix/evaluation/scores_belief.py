@@ -1,6 +1,6 @@
 """What an estimator believes beyond mean and covariance: samples of its belief against the truth.
 
-An estimator may have a fifth method, which no check demands:
+An estimator may have a fifth method, which no check demands (`filters.draws` has what calls it):
 
     def sample(self, belief, size: int, rngs: Sequence[Generator]) -> Array
         \"\"\"Independent draws from the belief, (M, size, n); run m draws from rngs[m] alone.\"\"\"
@@ -12,11 +12,10 @@ Gaussian: the rank of the truth among draws from an exact belief is uniform what
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
-from numpy.random import Generator
 
 from ..filters.space import Array, BoolArray, StateSpace, wrap
 from .scores import BINS
@@ -24,17 +23,6 @@ from .scores import BINS
 PREFIX = "belief_"  # of the arrays in a part
 DRAWS = 99  # of each belief: ranks 0 to 99, ten to a bin
 GAP = 4.0  # a longer link than this many times the usual long one separates modes
-
-Belief = TypeVar("Belief", contravariant=True)
-
-
-@runtime_checkable
-class CanSample(Protocol[Belief]):
-    """The optional method of an estimator."""
-
-    def sample(self, belief: Belief, size: int, rngs: Sequence[Generator]) -> Array:
-        """Independent draws from the belief, (M, size, n); run m draws from rngs[m] alone."""
-        ...
 
 
 class BeliefScores(NamedTuple):
@@ -67,29 +55,6 @@ def belief_of(part: Mapping[str, Array]) -> dict[str, Array]:
     names = BeliefScores._fields
     held = all(PREFIX + name in part for name in names)
     return {name: part[PREFIX + name] for name in names} if held else {}
-
-
-def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
-    """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
-
-    A plug-in for single runs, lifted by `EachRun`, is asked run by run.
-
-    Raises:
-        ValueError: If the draws have another shape or are not finite.
-    """
-    single = getattr(estimator, "single", None)
-    if isinstance(estimator, CanSample):
-        draws = np.asarray(estimator.sample(belief, size, rngs), dtype=float)
-    elif single is not None and hasattr(single, "sample"):
-        pairs = zip(belief, rngs, strict=True)
-        draws = np.stack([np.asarray(single.sample(each, size, rng), dtype=float) for each, rng in pairs])
-    else:
-        return None
-    if draws.ndim != 3 or draws.shape[:2] != (len(rngs), size):
-        raise ValueError(f"sample() gave shape {draws.shape}, not ({len(rngs)}, {size}, n)")
-    if not np.isfinite(draws).all():
-        raise ValueError("sample() gave numbers that are not finite")
-    return draws
 
 
 def measure(draws: Array, truth: Array, space: StateSpace) -> BeliefScores:

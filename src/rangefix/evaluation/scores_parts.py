@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from ..filters.draws import draw
 from ..filters.space import Array, StateSpace
-from .scores_belief import DRAWS, PREFIX, BeliefScores, draw, measure
+from .scores_belief import DRAWS, PREFIX, BeliefScores, measure
 from .seeds import streams
 
 

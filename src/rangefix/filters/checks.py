@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 from unittest import SkipTest
 
-from . import checks_answers, checks_beliefs, checks_contract
+from . import checks_answers, checks_beliefs, checks_contract, checks_samples
 from .checks_subject import CheckFailure, Claim, Factory, Subject
 from .located import located
 from .registry import resolve
@@ -63,6 +63,7 @@ CLAIMS: tuple[Claim, ...] = (
     checks_answers.moves_like_the_kalman_filter,
     checks_answers.claims_what_is_true,
     checks_answers.claims_what_is_true_with_a_heading,
+    checks_samples.samples_what_it_claims,
 )
 
 

@@ -7,6 +7,7 @@ counts ranks among the draws judges the claim itself. Run m draws from rngs[m] a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
@@ -15,6 +16,40 @@ from numpy.typing import NDArray
 from .space import Array, StateSpace
 
 NEGLIGIBLE = 1e-12  # of the heaviest cell's weight: lighter cells are never drawn
+
+Belief = TypeVar("Belief", contravariant=True)
+
+
+@runtime_checkable
+class CanSample(Protocol[Belief]):
+    """The optional method of an estimator."""
+
+    def sample(self, belief: Belief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Independent draws from the belief, (M, size, n); run m draws from rngs[m] alone."""
+        ...
+
+
+def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
+    """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
+
+    A plug-in for single runs, lifted by `EachRun`, is asked run by run.
+
+    Raises:
+        ValueError: If the draws have another shape or are not finite.
+    """
+    single = getattr(estimator, "single", None)
+    if isinstance(estimator, CanSample):
+        draws = np.asarray(estimator.sample(belief, size, rngs), dtype=float)
+    elif single is not None and callable(getattr(single, "sample", None)):
+        pairs = zip(belief, rngs, strict=True)
+        draws = np.stack([np.asarray(single.sample(each, size, rng), dtype=float) for each, rng in pairs])
+    else:
+        return None
+    if draws.ndim != 3 or draws.shape[:2] != (len(rngs), size):
+        raise ValueError(f"sample() gave shape {draws.shape}, not ({len(rngs)}, {size}, n)")
+    if not np.isfinite(draws).all():
+        raise ValueError("sample() gave numbers that are not finite")
+    return draws
 
 
 def weighted_draws(points: Array, weights: Array, size: int, rngs: Sequence[Generator]) -> Array:
