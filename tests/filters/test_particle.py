@@ -235,7 +235,7 @@ def test_nothing_measured_draws_nothing():
 
 
 def test_walks_in_walls_stay_in_free_space():
-    """A confined walk keeps every particle in the room, and drops the readings of before the move."""
+    """A confined walk keeps every particle in the room, and only the readings since the last move."""
     problem = problem_with(motion=Confined(RandomWalk(SPACE, 0.5), ROOM, SPACE))
     estimator = ParticleFilter(problem, particles=1000)
     rngs = generators(1)
@@ -244,7 +244,8 @@ def test_walks_in_walls_stay_in_free_space():
         belief = estimator.update(estimator.predict(belief, CONTROL, rngs), CENTRE, rngs)
     assert ROOM.is_free(belief.states).all()
     assert not belief.standing.any()
-    assert belief.readings == ()
+    assert len(belief.readings) == 1
+    assert estimator.predict(belief, CONTROL, rngs).readings == ()
 
 
 def test_a_walk_without_noise_is_standing_still():

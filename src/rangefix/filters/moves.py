@@ -9,10 +9,11 @@ import numpy as np
 from numpy.random import Generator
 
 from .confined import is_clear
-from .problem import Prior, Sensor
+from .problem import Prior, Problem, Sensor
 from .space import Array, StateSpace
 
 BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
+ALIKE = 64  # points in fewer places than that are spread
 SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
 
 
@@ -108,11 +109,15 @@ def kernel_step(
         rng: Draws N n numbers.
     """
     size, components = states.shape
-    best = (4.0 / (size * (components + 2))) ** (1.0 / (components + 4))
-    h = min(1.0, width * best)
+    h = min(1.0, width * best_width(size, components))
     noise = rng.standard_normal(states.shape) @ root_of(covariance).T
     shrunk = mean + np.sqrt(1.0 - h * h) * space.difference(states, mean)
     return space.wrap(shrunk + h * noise)
+
+
+def best_width(size: int, components: int) -> float:
+    """Width of the Gaussian kernel that is best for N points of a Gaussian density of n components."""
+    return float((4.0 / (size * (components + 2))) ** (1.0 / (components + 4)))
 
 
 def root_of(covariance: Array) -> Array:
@@ -120,6 +125,32 @@ def root_of(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance)
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
+
+
+def spread_alike(
+    states: Array, starts: Array, weights: Array, problem: Problem, rng: Generator
+) -> tuple[Array, Array]:
+    """Points spread by kernel noise where hardly any differs from another, else as they are.
+
+    Nothing else can tell copies apart that stand against a wall, or that move without noise. The noise adds
+    to their covariance (Musso, Oudjane and Le Gland, 2001), with the width that is best for as many points
+    as there are places.
+
+    Args:
+        states: Points, (N, n).
+        starts: Points that go along, (N, n): where they were before the last move.
+        weights: Weights that sum to one, (N,).
+        problem: Its space, and the walls that its sensor knows.
+        rng: Draws N n numbers if anything is to be done.
+    """
+    places = min(len(np.unique(column)) for column in states.T)
+    if places >= min(ALIKE, len(states) // 2):
+        return states, starts
+    space, sensor = problem.space, problem.sensor
+    _, covariance = space.moments(states, weights)
+    noise = rng.standard_normal(states.shape) @ root_of(covariance).T
+    moved = within_walls(sensor, states, space.wrap(states + best_width(places, space.size) * noise))
+    return moved, within_walls(sensor, starts, space.wrap(starts + space.difference(moved, states)))
 
 
 def within_walls(sensor: Sensor, start: Array, end: Array) -> Array:

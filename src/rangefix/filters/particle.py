@@ -5,9 +5,11 @@ of the next step, and only if their effective number is low.
 
 An object that stands still draws no noise that could tell copies apart. Copies are then moved by Metropolis
 steps on its exact posterior, the prior times the likelihood of all readings so far (Gilks and Berzuini, 2001;
-Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. The kernel of
-Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is thinner than its own covariance, as a
-ring or two modes are.
+Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. Of an object that
+moves, a reading that would leave few effective particles is taken in by stages, with moves of the last step
+in between (last_step.py). The kernel of Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is
+thinner than its own covariance, as a ring or two modes are, and comes in unasked only where hardly any
+particle of an object that moves differs from another, as against a wall.
 """
 
 from __future__ import annotations
@@ -20,35 +22,20 @@ from numpy.random import Generator
 
 from .draws import weighted_draws
 from .estimator import Estimate
+from .last_step import LastStep
 from .motion import Stationary
-from .moves import Posterior, kernel_step, metropolis, root_of, within_walls
+from .moves import Posterior, kernel_step, metropolis, root_of, spread_alike, within_walls
+from .particle_belief import ParticleBelief, collected, stacked
 from .problem import Prior, Problem
 from .resampling import SCHEMES
-from .space import Array, BoolArray
+from .space import Array
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
 BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
+FEW = 100  # effective particles: with fewer, the covariance of an object that moves is not to be trusted
 
 
-@dataclass(frozen=True)
-class ParticleBelief:
-    """Weighted points.
-
-    states: (M, N, n).
-    log_weights: Normalised, (M, N).
-    log_evidence: Of all measurements, (M,); -inf where one was impossible for every particle, which then
-        left that run's particles as they were.
-    prior: Where the particles came from.
-    standing: Which runs have not moved since then, (M,).
-    readings: Their measurements since then, (M, B) each; NaN where a run ignored one.
-    """
-
-    states: Array
-    log_weights: Array
-    log_evidence: Array
-    prior: Prior
-    standing: BoolArray
-    readings: tuple[Array, ...] = ()
+Target = Posterior | LastStep
 
 
 @dataclass(frozen=True)
@@ -60,13 +47,14 @@ class ParticleFilter:
         particles: How many, N.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
-        regularise: Move copies apart after resampling: by Metropolis steps while the object stands still,
-            and not at all once it moves, when the noise of the motion does it. With a `bandwidth`, by the
-            kernel instead, moving or not.
+        regularise: Move copies apart after resampling: by Metropolis steps while the object stands still, and
+            in general by the noise of the motion once it moves; where a reading would then leave fewer than
+            100 effective particles, it is taken in by stages with Metropolis steps on the last move. With a
+            `bandwidth`, by the kernel instead, moving or not.
         bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; None = no kernel.
         moves: Metropolis steps after each resampling.
         temper: Take in a measurement in as many stages as keep the effective number up, with moves in
-            between (Neal, 2001; Del Moral, Doucet and Jasra, 2006). Only while the object stands still.
+            between (Neal, 2001; Del Moral, Doucet and Jasra, 2006).
 
     Raises:
         ValueError: If an option is out of its range, or tempering is asked for without Metropolis steps.
@@ -113,21 +101,33 @@ class ParticleFilter:
             return belief
         control = np.asarray(control, dtype=float)
         controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
-        clouds = []
-        standing = belief.standing.copy()
+        clouds, starts = [], []
+        moves = np.zeros(len(rngs), dtype=np.bool_)
         for run, rng in enumerate(rngs):
             states, log_weights = belief.states[run], belief.log_weights[run]
             noisy = motion.noise_covariance(states[0], controls[run]).any()
             if noisy and effective_number(log_weights) < self.resample_below * self.particles:
-                posterior = self._posterior(belief, run)
-                states, _ = self._resampled(states, log_weights, posterior, None, 0.0, rng)
+                target = self._target(belief, run) if belief.standing[run] else None
+                states, _, _ = self._resampled(states, log_weights, target, None, 0.0, rng)
                 log_weights = equal(self.particles)
             moved = motion.sample(states, controls[run], rng)
-            if noisy or not np.array_equal(moved, states):
-                standing[run] = False
+            moves[run] = noisy or not np.array_equal(moved, states)
+            if moves[run] and self.regularise:
+                weights = exp_of(log_weights)
+                moved, states = spread_alike(moved, states, weights, self.problem, rng)
             clouds.append((moved, log_weights))
-        readings = belief.readings if standing.any() else ()
-        return _collected(belief, clouds, standing=standing, readings=readings)
+            starts.append(states)
+        if not moves.any():
+            return collected(belief, clouds)
+        kept = (np.where(moves[:, None], np.nan, reading) for reading in belief.readings)
+        return collected(
+            belief,
+            clouds,
+            standing=belief.standing & ~moves,
+            readings=() if moves.all() else tuple(kept),
+            starts=stacked(starts),
+            controls=controls,
+        )
 
     def update(self, belief: ParticleBelief, measurement: Array, rngs: Sequence[Generator]) -> ParticleBelief:
         """Weights times the likelihood of a measurement (M, B); NaN = not measured, inf = no return.
@@ -139,14 +139,17 @@ class ParticleFilter:
         shape = (len(rngs), len(self.problem.sensor.bearings))
         if measurement.shape != shape:
             raise ValueError(f"need a measurement of shape {shape}, got {measurement.shape}")
-        clouds, gains = [], np.empty(len(rngs))
+        clouds, starts, gains = [], [], np.empty(len(rngs))
         for run, rng in enumerate(rngs):
-            states, log_weights, gains[run] = self._update_run(belief, run, measurement[run], rng)
+            states, log_weights, start, gains[run] = self._update_run(belief, run, measurement[run], rng)
             clouds.append((states, log_weights))
+            starts.append(start)
         readings = belief.readings
-        if belief.standing.any() and not np.isnan(measurement).all():
+        if not np.isnan(measurement).all():
             readings = (*readings, np.where(np.isneginf(gains)[:, None], np.nan, measurement))
-        return _collected(belief, clouds, log_evidence=belief.log_evidence + gains, readings=readings)
+        kept = belief.starts if belief.starts is None else stacked([s for s in starts if s is not None])
+        log_evidence = belief.log_evidence + gains
+        return collected(belief, clouds, log_evidence=log_evidence, readings=readings, starts=kept)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
         """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,)."""
@@ -164,31 +167,35 @@ class ParticleFilter:
 
     def _update_run(
         self, belief: ParticleBelief, run: int, reading: Array, rng: Generator
-    ) -> tuple[Array, Array, float]:
-        """One run's states, log weights and log evidence of its reading (B,)."""
+    ) -> tuple[Array, Array, Array | None, float]:
+        """One run's states, log weights, starts of the last move, and log evidence of its reading (B,)."""
         states, log_weights = belief.states[run], belief.log_weights[run]
+        unchanged = states, log_weights, None if belief.starts is None else belief.starts[run]
         if np.isnan(reading).all():
-            return states, log_weights, 0.0
+            return *unchanged, 0.0
         enough = self.resample_below * self.particles
-        posterior = self._posterior(belief, run, reading)
+        target = self._target(belief, run, reading)
         if effective_number(log_weights) < enough:
-            states, log_density = self._resampled(states, log_weights, posterior, reading, 0.0, rng)
+            states, log_density, target = self._resampled(states, log_weights, target, reading, 0.0, rng)
             log_weights = equal(self.particles)
         else:
             log_density = self._log_density(reading, states)
         gains, power = 0.0, 0.0
-        while self.temper and posterior is not None and log_density.max() > -np.inf:
-            stage = longest_stage(log_weights, log_density, 1.0 - power, enough)
+        least = enough if self.temper else min(enough, FEW)
+        staged = self.temper or isinstance(target, LastStep)
+        while staged and target is not None and log_density.max() > -np.inf:
+            stage = longest_stage(log_weights, log_density, 1.0 - power, least)
             if power + stage >= 1.0:
                 break
             log_weights, gain = weighted(log_weights, stage * log_density)
             gains, power = gains + gain, power + stage
-            states, log_density = self._resampled(states, log_weights, posterior, reading, power, rng)
+            states, log_density, target = self._resampled(states, log_weights, target, reading, power, rng)
             log_weights = equal(self.particles)
         log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
         if gain == -np.inf:
-            return belief.states[run], belief.log_weights[run], gain
-        return states, log_weights, gains + gain
+            return *unchanged, gain
+        starts = target.starts if isinstance(target, LastStep) else unchanged[2]
+        return states, log_weights, starts, gains + gain
 
     def _log_density(self, reading: Array | None, states: Array) -> Array:
         total = np.zeros(len(states))
@@ -200,56 +207,54 @@ class ParticleFilter:
                 )
         return total
 
-    def _posterior(self, belief: ParticleBelief, run: int, fresh: Array | None = None) -> Posterior | None:
+    def _target(self, belief: ParticleBelief, run: int, fresh: Array | None = None) -> Target | None:
         """What Metropolis steps leave invariant; None where they are not wanted, or not known."""
-        if not (self.regularise and self.bandwidth is None and belief.standing[run]):
+        if not self.regularise or self.bandwidth is not None:
             return None
         readings = [reading[run] for reading in belief.readings if not np.isnan(reading[run]).all()]
-        return Posterior(belief.prior, self.problem.sensor, readings, fresh)
+        if belief.standing[run]:
+            return Posterior(belief.prior, self.problem.sensor, readings, fresh)
+        if belief.starts is None or belief.controls is None or fresh is None:
+            return None
+        return LastStep(self.problem, belief.starts[run], belief.controls[run], readings, fresh)
 
     def _resampled(
         self,
         states: Array,
         log_weights: Array,
-        posterior: Posterior | None,
+        target: Target | None,
         reading: Array | None,
         power: float,
         rng: Generator,
-    ) -> tuple[Array, Array]:
-        """States of equal weight, moved apart, and the log density of the reading there."""
+    ) -> tuple[Array, Array, Target | None]:
+        """States of equal weight, moved apart, the log density of the reading there, and their target."""
         space = self.problem.space
         weights = exp_of(log_weights)
         ancestors = SCHEMES[self.resampling](weights, rng)
         copies = states.take(ancestors, axis=0)
         kernel = self.regularise and self.bandwidth is not None
-        if kernel or posterior is not None:
+        if kernel or isinstance(target, Posterior):
             mean, covariance = space.moments(states, weights / weights.sum())
         if kernel:
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
             moved = within_walls(self.problem.sensor, copies, moved)
-            return moved, self._log_density(reading, moved)
+            return moved, self._log_density(reading, moved), target
         first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
         counts = np.diff(first, append=len(ancestors))
-        if posterior is None:
-            return copies, np.repeat(self._log_density(reading, copies[first]), counts)
-        known, fresh = posterior.log_densities(copies[first])
+        if target is None:
+            return copies, np.repeat(self._log_density(reading, copies[first]), counts), None
+        known, fresh = target.log_densities(copies[first])
         logs = np.repeat(known, counts), np.repeat(fresh, counts)
+        if isinstance(target, LastStep):
+            target = target.of(ancestors)
+            moved, log_density = target.renewed(copies, logs, power, self.moves, rng)
+            weights = exp_of(equal(self.particles))
+            spread, starts = spread_alike(moved, target.starts, weights, self.problem, rng)
+            if spread is not moved:
+                target = replace(target, starts=starts)
+                log_density = self._log_density(reading, spread)
+            return spread, log_density, target
         _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
         spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
         root = root_of(covariance + spacing)
-        return metropolis(copies, logs, posterior, power, root, space, self.moves, rng)
-
-
-def _collected(
-    belief: ParticleBelief, clouds: Sequence[tuple[Array, Array]], **changes: object
-) -> ParticleBelief:
-    """The belief of all runs from each run's states and log weights; no copy where nothing moved."""
-    same = all(states.base is belief.states for states, _ in clouds)
-    states = belief.states if same else _stacked([states for states, _ in clouds])
-    log_weights = _stacked([log_weights for _, log_weights in clouds])
-    changed: ParticleBelief = replace(belief, states=states, log_weights=log_weights, **changes)  # type: ignore[arg-type]
-    return changed
-
-
-def _stacked(arrays: Sequence[Array]) -> Array:
-    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+        return *metropolis(copies, logs, target, power, root, space, self.moves, rng), target
