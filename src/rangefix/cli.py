@@ -162,7 +162,9 @@ def run(
         from .tables import beliefs, comparison, console
 
         screen = console()
-        screen.print(comparison(rows, f"{described.title or described.name}: {results.runs} runs"))
+        screen.print(
+            comparison(rows, f"{described.title or described.name}: {results.runs} runs", screen.width)
+        )
         if (sampled := beliefs(rows)) is not None:
             screen.print(sampled)
         for text in failures(results):

@@ -16,12 +16,14 @@ from .evaluation.summary import Row
 from .evaluation.units import factor, unit
 from .evaluation.verdict import name_beams, overconfident, short, verdict
 
+NARROW = 130  # columns; below, the table of a study has fewer
 WIDTH = 150  # where the output is not a terminal
 
 
 def console() -> Console:
-    """Standard output; as wide as the terminal, or WIDTH."""
-    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    """Standard output; as wide as the terminal, or WIDTH. Labels and titles are shown as they are."""
+    width = None if sys.stdout.isatty() else WIDTH
+    return Console(width=width, highlight=False, markup=False, emoji=False)
 
 
 def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
@@ -84,17 +86,19 @@ def _interval(interval: Interval) -> str:
     return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
 
 
-def comparison(rows: Sequence[Row], title: str) -> Table:
+def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
     """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
 
-    Of many measurements it shows the last.
+    Of many measurements it shows the last. On a narrow screen the verdict stands below the figures, and
+    intervals, energy scores and times are left out: they are in `summary.csv`.
     """
-    names, planned = rows[0].names, rows[0].planned
+    names, planned, narrow = rows[0].names, rows[0].planned, width < NARROW
     deviations = [f"{name} std, {unit(name)}\ntrue / claimed" for name in names]
-    columns = ["\nestimator", f"ok of\n{planned}", *deviations, "ANEES/n\n[95 %]", "energy\nscore, m"]
-    columns.append("ms per\nupdate")
+    columns = ["\nestimator", f"ok of\n{planned}", *deviations]
+    columns += ["\nANEES/n"] if narrow else ["ANEES/n\n[95 %]", "energy\nscore, m", "ms per\nupdate"]
     table = new_table(title, columns)
-    table.add_column("\nverdict", justify="left", min_width=24)
+    if not narrow:
+        table.add_column("\nverdict", justify="left", min_width=24)
     end = max(row.step for row in rows)
     sets = list(dict.fromkeys((row.beams, row.step) for row in rows if row.step == end))
     for beams, step in sets:
@@ -102,17 +106,25 @@ def comparison(rows: Sequence[Row], title: str) -> Table:
         table.add_row(f"{name_beams(beams)}{last}", style="bold")
         for row in rows:
             if (row.beams, row.step) == (beams, step):
-                table.add_row(*_cells(row), style="bold red" if overconfident(row) else "")
+                style = "bold red" if overconfident(row) else ""
+                table.add_row(*_cells(row, narrow), style=style)
+                if narrow:
+                    table.add_row(f"  {verdict(row)}", style=style)
         table.add_section()
     return table
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: Row, narrow: bool) -> list[str]:
     triples = zip(row.g, row.p, map(factor, row.names), strict=True)
-    return [
+    cells = [
         f"  {row.estimator}",
         str(row.ok),
         *(f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" for g, p, k in triples),
+    ]
+    if narrow:
+        return [*cells, short(row.anees.value)]
+    return [
+        *cells,
         _interval(row.anees),
         short(row.scores.energy.value) if row.ok else "-",
         short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",

@@ -15,7 +15,7 @@ from .marks import At
 from .mistakes import one_line
 from .provenance import pickled
 
-PATIENCE = 30.0  # s for importing and building; a run waits longer
+PATIENCE = 30.0  # s for importing it, and for building it; a run waits longer
 
 Options = Mapping[str, Any]
 
@@ -39,21 +39,18 @@ class Look(NamedTuple):
     missing: bool = False
 
 
-def look(
-    name: str, problem: Problem | None = None, options: Sequence[Options] = (), patience: float = PATIENCE
-) -> Look:
+def look(name: str, problem: Problem | None = None, options: Sequence[Options] = ()) -> Look:
     """Import an estimator and, for a problem, build it with each of some options.
 
     Args:
         name: As for `build`.
         problem: What to build it for; without one it is imported alone.
         options: Options to build it with.
-        patience: Seconds after which it is given up; a run may be more patient.
     """
     child = Child()
     try:
         content = pickled((name, problem, [dict(each) for each in options]))
-        found: Look = child.ask("call", (_look, content), lambda count: patience)
+        found: Look = child.ask("call", (_look, content), lambda count: PATIENCE)
         return found
     except Refused as refused:
         return Look(fault=refused.text, missing=refused.kind == "KeyError")

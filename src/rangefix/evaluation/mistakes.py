@@ -194,7 +194,10 @@ def _sentence(error: Any, path: Path, model: type[BaseModel] | None) -> str:
         "union_tag_invalid": "no kind '{tag}'; there are {kinds}",
         "less_than_equal": "must be at most {le:g}",
         "dict_type": "must be a table of keys",
+        "string_pattern_mismatch": "names a folder: no slashes, and not dots alone",
     }
+    if kind == "list_type" and isinstance(value, dict):
+        return "must be a list: write it as [[TABLE]], with two brackets, for there may be many"
     if kind.startswith("union_tag"):
         kinds = _kinds(fields[key].annotation) if key in fields else {}
         return bounds[kind].format(**context, kinds=", ".join(kinds))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from hashlib import sha256
@@ -24,6 +25,7 @@ from .sensor_sections import SensorSection
 from .study_checks import World, check_world
 from .toml_lines import key_lines
 
+MOST_RUNS = 10**9
 WORLD = {"map", "sensor", "state", "motion", "prior", "assumed"}  # the sections that make the problems
 BUILDERS = tuple(
     f"evaluation/{name}.py"
@@ -57,9 +59,9 @@ class Study(Section):
     A study file has the same keys. `experiment()` makes of it what `run` runs.
     """
 
-    name: str = Field(default="study", min_length=1)
+    name: str = Field(default="study", min_length=1, pattern=r"^[^/\\]*[^/\\.][^/\\]*$")
     title: str = ""
-    runs: int = Field(default=1000, ge=1)
+    runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)
     beliefs: bool = Field(default=False, description="whether to judge beliefs that can be sampled")
     timeout_s: float | None = Field(
@@ -72,7 +74,7 @@ class Study(Section):
     prior: AnyPrior = UniformPrior()
     assumed: AssumedSection = AssumedSection()
     truth: TruthSection = TruthSection()
-    beam_sets: list[Annotated[list[int], Field(min_length=1)]] | None = None
+    beam_sets: Annotated[list[Annotated[list[int], Field(min_length=1)]], Field(min_length=1)] | None = None
     estimators: list[EstimatorSection] = Field(
         min_length=1, description='at least one [[estimators]] with, for example, name = "point-mass"'
     )
@@ -199,6 +201,14 @@ def load_study(
     return parse_study(text, source=path.name, folder=path.parent, changes=changes)
 
 
+def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
+    """The mistake, with the line where others have it."""
+    text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
+    if found := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
+        return f"{source}:{found[2]}: not TOML: {found[1]} ({found[3]})"
+    return f"{source}: not TOML: {text}"
+
+
 def parse_study(
     text: str, *, source: str = "study", folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Study:
@@ -216,7 +226,7 @@ def parse_study(
     try:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise StudyError([f"{source}: not TOML: {one_line(error)}"]) from None
+        raise StudyError([_not_toml(source, error)]) from None
     changed = {key: value for key, value in (changes or {}).items() if value is not None}
     for key, value in changed.items():
         *tables, last = key.split(".")
