@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .space import Array, StateSpace
 
-NEGLIGIBLE = 1e-12  # of the heaviest cell's weight: lighter cells are never drawn
+NEGLIGIBLE = -28.0  # log of a weight over the heaviest cell's below which a cell is never drawn
 
 Belief = TypeVar("Belief", contravariant=True)
 
@@ -93,7 +93,7 @@ def gaussian_draws(
 
 def cell_draws(
     centres: Array,
-    weights: Array,
+    log_weights: Array,
     step: Array,
     claim: tuple[Array, Array],
     size: int,
@@ -109,7 +109,7 @@ def cell_draws(
 
     Args:
         centres: Of the cells, (G, n).
-        weights: Not negative, not all zero, (G,).
+        log_weights: Need not be normalised, not all -inf, (G,).
         step: Cell size along each axis, (n,).
         claim: Claimed mean (n,) and covariance (n, n), positive semidefinite.
         size: Draws, S.
@@ -120,8 +120,10 @@ def cell_draws(
         Independent draws, (S, n); some may lie a part of a cell inside a wall.
     """
     mean, covariance = claim
-    kept = np.flatnonzero(weights > NEGLIGIBLE * weights.max())
-    centres, weights = centres[kept], weights[kept] / weights[kept].sum()
+    top = log_weights.max()
+    kept = np.flatnonzero(log_weights > top + NEGLIGIBLE)
+    centres, weights = centres[kept], np.exp(log_weights[kept] - top)
+    weights /= weights.sum()
     places = _places(weights, size, rng)
     even = centres[places] + step * (rng.random((size, len(step))) - 0.5)
     off = space.difference(centres, mean)  # where angles cancel, another mean would be another turn

@@ -128,12 +128,7 @@ class PointMassFilter:
 
     def posterior(self, belief: PointMassBelief) -> Array:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""
-        logs = np.broadcast_to(belief.log_mass, (len(belief.counts), len(self.grid.centres))).copy()
-        for run, (reading, precision) in enumerate(
-            zip(belief.readings, belief.counts * self._precision, strict=True)
-        ):
-            if precision.any():
-                logs[run] -= self.cells.misfit(reading, precision)
+        logs = np.stack([self._log_weights(belief, run) for run in range(len(belief.counts))])
         weights: Array = np.exp(logs - logs.max(axis=1, keepdims=True))
         weights /= weights.sum(axis=1, keepdims=True)
         return weights
@@ -143,17 +138,21 @@ class PointMassFilter:
 
         Where no cell is possible any more: from the Gaussian of what was believed before.
         """
-        draws = []
+        space, grid = self.problem.space, self.grid
+        mean, covariance, log_evidence = belief.estimate
+        possible = np.asarray(log_evidence) > -np.inf
+        draws = gaussian_draws(mean, covariance, size, space, rngs)
         for run, rng in enumerate(rngs):
-            one = _one(belief, run)
-            mean, covariance, log_evidence = one.estimate
-            if np.isneginf(log_evidence).all():
-                draws.append(gaussian_draws(mean, covariance, size, self.problem.space, [rng])[0])
-                continue
-            weights, claim = self.posterior(one)[0], (mean[0], covariance[0])
-            space, grid = self.problem.space, self.grid
-            draws.append(cell_draws(grid.centres, weights, grid.step, claim, size, space, rng))
-        return np.stack(draws)
+            if possible[run]:
+                logs, claim = self._log_weights(belief, run), (mean[run], covariance[run])
+                draws[run] = cell_draws(grid.centres, logs, grid.step, claim, size, space, rng)
+        return draws
+
+    def _log_weights(self, belief: PointMassBelief, run: int) -> Array:
+        """Log probability of each cell in one run, not normalised, (G,)."""
+        log_mass: Array = belief.log_mass[run if len(belief.log_mass) > 1 else 0]
+        precision = belief.counts[run] * self._precision
+        return log_mass - self.cells.misfit(belief.readings[run], precision) if precision.any() else log_mass
 
     @property
     def _sizes(self) -> ArrayLike:
@@ -233,18 +232,3 @@ class PointMassFilter:
         ratio = np.diagonal(covariance, axis1=1, axis2=2) / step**2
         error: Array = step**2 / 12 * np.exp(-2 * np.pi**2 * ratio)
         return error[:, :, None] * np.eye(len(step))
-
-
-def _one(belief: PointMassBelief, run: int) -> PointMassBelief:
-    """The belief of one run alone."""
-    here = slice(run, run + 1)
-    log_mass = belief.log_mass if len(belief.log_mass) == 1 else belief.log_mass[here]
-    estimate = Estimate(*(np.asarray(part)[here] for part in belief.estimate))
-    return replace(
-        belief,
-        log_mass=log_mass,
-        counts=belief.counts[here],
-        readings=belief.readings[here],
-        log_scale=belief.log_scale[here],
-        estimate=estimate,
-    )
