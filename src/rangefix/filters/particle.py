@@ -48,9 +48,10 @@ class ParticleFilter:
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps while the object stands still, and
-            in general by the noise of the motion once it moves; where a reading would then leave fewer than
-            100 effective particles, it is taken in by stages with Metropolis steps on the last move. With a
-            `bandwidth`, by the kernel instead, moving or not.
+            in general by the noise of the motion once it moves. Where a reading would leave fewer than 100
+            effective particles of an object that may move, it is taken in by stages with Metropolis steps in
+            between, on the last move if there was one. With a `bandwidth`, by the kernel instead, moving or
+            not.
         bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; None = no kernel.
         moves: Metropolis steps after each resampling.
         temper: Take in a measurement in as many stages as keep the effective number up, with moves in
@@ -182,7 +183,7 @@ class ParticleFilter:
             log_density = self._log_density(reading, states)
         gains, power = 0.0, 0.0
         least = enough if self.temper else min(enough, FEW)
-        staged = self.temper or isinstance(target, LastStep)
+        staged = self.temper or not isinstance(self.problem.motion, Stationary)
         while staged and target is not None and log_density.max() > -np.inf:
             stage = longest_stage(log_weights, log_density, 1.0 - power, least)
             if power + stage >= 1.0:
