@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import subprocess
 import sys
@@ -262,33 +264,58 @@ def test_dead_reckoning_example(problem: Problem) -> None:
     ignores = dict.fromkeys(names, "it ignores the rangefinder")
     outcomes = {result.name: result.outcome for result in run_checks(target, expected_failures=ignores)}
     assert {name for name, outcome in outcomes.items() if outcome == "expected_failure"} == set(ignores)
-    assert outcomes.pop("impossible_measurement_is_flagged") == "skipped"
-    assert set(outcomes.values()) == {"passed", "expected_failure"}
+    assert outcomes["impossible_measurement_is_flagged"] == "skipped"
+    assert set(outcomes.values()) == {"passed", "skipped", "expected_failure"}
+
+
+STUDY = """
+runs = 20
+[map]
+kind = "rectangle"
+width_m = 4.0
+length_m = 6.0
+[sensor]
+bearings_deg = [326.3, 0.0, 33.7]
+std_m = 0.5
+[[estimators]]
+name = "point-mass"
+options = { cell_m = 0.2 }
+[[estimators]]
+name = "stonesoup-particle"
+options = { particles = [500, 1000] }
+"""
 
 
 def test_example_package_as_a_third_party_has_it(tmp_path: Path) -> None:
-    """Built as a wheel, installed, listed and put through its own tests, from a folder of its own."""
-    pytest.importorskip("stonesoup", reason="the example wraps Stone Soup, which is not installed")
+    """Built as a wheel, installed in a folder, listed, checked, run in a study, tested; without network."""
     example = tmp_path / "example"  # a copy: building leaves files behind
     shutil.copytree(ROOT / "examples" / "rangefix-stonesoup", example)
     site, pip = tmp_path / "site", [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
-    subprocess.run([*pip, "wheel", "--no-deps", "-w", tmp_path / "wheels", example], check=True)
+    offline = ["--no-index", "--no-deps"]
+    wheels = ["wheel", *offline, "--no-build-isolation", "-w", tmp_path / "wheels", example]
+    subprocess.run([*pip, *wheels], check=True)
     (wheel,) = (tmp_path / "wheels").glob("rangefix_stonesoup-*.whl")
-    subprocess.run([*pip, "install", "--no-deps", "--target", site, wheel], check=True)
-    code = (
-        "import rangefix_stonesoup, rangefix.filters as f; "
-        "print(rangefix_stonesoup.__file__); print(f.available())"
-    )
-    environment = {"PYTHONPATH": str(site), "PATH": ""}
-    listed = subprocess.run(
-        [sys.executable, "-c", code],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    assert str(site) in listed
-    assert "stonesoup-particle" in listed
-    tests = [sys.executable, "-m", "pytest", "-q", "-c", example / "pyproject.toml", example / "tests"]
-    subprocess.run([*tests, "-p", "no:cacheprovider"], env=environment, cwd=tmp_path, check=True)
+    subprocess.run([*pip, "install", *offline, "--target", site, wheel], check=True)
+    environment = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT / "src")]), "PATH": ""}
+
+    def python(*arguments: str | Path) -> str:
+        command = [sys.executable, *map(str, arguments)]
+        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    found = python("-c", "import rangefix_stonesoup as found; print(found.__file__)")
+    assert found.startswith(str(site))
+    listed = json.loads(python("-m", "rangefix", "estimators", "--json"))["estimators"]
+    (plugin,) = (each for each in listed if each["name"] == "stonesoup-particle")
+    assert plugin["options"] == {"particles": 5000, "threshold": 0.5}
+    assert "checks ran: 20 passed" in python("-m", "rangefix", "check", "stonesoup-particle")
+    (tmp_path / "study.toml").write_text(STUDY)
+    rows = json.loads(python("-m", "rangefix", "run", "study.toml", "--json"))["rows"]
+    assert {row["estimator"]: row["ok"] for row in rows} == {
+        "point-mass": 20,
+        "stonesoup-particle particles=500": 20,
+        "stonesoup-particle particles=1000": 20,
+    }
+    tests = ("-m", "pytest", "-q", "-c", example / "pyproject.toml", example / "tests")
+    assert "4 passed" in python(*tests, "-p", "no:cacheprovider", "-k", "not conforms")
