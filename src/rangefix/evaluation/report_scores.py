@@ -5,11 +5,12 @@ from __future__ import annotations
 from .intervals import Interval, uniform_p_value
 from .report_data import Digest
 from .report_html import Child, Html, tag
-from .report_words import measured, percent, scaled
+from .report_words import scaled, stacked
 from .summary import Row
 from .units import factor, unit
 from .verdict import name_beams, short
 
+LEAST = 1e-6  # p-value that is told
 SCORES = (
     "Lower is better, also for the logarithm. A score judges what is claimed as a whole, over all "
     "runs{}: \u201cclaim\u201d is the Gaussian with the claimed mean and covariance, \u201cbelief\u201d what "
@@ -47,8 +48,9 @@ def scores(digest: Digest) -> Html:
 
 
 def _columns(names: tuple[str, ...], sampled: bool) -> list[str]:
-    columns = ["estimator", "log score, nats", "energy score, m"]
-    columns += [f"CRPS of {name}, {unit(name)}" for name in names]
+    both = ": claim / belief" if sampled else ""
+    columns = ["estimator", f"log score{' of the claim' if sampled else ''}, nats", f"energy score, m{both}"]
+    columns += [f"CRPS of {name}, {unit(name)}{both}" for name in names]
     if sampled:
         columns += [f"std of {name}, {unit(name)}: whole belief / main mode" for name in names]
         columns += ["share of the main mode", "ranks, p"]
@@ -56,17 +58,14 @@ def _columns(names: tuple[str, ...], sampled: bool) -> list[str]:
 
 
 def _row(row: Row, columns: list[str], sampled: bool) -> Html:
-    claim, beliefs = row.scores, row.beliefs
-    cells: list[Child] = [measured(claim.log), _both(claim.energy, beliefs and beliefs.energy)]
-    for i, k in enumerate(map(factor, row.names)):
-        belief = scaled(beliefs.crps[i], k) if beliefs else None
-        cells.append(_both(scaled(claim.crps[i], k), belief))
-    if beliefs is not None:
-        for i, k in enumerate(map(factor, row.names)):
-            whole, mode = (short(k * each[i].sqrt().value) for each in (beliefs.whole, beliefs.mode))
-            cells.append(f"{whole} / {mode}")
-        p = uniform_p_value(beliefs.ranks[-1])
-        cells += [percent(beliefs.share), f"{p:.2g}" if p == p else "-"]
+    claim, found, factors = row.scores, row.beliefs, [factor(name) for name in row.names]
+    pairs = [(claim.energy, found and found.energy, 1.0)]
+    pairs += [(each, found and found.crps[i], factors[i]) for i, each in enumerate(claim.crps)]
+    cells: list[Child] = [stacked(claim.log), *(_score(*pair, sampled) for pair in pairs)]
+    if found is not None:
+        for k, whole, mode in zip(factors, found.whole, found.mode, strict=True):
+            cells.append(f"{short(k * whole.sqrt().value)} / {short(k * mode.sqrt().value)}")
+        cells += [f"{100 * found.share.value:.3g} %", _p_value(uniform_p_value(found.ranks[-1]))]
     elif sampled:
         cells += ["-"] * (len(row.names) + 2)
     return tag(
@@ -76,7 +75,15 @@ def _row(row: Row, columns: list[str], sampled: bool) -> Html:
     )
 
 
-def _both(claim: Interval, belief: Interval | None) -> Html:
-    """The score of the claim, and small beneath it that of the belief."""
-    small = None if belief is None else tag("small", f"belief {measured(belief)}")
-    return tag("span", f"{'claim ' if belief else ''}{measured(claim)}", small, class_="stacked")
+def _score(claim: Interval, belief: Interval | None, k: float, sampled: bool) -> Child:
+    """The score of the claim with its interval or, where beliefs are sampled, beside that of the belief."""
+    if not sampled:
+        return stacked(scaled(claim, k))
+    value = short(k * claim.value) if claim.value == claim.value else "-"
+    return f"{value} / {short(k * belief.value) if belief else '-'}"
+
+
+def _p_value(p: float) -> str:
+    if p != p:
+        return "-"
+    return f"{p:.2g}" if p >= LEAST else f"< {LEAST:g}"
