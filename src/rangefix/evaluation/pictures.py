@@ -105,7 +105,7 @@ def _pictures(experiment: Experiment) -> Iterator[Picture]:
                     belief = estimator.predict(belief, experiment.moves[step - 1], rngs)
                 belief = estimator.update(belief, seen[:, step], rngs)
             found = picture(label, estimator, belief, problem.space, problem.sensor.room.bounds)  # type: ignore[attr-defined]
-        except Exception:  # its trials say what is wrong
+        except (Exception, SystemExit):  # its trials say what is wrong
             continue
         if found is not None:
             yield found

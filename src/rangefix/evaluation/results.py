@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filters.space import Array, StateSpace
+from .frames import to_dataframe, to_xarray
 from .judgement import PASSES, Chunk, Judgement
 from .parts import FORMAT, MANIFEST, TIMING, Plan, read_timing
 from .store import ResultsError, read_json, read_npz
@@ -111,14 +112,10 @@ class Results:
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for each trial and step: see `frames.py`."""
-        from .frames import to_dataframe
-
         return to_dataframe(self)
 
     def to_xarray(self) -> Any:
         """An xarray.Dataset with labelled dimensions: see `frames.py`."""
-        from .frames import to_xarray
-
         return to_xarray(self)
 
 

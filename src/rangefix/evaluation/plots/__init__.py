@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from .. import paper
+from ..drawable import drawable
 from ..pictures import load_pictures
 from ..results import Results, load, summarise
 from ..store import ResultsError
@@ -62,6 +64,7 @@ def paper_figures(example: paper.Paper) -> Iterator[tuple[str, Figure]]:
 
 def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
     """The figures of a study by file name; those of single runs are for the last set of beams."""
+    results, labels = drawable(results)
     rows = summarise(results)
     beams = results.beam_sets[-1]
     label = name_beams(beams)
@@ -87,7 +90,8 @@ def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
             f"Errors of {min(SHOWN_RUNS, len(results.truth))} runs in their claimed bands, {label}\n{study}",
         ),
     )
-    pictures = load_pictures(results.folder) if results.folder else ()
+    saved = load_pictures(results.folder) if results.folder else ()
+    pictures = [replace(each, estimator=labels.get(each.estimator, each.estimator)) for each in saved]
     if pictures and results.scene:
         yield (
             "posterior",

@@ -18,7 +18,7 @@ from ..scene import Array, Scene
 from .credibility import CLAIMED
 from .errors import ellipse
 from .room import BEAM, draw_truth, draw_walls
-from .style import INK, label_positions
+from .style import INK, label_positions, panel_title
 
 MOST = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
@@ -42,7 +42,7 @@ def beliefs_figure(results: Results, pictures: Sequence[Picture], beams: str, ti
     for column, estimator in enumerate(estimators):
         trials = results.get(estimator, beams)
         mean, covariance = trials.mean[0, -1], trials.covariance[0, -1]
-        panels[0, column].set_title(estimator)
+        panel_title(panels[0, column], estimator)
         _room(panels[0, column], results, scene, shown.get(estimator), mean, covariance)
         if turning:
             place = int(np.flatnonzero(results.space.is_angle)[0])

@@ -16,7 +16,7 @@ from ..units import factor, unit
 from .credibility import CLAIMED, plain_numbers, symbol
 from .errors import ellipse
 from .room import draw_walls
-from .style import COLOURS, MARKERS, label_positions
+from .style import COLOURS, MARKERS, label_positions, panel_title
 
 MOST = 6  # estimators side by side
 ELLIPSES = 6  # along a way
@@ -92,7 +92,7 @@ def ways_figure(results: Results, beams: str, title: str) -> Figure:
         for step in np.unique(np.linspace(0, len(truth) - 1, ELLIPSES).astype(int)):
             if np.isfinite(mean[step]).all() and np.isfinite(covariance[step]).all():
                 axes.add_patch(ellipse(covariance[step], tuple(mean[step]), edgecolor=CLAIMED, zorder=4))
-        axes.set_title(estimator)
+        panel_title(axes, estimator)
         label_positions(axes)
         margin = 0.03 * max(right - left, upper - lower)
         axes.set_xlim(left - margin, right + margin)

@@ -14,6 +14,7 @@ from ..results import Results
 from ..scene import Array
 from ..units import factor, unit
 from .credibility import CLAIMED, symbol
+from .style import panel_title
 
 SHOWN_RUNS = 200  # in the picture of errors run by run
 MOST_POINTS = 1000  # in the picture of errors in the plane
@@ -34,7 +35,7 @@ def runs_figure(results: Results, beams: str, title: str) -> Figure:
         for i, name in enumerate(names):
             times = factor(name)
             share = _runs_panel(panels[i, column], times * errors[:, i], times * stds[:, i], _linear(name))
-            panels[i, column].set_title(f"{estimator}\n{share}" if i == 0 else share)
+            panel_title(panels[i, column], *([estimator] if i == 0 else []), share)
         panels[-1, column].set_xlabel("runs, by claimed std")
     for i, name in enumerate(names):
         panels[i, 0].set_ylabel(
@@ -108,7 +109,7 @@ def _ellipses_panel(axes: Axes, results: Results, estimator: str, beams: str) ->
     trials = results.get(estimator, beams)
     errors = results.errors(trials)[trials.ok, -1][:, where]
     claims = trials.covariance[trials.ok, -1][:, where][:, :, where]
-    axes.set_title(f"{estimator}\n{len(errors)} of {len(trials.ok)} ok")
+    panel_title(axes, estimator, f"{len(errors)} of {len(trials.ok)} ok")
     axes.set_xlabel("error of $x_1$, m")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5))

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -43,6 +44,7 @@ SETTINGS: dict[str, Any] = {
 COLOURS = ("#0072B2", "#E69F00", "#000000", "#CC79A7", "#009E73", "#D55E00", "#56B4E9", "#7F7F7F")
 # White where nothing is likely, darker and darker towards the peak: in grey too.
 INK = LinearSegmentedColormap.from_list("ink", ["#ffffff", "#b5d4ea", "#4f94c4", "#1b4f8a", "#08183a"])
+PANEL = 26  # letters over a narrow panel
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 
@@ -70,6 +72,12 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
         os.replace(part, path)
         paths.append(path)
     return paths
+
+
+def panel_title(axes: Axes, label: str, *more: str) -> None:
+    """A label above a narrow panel, on as many lines as it needs, and further lines."""
+    lines = wrap(label.replace(r"\$", "$"), PANEL)  # a broken line must not part the two
+    axes.set_title("\n".join([*(line.replace("$", r"\$") for line in lines), *more]))
 
 
 def label_positions(axes: Axes) -> None:
