@@ -66,7 +66,8 @@ def a_study(section: dict[str, Any], out: Path, runs: int) -> list[str]:
         target, mesh = str(HERE.parent / target), out / "results" / "building.ply"
         command += " --map building.ply"
         make_building(mesh)
-    results = run(load_study(target, runs=count, map_path=mesh), folder)
+    timing = "time" in section["pictures"]
+    results = run(load_study(target, runs=count, map_path=mesh), folder, timing=timing)
     draw(folder)
     if failed := sum(len(trials.reasons) for trials in results.trials):
         print(f"gallery: {failed} trials of {name} failed", file=sys.stderr)
