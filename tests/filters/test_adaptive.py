@@ -28,7 +28,7 @@ PLAN = FloorPlan(
 )
 RNG = [np.random.default_rng(0)]
 NAN = np.nan
-ADAPTIVE = "rangefix.filters.adaptive:AdaptivePointMassFilter"
+ADAPTIVE = "adaptive-point-mass"
 
 
 def problem_of(
@@ -52,18 +52,16 @@ def fixes(
 
 
 @pytest.mark.parametrize(
-    ("room", "noise", "tolerance"),
-    [(ROOM, Gaussian(0.15), 0.02), (ROOM, StudentT(0.12, 4.0), 0.02), (PLAN, Gaussian(0.15), 0.1)],
+    ("room", "noise"),
+    [(ROOM, Gaussian(0.15)), (ROOM, StudentT(0.12, 4.0)), (PLAN, Gaussian(0.15))],
     ids=["room", "room-student", "plan"],
 )
-def test_equals_a_dense_grid_with_known_heading(
-    room: RectangularRoom | FloorPlan, noise: Noise, tolerance: float
-) -> None:
+def test_equals_a_dense_grid_with_known_heading(room: RectangularRoom | FloorPlan, noise: Noise) -> None:
     """Against cells of 1 cm, a tenth of the posterior's spread, for eight truths.
 
-    Mean and covariance within 2 % of the claimed deviations and variances, evidence within 0.02 nats. In
-    the plan ranges jump where a beam passes a corner, and a jump within the posterior costs a lattice of
-    cells as wide as its deviation up to 10 %.
+    Mean within 2 % of the claimed deviations, covariance within 3 % of the claimed variances, evidence within
+    0.02 nats: the accuracy that is asked for. In the plan ranges jump where a beam passes a corner, and some
+    posteriors have modes in two rooms.
     """
     problem = problem_of(4, noise, position_space(0.3), room)
     draw = np.random.default_rng(1)
@@ -76,9 +74,9 @@ def test_equals_a_dense_grid_with_known_heading(
         off.append(np.abs(mean - expected) / std)
         wrong.append(np.abs(covariance - claimed) / np.outer(std, std))
         nats.append(abs(evidence - reference))
-    assert np.max(off) < tolerance
-    assert np.max(wrong) < tolerance
-    assert max(nats) < tolerance
+    assert np.max(off) < 0.02
+    assert np.max(wrong) < 0.03
+    assert max(nats) < 0.02
 
 
 def test_equals_a_dense_grid_with_unknown_heading() -> None:
@@ -110,17 +108,19 @@ def test_narrow_modes_are_found_and_resolved(beams: int) -> None:
     problem = problem_of(beams, Gaussian(0.05), pose_space())
     draw = np.random.default_rng(3)
     truths = problem.prior.sample(10, draw)
-    estimators = [build(ADAPTIVE, problem, table_rays=2_000_000, width=width) for width in (1.0, 0.5)]
+    estimators = [build(ADAPTIVE, problem, table_rays=2_000_000, accuracy=each) for each in (0.02, 0.005)]
     for truth in truths:
         reading = problem.sensor.sample(truth, draw)[None]
         beliefs = [each.update(each.init(problem.prior, RNG), reading, RNG)[0] for each in estimators]
         for belief in beliefs:
             image = np.array([4.0 - truth[0], 6.0 - truth[1], truth[2] + np.pi])
-            weights = np.exp(belief.log_mass)
+            weights, states = np.exp(belief.posterior.log_mass), belief.posterior.states
             for pose in (truth, image):
-                near = np.abs(problem.space.difference(belief.states, pose)) < [0.6, 0.6, 0.6]
+                near = np.abs(problem.space.difference(states, pose)) < [0.6, 0.6, 0.6]
                 assert weights[near.all(axis=1)].sum() > 0.25
-        coarse, fine = (each.estimate for each in beliefs)
+        coarse, fine = (
+            each.single.estimate(belief) for each, belief in zip(estimators, beliefs, strict=True)
+        )
         assert coarse.log_evidence == pytest.approx(fine.log_evidence, abs=0.02)
         np.testing.assert_allclose(coarse.covariance[:2, :2], fine.covariance[:2, :2], rtol=0.03, atol=1e-4)
 
@@ -145,7 +145,7 @@ def test_repeated_readings_count_each() -> None:
     problem = problem_of(4, Gaussian(0.15), position_space())
     readings = problem.sensor.sample(np.array([[1.3, 2.2]] * 2), np.random.default_rng(5))
     found = []
-    for name, options in (("point-mass", {"cell": 0.01}), (ADAPTIVE, {"table_rays": 200_000, "width": 0.5})):
+    for name, options in (("point-mass", {"cell": 0.01}), (ADAPTIVE, {"table_rays": 200_000})):
         estimator = build(name, problem, **options)
         belief = estimator.init(problem.prior, RNG)
         for reading in readings:
@@ -178,7 +178,7 @@ def test_what_is_impossible_is_flagged() -> None:
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"width": 0.0}, r"width must be in \(0, 2\]"),
+        ({"accuracy": 0.0}, r"accuracy must be in \[0.0001, 0.5\]"),
         ({"drop": 1.0}, "dropped density"),
         ({"table_rays": 1}, "at least 1000 rays"),
     ],

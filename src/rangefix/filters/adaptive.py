@@ -6,78 +6,78 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from .climb import Peaks, climb, promising
 from .estimator import Estimate
+from .modes import Accuracy, Quadrature, integrate
 from .motion import Stationary
+from .predicted import Predicted, predicted
 from .problem import Prior, Problem
-from .refine import Accuracy, Quadrature, Target, refine
-from .search import SearchTable, build_table, survivors
+from .search import SearchTable, build_table, shortfalls
+from .smoothing import draws
 from .space import Array
+from .target import Target
 
-STRETCH = (
-    1.0,
-    10.0,
-    100.0,
-    np.inf,
-)  # times the margin: a measurement that fits nowhere is looked for more widely
+STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowhere are looked for more widely
+MOST_BOXES = 20_000  # boxes that a search may leave
+BLUR = 3.0  # nats by which those that are left then are drawn by lot
+GUESSES = 2000  # boxes that are followed
+SEEDS = 64  # points of a predicted mode that are followed
 
 
 @dataclass(frozen=True)
 class AdaptiveBelief:
-    """What has been measured since the start, and the posterior that follows.
+    """What was predicted, what has been measured since, and the posterior that follows.
 
-    measurements: (U, B); readings of different beams share a row.
-    states, log_mass: Weighted points, (K, n) and (K,), the masses summing to one; none before a measurement.
-    mode: Which mode each point belongs to, (K,).
-    estimate: What it comes down to.
+    prior: What was predicted; the problem's prior before the first move.
+    measurements: Since then, (U, B); readings of different beams share a row.
+    posterior: Where it is; None before the first measurement after a move.
+    log_evidence: Of all that was measured before `prior`, nats.
+    possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
     """
 
+    prior: Prior | Predicted
     measurements: Array
-    states: Array
-    log_mass: Array
-    mode: NDArray[np.int64]
-    estimate: Estimate
+    posterior: Quadrature | None
+    log_evidence: float
+    possible: bool = True
 
 
 @dataclass(frozen=True)
 class AdaptivePointMassFilter:
-    """The posterior of an object that stays where it is, with cells only where the posterior is.
+    """The posterior on lattices that lie where it is, each in the axes of its own mode.
 
-    A table of the least and greatest range from every coarse cell bounds the likelihood; what survives is
-    halved, bounded again and dropped or halved on, until cells are as narrow as the posterior, in its own
-    axes. Cells are dropped only where the bound on their density is below `drop` times the greatest. The
-    bounds rest on rays cast from points spread over each cell, with an allowance, measured when the table is
-    built, for structure thinner than their spacing: about 2 poses in 1000 may exceed it.
+    A table of the least and greatest range from every coarse cell of the prior's support bounds the
+    likelihood there; from the cells that are left, trimmed Gauss-Newton steps lead to the modes, and each
+    mode is integrated over a lattice that grows until its density ends, and is halved until it is accurate.
+    The table's bounds rest on rays cast from points spread over each cell, with an allowance, measured when
+    it is built, for structure thinner than their spacing: about 2 poses in 1000 may exceed it. After a move
+    the modes' points are the guesses.
 
     Args:
-        problem: The problem; its motion must be `Stationary`, its space x1, x2 and perhaps the heading, and
-            its sensor a `Rangefinder`.
-        width: Cell size over the posterior's standard deviation, in each mode's own axes.
-        drop: Density, relative to the greatest, below which cells are dropped.
+        problem: The problem; its sensor must be a `Rangefinder` with no `max_incidence`.
+        accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances and of
+            each mode's probability, as the lattice's own halves show it.
+        drop: Density, relative to the greatest, below which no mode is looked at.
         table_rays: About how many rays to spend on the table.
-        most_cells: The most cells in one step of refinement.
+        most_cells: The most cells of one mode.
 
     Raises:
         ValueError: If the problem is of another kind, or an option is out of bounds.
     """
 
     problem: Problem
-    width: float = 1.0
-    drop: float = 1e-8
+    accuracy: float = 0.02
+    drop: float = 1e-9
     table_rays: int = 20_000_000
-    most_cells: int = 5_000_000
+    most_cells: int = 1_000_000
     table: SearchTable = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.problem.motion, Stationary):
-            raise ValueError("the adaptive point-mass filter is for an object that stays where it is")
-        if extra := set(self.problem.space.names) - {"x1", "x2", "heading"}:
-            raise ValueError(f"the adaptive point-mass filter estimates no {', '.join(sorted(extra))}")
         if getattr(self.problem.sensor, "max_incidence", np.pi / 2) < np.pi / 2:
             raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
-        if not 0 < self.width <= 2:
-            raise ValueError(f"the width must be in (0, 2], got {self.width}")
+        if not 1e-4 <= self.accuracy <= 0.5:
+            raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {self.accuracy}")
         if not 0 < self.drop < 1e-2:
             raise ValueError(f"the dropped density must be in (0, 0.01), got {self.drop}")
         if self.table_rays < 1000 or self.most_cells < 1000:
@@ -93,84 +93,129 @@ class AdaptivePointMassFilter:
         """
         if prior is not self.problem.prior:
             raise ValueError("this prior is not the problem's: build the estimator for it")
-        size = self.problem.space.size
-        nothing = np.zeros((0, len(self.problem.sensor.bearings)))
-        estimate = Estimate(prior.mean, prior.covariance, 0.0)
-        return AdaptiveBelief(nothing, np.zeros((0, size)), np.zeros(0), np.zeros(0, np.int64), estimate)
+        return AdaptiveBelief(prior, np.zeros((0, len(self.problem.sensor.bearings))), None, 0.0)
 
     def predict(self, belief: AdaptiveBelief, control: Array, rng: Generator) -> AdaptiveBelief:
-        """The same belief: the object stays where it is."""
-        return belief
+        """The belief after a move, control (k,).
+
+        Raises:
+            TooManyCells: If the belief before it fills more cells than can be moved.
+        """
+        if isinstance(self.problem.motion, Stationary):
+            return belief
+        before = self._cells(belief)
+        prior = predicted(before.modes, self.problem.motion, np.asarray(control, dtype=float))
+        evidence = belief.log_evidence + (before.log_integral if len(belief.measurements) else 0.0)
+        return AdaptiveBelief(prior, belief.measurements[:0], None, evidence, belief.possible)
 
     def update(self, belief: AdaptiveBelief, measurement: Array, rng: Generator) -> AdaptiveBelief:
         """Bayes' rule for a measurement (B,); NaN = beam not measured, inf = no return.
 
         Raises:
             ValueError: If the measurement is not of shape (B,).
-            TooManyCells: If the posterior is spread over more cells than `most_cells`.
+            TooManyCells: If a mode of the posterior is spread over more cells than `most_cells`.
         """
         measurement = np.asarray(measurement, dtype=float)
         if measurement.shape != belief.measurements.shape[1:]:
             raise ValueError(
                 f"need a measurement of shape {belief.measurements.shape[1:]}, got {measurement.shape}"
             )
-        if np.isnan(measurement).all() or belief.estimate.log_evidence == -np.inf:
+        if np.isnan(measurement).all() or not belief.possible:
             return belief
         measurements = _joined(belief.measurements, measurement)
-        found = self._integrate(measurements)
-        if found is None or found.log_integral == -np.inf:
-            impossible = belief.estimate._replace(log_evidence=-np.inf)
-            return replace(belief, measurements=measurements, estimate=impossible)
-        mean, covariance = self.problem.space.moments(found.states, np.exp(found.log_mass))
-        estimate = Estimate(mean, covariance, found.log_integral)
-        return AdaptiveBelief(measurements, found.states, found.log_mass, found.mode, estimate)
+        posterior = self._posterior(belief.prior, measurements)
+        if posterior is None:
+            return replace(belief, possible=False)
+        return replace(belief, measurements=measurements, posterior=posterior)
 
     def estimate(self, belief: AdaptiveBelief) -> Estimate:
         """Posterior mean (n,), conditional covariance (n, n) and log evidence."""
-        return belief.estimate
+        evidence = belief.log_evidence if belief.possible else -np.inf
+        if belief.posterior is None and not isinstance(belief.prior, Predicted):
+            return Estimate(belief.prior.mean, belief.prior.covariance, evidence)
+        cells = self._cells(belief)
+        mean, covariance = self.problem.space.moments(cells.states, np.exp(cells.log_mass))
+        return Estimate(
+            mean, covariance, evidence + (cells.log_integral if len(belief.measurements) else 0.0)
+        )
 
-    def _integrate(self, measurements: Array) -> Quadrature | None:
-        """Search the table, then refine; more widely where the measurements fit nowhere."""
-        sensor, prior, table = self.problem.sensor, self.problem.prior, self.table
-        target = Target(sensor, prior.log_density, measurements)
-        readings = int((~np.isnan(measurements)).sum())
-        share = readings / int((~np.isnan(measurements)).any(axis=0).sum())
-        slack = table.allowance[0] + table.allowance[1] * readings
-        margin = -float(np.log(self.drop))
-        accuracy = Accuracy(margin, self.width, self.most_cells)
+    def sample(self, belief: AdaptiveBelief, size: int, rng: Generator) -> Array:
+        """Draws from the belief, (size, n), with the mean and covariance that it claims."""
+        if belief.posterior is None and not isinstance(belief.prior, Predicted):
+            return belief.prior.sample(size, rng)
+        return draws(self._cells(belief).modes, size, rng)
+
+    def _cells(self, belief: AdaptiveBelief) -> Quadrature:
+        """The belief on lattices.
+
+        Raises:
+            TooManyCells: If it is spread over more cells than `most_cells`.
+        """
+        if belief.posterior is not None:
+            return belief.posterior
+        prior = belief.prior
+        target = Target(self.problem.sensor, prior.log_density, belief.measurements[:0])
+        if isinstance(prior, Predicted):
+            states, information = prior.means_and_precisions()
+        else:
+            states = np.vstack([prior.mean, prior.sample(SEEDS, np.random.default_rng(0))])
+            information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
+        logs = target.log_density(states)
+        peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
+        cells = integrate(target, peaks, self._accuracy)
+        assert cells is not None, "a prior allows its own samples"
+        return cells
+
+    @property
+    def _accuracy(self) -> Accuracy:
+        return Accuracy(self.accuracy, -float(np.log(self.drop)), self.most_cells)
+
+    def _posterior(self, prior: Prior | Predicted, measurements: Array) -> Quadrature | None:
+        """Where measurements (U, B) leave the prior; None if nowhere."""
+        target = Target(self.problem.sensor, prior.log_density, measurements)
+        if isinstance(prior, Predicted):
+            guesses, means, precisions = prior.guesses(target, SEEDS)
+            return integrate(target, climb(target, guesses, means, precisions), self._accuracy)
+        precision = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
+        beams = len(target.beams)
+        share = int((~np.isnan(measurements)).sum()) / beams
+        found = None
         for stretch in STRETCH:
-            starts, size = self._starts(measurements, margin * stretch)
-            if not len(starts):
+            margin = stretch * self._accuracy.margin
+            boxes = self._boxes(measurements, margin)
+            if not len(boxes):
                 continue
+            guesses = promising(target, boxes, GUESSES)
+            found = integrate(target, climb(target, guesses, prior.mean, precision), self._accuracy)
+            if found is not None:
+                fit = found.level - float(prior.log_density(found.peak[None])[0])
+                if target.perfect() - fit + self._accuracy.margin <= share * self.table.limit(beams, margin):
+                    break
+        return found
 
-            def limit(beams: int, wider: float = margin * stretch) -> float:
-                return float(table.limit(beams * share, wider))
-
-            found = refine(target, starts, size, limit, slack, accuracy)
-            if found is not None and found.shortfall + margin <= limit(round(readings / share)):
-                return found
-        return found if len(starts) else None
-
-    def _starts(self, measurements: Array, margin: float) -> tuple[Array, Array]:
-        """States (K, n) at the centres of the boxes that may hold the true one, and the boxes' size (n,)."""
+    def _boxes(self, measurements: Array, margin: float) -> Array:
+        """States (K, n) at the centres of the boxes of the table that may hold the true one."""
         table, space = self.table, self.problem.space
-        kept = np.ones((len(table.centres), len(table.headings)), np.bool_)
-        for measurement in measurements:
-            kept &= survivors(table, self.problem.sensor, measurement, margin)
-        cells, headings = np.nonzero(kept)
+        bounds = sum(
+            shortfalls(table, self.problem.sensor, measurement, margin) for measurement in measurements
+        )
+        assert isinstance(bounds, np.ndarray)
+        kept = np.flatnonzero(np.isfinite(bounds))
+        if len(kept) > MOST_BOXES:
+            lots = BLUR * np.random.default_rng(0).gumbel(size=len(kept))
+            kept = kept[np.argpartition(bounds.ravel()[kept] - lots, MOST_BOXES)[:MOST_BOXES]]
+        cells, headings = np.unravel_index(kept, bounds.shape)
         quarter = np.array([(-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)]) * table.size[:2]
         whole = table.whole[cells]
         centres = np.concatenate(
             [(table.centres[cells[whole], None] + quarter).reshape(-1, 2), table.centres[cells[~whole]]]
         )
-        angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
-        states = np.empty((len(centres), space.size))
-        size = np.empty(space.size)
-        states[:, space.position_indices], size[space.position_indices] = centres, table.size[:2] / 2
+        states = np.tile(self.problem.prior.mean, (len(centres), 1))
+        states[:, space.position_indices] = centres
         if "heading" in space.names:
-            axis = space.names.index("heading")
-            states[:, axis], size[axis] = angles, table.size[2]
-        return states, size
+            angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
+            states[:, space.names.index("heading")] = angles
+        return states
 
 
 def _joined(measurements: Array, fresh: Array) -> Array:

@@ -21,6 +21,7 @@ from .problem import Problem
 GROUP = "rangefix.estimators"
 BUILT_IN = {
     "point-mass": "rangefix.filters.point_mass:PointMassFilter",
+    "adaptive-point-mass": "rangefix.filters.adaptive:AdaptivePointMassFilter",
     "particle": "rangefix.filters.particle:ParticleFilter",
     "ekf": "rangefix.filters.gaussian_batch:BatchExtendedKalmanFilter",
     "ukf": "rangefix.filters.gaussian_batch:BatchUnscentedKalmanFilter",

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from .compiled import njit, prange
 from .problem import Prior, Sensor
 from .space import TURN, Array, BoolArray
+from .target import room_of
 
 QUANTUM = 0.01  # m; the table's unit of range
 NONE = np.uint16(65535)  # the table's sign for "no wall"
@@ -212,19 +213,6 @@ def _allowed(sensor: Sensor, prior: Prior, points: Array) -> BoolArray:
     return np.asarray(prior.log_density(states) > -np.inf)
 
 
-def room_of(sensor: Sensor) -> Any:
-    """The map behind a sensor.
-
-    Raises:
-        TypeError: If the sensor does not say.
-    """
-    if not hasattr(sensor, "room"):
-        raise TypeError(
-            "the adaptive point-mass filter casts rays itself: its sensor must have a map as `room`"
-        )
-    return sensor.room
-
-
 def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float, float]:
     """What structure that the bounds miss costs a beam: from poses drawn with a seed of their own."""
     states = prior.sample(PROBES, np.random.default_rng(0))
@@ -239,7 +227,8 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
     truth = sensor.expected(states)
     nearest = np.clip(truth, _metres(low), _metres(high))
-    lost = sensor.beam_log_density(truth, truth) - sensor.beam_log_density(truth, nearest)
+    reading = np.where(truth > getattr(sensor, "max_range", np.inf), np.inf, truth)
+    lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)
     start = min(MISSES * CAP, float(np.quantile(costs[:, -1], 1 - SLIP)))
@@ -278,8 +267,8 @@ def penalties(
     return np.minimum(-logs, CAP).astype(np.float32), logs.argmax(axis=1)
 
 
-def survivors(table: SearchTable, sensor: Sensor, measurement: Array, margin: float) -> BoolArray:
-    """The coarse cells that may hold the true state.
+def shortfalls(table: SearchTable, sensor: Sensor, measurement: Array, margin: float) -> NDArray[np.float32]:
+    """A bound on how many nats the coarse cells fall short of a perfect fit.
 
     Args:
         table: The table.
@@ -288,23 +277,23 @@ def survivors(table: SearchTable, sensor: Sensor, measurement: Array, margin: fl
         margin: Nats that a cell may fall short beyond what is to be expected of the true state.
 
     Returns:
-        Whether to keep each cell at each heading, (C, H).
+        For each cell at each heading, (C, H); inf where it falls short by more than that.
     """
     penalty, readings = penalties(table, sensor, measurement)
     measured = np.flatnonzero(~np.isnan(measurement))
     order = beam_order(measured)
     limits = table.limit(np.arange(1, len(order) + 1), margin)
-    kept = np.zeros((len(table.centres), len(table.headings)), np.bool_)
-    _bound(table.low, table.high, table.columns, order, readings, penalty, limits, kept)
-    return kept
+    bounds = np.full((len(table.centres), len(table.headings)), np.inf, dtype=np.float32)
+    _bound(table.low, table.high, table.columns, order, readings, penalty, limits, bounds)
+    return bounds
 
 
 @njit(cache=True, nogil=True, parallel=True)
 def _bound(
     low: NDArray[np.uint16], high: NDArray[np.uint16], columns: NDArray[np.int64], order: NDArray[np.int64],
-    readings: NDArray[np.int64], penalty: NDArray[np.float32], limits: Array, kept: BoolArray,
+    readings: NDArray[np.int64], penalty: NDArray[np.float32], limits: Array, bounds: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Mark each cell and heading whose summed least penalties stay within the limits all along."""
+    """Sum the least penalties of each cell and heading, as long as they stay within the limits."""
     last = penalty.shape[1] - 1
     for cell in prange(low.shape[0]):
         for heading in range(columns.shape[0]):
@@ -320,4 +309,4 @@ def _bound(
                 if total > limits[k]:
                     break
             else:
-                kept[cell, heading] = True
+                bounds[cell, heading] = total

@@ -1,0 +1,133 @@
+"""From many guesses to the modes near them: trimmed Gauss-Newton steps, all guesses at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .space import Array, BoolArray
+from .target import BATCH, Target
+
+CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
+FEW = 48  # beams that a first look uses
+MOST = 100  # guesses that are followed with every beam, where there are more beams
+STEPS = 8
+TRIMMED = 0.7  # share of the beams that each step fits at least
+SETTLED = 1e-4  # squared length of a step, in standard deviations, that is the last
+
+
+class Peaks(NamedTuple):
+    """Where guesses ended.
+
+    states: (K, n). log_density: Theirs under the target, (K,). score: The same with no beam counting for more
+    than CAP nats below a perfect fit, (K,). information: Inverse covariance of a Gaussian there, (K, n, n).
+    """
+
+    states: Array
+    log_density: Array
+    score: Array
+    information: Array
+
+
+def promising(target: Target, states: Array, most: int, log_prior: Array | None = None) -> Array:
+    """At most so many of the states: those that a few beams spread over the scan like best, (k, n).
+
+    Args:
+        target: The posterior.
+        states: (K, n).
+        most: How many.
+        log_prior: Log prior of the states, (K,), if it is known.
+    """
+    if len(states) <= most:
+        return states
+    few = target.few(FEW)
+    logs = target.log_prior(states) if log_prior is None else log_prior
+    found = [
+        _scores(few, few.expected(states[some]), logs[some])
+        for some in np.array_split(np.arange(len(states)), 1 + len(states) * FEW // BATCH)
+    ]
+    return states[np.argsort(-np.concatenate(found), kind="stable")[:most]]
+
+
+def climb(target: Target, states: Array, mean: Array, precision: Array) -> Peaks:
+    """Trimmed Gauss-Newton steps towards the target's modes.
+
+    With many beams a few of them go ahead, and the best guesses follow with all.
+
+    Args:
+        target: The posterior.
+        states: Guesses, (K, n).
+        mean: A Gaussian that stands for the prior near each guess: its mean, (n,) or (K, n),
+        precision: and inverse covariance, (n, n) or (K, n, n).
+
+    Returns:
+        The best state met on each way, by score.
+    """
+    mean = np.broadcast_to(mean, states.shape)
+    precision = np.broadcast_to(precision, (*states.shape, states.shape[1]))
+    few = target.few(FEW)
+    if few is not target:
+        ahead = _steps(few, states, mean, precision)
+        best = np.argsort(-ahead.score, kind="stable")[:MOST]
+        states, mean, precision = ahead.states[best], mean[best], precision[best]
+    return _steps(target, states, mean, precision)
+
+
+def _steps(target: Target, states: Array, mean: Array, precision: Array) -> Peaks:
+    space = target.sensor.space
+    best, left = _look(target, states, mean, precision)
+    for _ in range(STEPS):
+        information, pull = left
+        move = np.linalg.solve(information, pull[..., None])[..., 0]
+        if ((move * pull).sum(axis=-1) < SETTLED).all():
+            break
+        states = space.wrap(states + move)
+        here, left = _look(target, states, mean, precision)
+        better = here.score > best.score
+        best = Peaks(*(np.where(_like(better, new), new, old) for new, old in zip(here, best, strict=True)))
+    return best
+
+
+def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple[Peaks, tuple[Array, Array]]:
+    """What the target is at states, and what a step is made of: information (K, n, n) and pull (K, n)."""
+    sensor, measured, beams = target.sensor, ~np.isnan(target.measurements), target.beams
+    expected, prior = target.expected(states), target.log_prior(states)
+    counts = measured.sum(axis=0)[beams]
+    reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
+    usable = np.isfinite(reading) & np.isfinite(expected[:, beams])
+    scale = np.sqrt(sensor.noise.variance(np.where(np.isfinite(expected), expected, 1.0))[:, beams] / counts)
+    with np.errstate(invalid="ignore"):
+        deviates = np.where(usable, reading - expected[:, beams], 0.0) / scale
+    used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable)[:, None])
+    slopes = np.where(used[..., None], target.slopes(states) / scale[..., None], 0.0)
+    information = np.swapaxes(slopes, 1, 2) @ slopes + precision
+    back = sensor.space.difference(mean, states)
+    pull = (
+        np.einsum("kbi,kb->ki", slopes, np.where(used, deviates, 0.0)) + (precision @ back[..., None])[..., 0]
+    )
+    logs = prior + sum(sensor.log_density(each, expected) for each in target.measurements)
+    return Peaks(states, logs, _scores(target, expected, prior), information), (information, pull)
+
+
+def _bars(sizes: Array, usable: Array) -> Array:
+    """How far off a beam may be and count: 3 standard deviations, or those of the share that must count."""
+    ordered = np.sort(np.where(usable, sizes, np.inf), axis=1)
+    place = np.maximum((TRIMMED * usable.sum(axis=1)).astype(int) - 1, 0)
+    return np.asarray(np.maximum(3.0, ordered[np.arange(len(sizes)), place]))
+
+
+def _scores(target: Target, expected: Array, prior: Array) -> Array:
+    """Log prior plus capped log likelihood, (K,); where the prior is zero, CAP nats below its greatest."""
+    possible = prior > -np.inf
+    total = np.where(possible, prior, prior.max(initial=-np.inf, where=possible) - CAP)
+    for reading in target.measurements:
+        lost = target.sensor.beam_log_density(reading, reading) - target.sensor.beam_log_density(
+            reading, expected
+        )
+        total = total - np.minimum(np.where(np.isnan(lost), CAP, lost), CAP).sum(-1)
+    return np.asarray(total)
+
+
+def _like(mask: BoolArray, array: Array) -> BoolArray:
+    return mask.reshape(-1, *[1] * (array.ndim - 1))

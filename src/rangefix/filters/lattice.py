@@ -1,0 +1,200 @@
+"""Quadrature of one mode of a posterior: a lattice in the mode's own axes, grown to where its density ends.
+
+A sum over a lattice of spacing h converges faster than any power of h for a smooth density; where walls or
+jumps of the range cut it, slowly. How well a lattice does, its own halves tell: the points with an even and
+with an odd index along an axis are two lattices of twice the spacing, and differ by what that costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .space import Array, BoolArray, StateSpace
+
+Indices = NDArray[np.int64]
+
+
+class TooManyCells(ValueError):
+    """The posterior fills more cells than allowed."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Points origin + basis i for whole numbers i, and the log density at those that matter.
+
+    origin: (n,). basis: One step along each axis in its columns, (n, n).
+    index: (K, n). keys: One number for each index, sorted, (K,). logs: Log densities, (K,).
+    """
+
+    space: StateSpace
+    origin: Array
+    basis: Array
+    index: Indices
+    keys: Indices
+    logs: Array
+
+    @property
+    def states(self) -> Array:
+        """The points, angles wrapped, (K, n)."""
+        return self.space.wrap(self.origin + self.index @ self.basis.T)
+
+    @property
+    def log_integral(self) -> float:
+        """Log of the integral of the density."""
+        return float(np.logaddexp.reduce(self.logs) + np.linalg.slogdet(self.basis)[1])
+
+    def holds(self, states: Array) -> BoolArray:
+        """Whether states lie in cells of this lattice: (k, n) -> (k,)."""
+        offset = self.space.difference(states, self.origin)
+        index = np.rint(np.linalg.solve(self.basis, offset.T).T).astype(np.int64)
+        return _known(_keys(index), self.keys)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (n,) and covariance (n, n), in steps of the lattice."""
+        weights = self._weights()
+        mean = weights @ self.index
+        deviation = self.index - mean
+        return mean, (deviation * weights[:, None]).T @ deviation
+
+    def errors(self) -> Array:
+        """What twice the spacing along each axis would cost, (n,): the greatest of three errors.
+
+        Of the probability, as a share; of the mean, in standard deviations; of the covariance, in variances.
+        """
+        weights = self._weights()
+        mean, covariance = self.moments()
+        # whitened: a sum over one point alone has no width, and shows as an error of the covariance
+        values, vectors = np.linalg.eigh(covariance)
+        white = (self.index - mean) @ (vectors / np.sqrt(np.maximum(values, 1 / 12)))
+        size = white.shape[1]
+        terms = np.column_stack(
+            [
+                np.ones(len(white)),
+                white,
+                *(white[:, i] * white[:, j] for i in range(size) for j in range(i + 1)),
+            ]
+        )
+        total = weights @ terms
+        found = []
+        for axis in range(size):
+            even = self.index[:, axis] % 2 == 0
+            half = 2 * weights[even] @ terms[even] - total
+            found.append(np.abs(half).max())
+        return np.array(found)
+
+    def _weights(self) -> Array:
+        weights = np.exp(self.logs - self.logs.max())
+        return np.asarray(weights / weights.sum())
+
+
+def grow(
+    space: StateSpace,
+    log_density: Callable[[Array], Array],
+    origin: Array,
+    basis: Array,
+    start: Indices,
+    margin: float,
+    most: int,
+    others: Sequence[Lattice] = (),
+    before: Lattice | None = None,
+    level: float = -np.inf,
+) -> Lattice:
+    """Points of a lattice from which the density falls off on every side.
+
+    Args:
+        space: The state space; no angle is gone round more than once.
+        log_density: (k, n) -> (k,).
+        origin: The lattice's origin, (n,).
+        basis: One step along each axis in its columns, (n, n).
+        start: Where to begin, (k, n).
+        margin: Neighbours of points within so many nats of the greatest density are looked at.
+        most: The most points.
+        others: Lattices that count their cells already.
+        before: Points known already, on the same lattice.
+        level: Log density below which nothing matters.
+
+    Raises:
+        TooManyCells: If there would be more points than that.
+    """
+    around = np.array([step for step in product((-1, 0, 1), repeat=len(origin)) if any(step)])
+    angle = space.is_angle
+    index, keys, logs = np.zeros((0, len(origin)), np.int64), np.zeros(0, np.int64), np.zeros(0)
+    if before is not None:
+        index, keys, logs = before.index, before.keys, before.logs
+    fresh = start
+    while True:
+        found = _keys(fresh)
+        found, places = np.unique(found, return_index=True)
+        new = ~_known(found, keys)
+        found, fresh = found[new], fresh[places[new]]
+        if not len(fresh):
+            return Lattice(space, origin, basis, index, keys, logs)
+        if len(keys) + len(fresh) > most:
+            raise TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
+        offset = fresh @ basis.T
+        states = space.wrap(origin + offset)
+        values = log_density(states)
+        taken = (np.abs(offset[:, angle]) > np.pi).any(axis=1)
+        for other in others:
+            taken |= other.holds(states)
+        values[taken] = -np.inf
+        index, keys, logs = (
+            np.concatenate([index, fresh]),
+            np.concatenate([keys, found]),
+            np.append(logs, values),
+        )
+        order = np.argsort(keys, kind="stable")
+        index, keys, logs = index[order], keys[order], logs[order]
+        bar = max(level, float(logs.max()) - margin)
+        if bar == -np.inf:
+            return Lattice(space, origin, basis, index, keys, logs)
+        fresh = (fresh[values > bar][:, None] + around).reshape(-1, len(origin))
+
+
+def halved(
+    lattice: Lattice, axes: BoolArray, log_density: Callable[[Array], Array],
+    margin: float, most: int, others: Sequence[Lattice], level: float,
+) -> Lattice:  # fmt: skip
+    """The same with half the spacing along some axes."""
+    index = lattice.index * np.where(axes, 2, 1)
+    heavy = index[lattice.logs > max(level, lattice.logs.max() - margin)]
+    steps = np.array(list(product(*[(-1, 0, 1) if axis else (0,) for axis in axes])))
+    keys = _keys(index)
+    order = np.argsort(keys)
+    before = Lattice(
+        lattice.space, lattice.origin, lattice.basis / np.where(axes, 2, 1), index[order], keys[order],
+        lattice.logs[order],
+    )  # fmt: skip
+    start = (heavy[:, None] + steps).reshape(-1, len(axes))
+    return grow(
+        lattice.space, log_density, before.origin, before.basis, start, margin, most, others, before, level
+    )
+
+
+def ball(axes: int, radius: float) -> Indices:
+    """Whole-number points within a radius of 0, (k, n)."""
+    side = np.arange(-int(radius), int(radius) + 1)
+    points = np.stack(np.meshgrid(*[side] * axes, indexing="ij"), -1).reshape(-1, axes)
+    return np.asarray(points[(points**2).sum(axis=1) <= radius**2])
+
+
+def _keys(index: Indices) -> Indices:
+    """One number for each index, (k, n) -> (k,)."""
+    bits = 62 // index.shape[1]
+    keys = np.zeros(len(index), np.int64)
+    for column in index.T:
+        keys = (keys << bits) + column + (1 << (bits - 1))
+    return keys
+
+
+def _known(keys: Indices, table: Indices) -> BoolArray:
+    """Which keys are in a sorted table."""
+    if not len(table):
+        return np.zeros(len(keys), np.bool_)
+    places = np.minimum(np.searchsorted(table, keys), len(table) - 1)
+    return np.asarray(table[places] == keys)

@@ -1,0 +1,130 @@
+"""A posterior as lattices, one for each mode, each as fine as the accuracy asked for needs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .climb import Peaks
+from .lattice import Lattice, ball, grow, halved
+from .space import Array
+from .target import Target
+
+SPACING = 0.8  # of a mode's standard deviation, to begin with: half of it changes a Gaussian by nothing
+SLACK = (
+    40.0  # nats below the best score at which a peak is still looked at: jumps of the range stop climbs short
+)
+EDGE = 11.5  # nats below its greatest density at which a lattice ends: 6e-5 of a Gaussian of three components
+RADIUS = 3.0  # standard deviations about a peak that are looked at first
+
+
+class Accuracy(NamedTuple):
+    """How good a quadrature must be.
+
+    error: Of the mean in standard deviations, of the covariance in variances, of the probability in shares.
+    margin: Nats below the greatest density of all at which nothing is looked at: a far mode of a small
+        probability still counts in the covariance, by its distance squared.
+    most_cells: The most points of one lattice.
+    """
+
+    error: float
+    margin: float
+    most_cells: int
+
+
+class Quadrature(NamedTuple):
+    """A posterior as weighted points.
+
+    modes: The lattices, heaviest peak first. states: Their points, (K, n). log_mass: Log probabilities, (K,).
+    mode: Which lattice each point is of, (K,). log_integral: Log of the integral of the density.
+    peak, level: The point of greatest density, (n,), and its log density.
+    error: The greatest error that halving the spacing would show, as `Accuracy.error`.
+    """
+
+    modes: tuple[Lattice, ...]
+    states: Array
+    log_mass: Array
+    mode: NDArray[np.int64]
+    log_integral: float
+    peak: Array
+    level: float
+    error: float
+
+
+def integrate(target: Target, peaks: Peaks, accuracy: Accuracy) -> Quadrature | None:
+    """Integrate a posterior about its peaks.
+
+    Args:
+        target: The posterior.
+        peaks: Points near every mode.
+        accuracy: How good.
+
+    Returns:
+        The lattices; None if the density is zero all around.
+
+    Raises:
+        TooManyCells: If a mode fills more cells than allowed.
+    """
+    space, start = target.sensor.space, ball(target.sensor.space.size, RADIUS / SPACING)
+    modes: list[Lattice] = []
+    errors: list[float] = []
+    level = -np.inf
+    left = peaks.score >= peaks.score.max() - SLACK
+    for place in np.lexsort((-peaks.score, -peaks.log_density)):
+        if not left[place]:
+            continue
+        basis = SPACING * np.linalg.cholesky(np.linalg.inv(peaks.information[place]))
+        mode = grow(
+            space, target.log_density, peaks.states[place], basis, start, EDGE, accuracy.most_cells, modes,
+            level=level - accuracy.margin,
+        )  # fmt: skip
+        left &= ~mode.holds(peaks.states)
+        if mode.logs.max() <= level - accuracy.margin:
+            continue
+        mode, error = _resolved(target, mode, accuracy, modes, level - accuracy.margin)
+        left &= ~mode.holds(peaks.states)
+        modes.append(mode)
+        errors.append(error)
+        level = max(level, float(mode.logs.max()))
+    if not modes:
+        return None
+    total = float(np.logaddexp.reduce([mode.log_integral for mode in modes]))
+    logs = np.concatenate([mode.logs + np.linalg.slogdet(mode.basis)[1] for mode in modes]) - total
+    label = np.repeat(np.arange(len(modes)), [len(mode.keys) for mode in modes])
+    some = logs > -np.inf
+    states = np.concatenate([mode.states for mode in modes])
+    peak = states[np.concatenate([mode.logs for mode in modes]).argmax()]
+    return Quadrature(tuple(modes), states[some], logs[some], label[some], total, peak, level, max(errors))
+
+
+def _resolved(
+    target: Target, mode: Lattice, accuracy: Accuracy, others: list[Lattice], level: float
+) -> tuple[Lattice, float]:
+    """A mode with its spacing halved until its error is small enough, and that error."""
+    while True:
+        error = _weight(mode, others) * mode.errors() / 2
+        axes = error > accuracy.error
+        if not axes.any() or len(mode.keys) * 2 ** int(axes.sum()) > accuracy.most_cells:
+            return mode, float(error.max())
+        mode = halved(mode, axes, target.log_density, EDGE, accuracy.most_cells, others, level)
+
+
+def _weight(mode: Lattice, others: list[Lattice]) -> float:
+    """How much an error of a mode's probability counts: its share, or its share of a covariance if more."""
+    every = [mode, *others]
+    logs = np.array([each.log_integral for each in every])
+    shares = np.exp(logs - np.logaddexp.reduce(logs))
+    moments = [each.moments() for each in every]
+    states = np.stack(
+        [each.origin + each.basis @ mean for each, (mean, _) in zip(every, moments, strict=True)]
+    )
+    means = mode.space.difference(states, states[0])
+    away = means - shares @ means
+    within = sum(
+        share * each.basis @ covariance @ each.basis.T
+        for share, each, (_, covariance) in zip(shares, every, moments, strict=True)
+    )
+    total = within + (away * shares[:, None]).T @ away + 1e-12 * np.eye(len(away[0]))
+    return float(shares[0] * max(1.0, away[0] @ np.linalg.solve(total, away[0])))

@@ -1,0 +1,222 @@
+"""Where an object can be after a move: a belief on lattices, moved and spread by the motion's noise.
+
+Points stand for the probability between them as well, so each is given a Gaussian kernel as wide as the
+lattice asks for, less what the motion's noise spreads anyway; points are drawn together a little, so that
+mean and covariance stay what they were (Liu and West, 2001, "Combined parameter and state estimation").
+The law of `Confined` is met exactly for each moved point: what walls cut off is drawn again or stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .climb import promising
+from .confined import Confined
+from .kernel_sum import log_reached, log_sum, share_reached
+from .lattice import Lattice, TooManyCells
+from .motion import Stationary
+from .problem import Motion, RangeMap
+from .smoothing import KEPT, Kernels, smoothed
+from .space import TURN, Array, BoolArray, StateSpace
+from .target import Target
+
+MOST = 20_000  # points that are moved
+REACH = 6.0  # standard deviations that a step may go
+LOOKS = 180  # directions in which walls are looked for
+DRAWS = 64  # steps tried from each point, where walls are near
+STUCK = 1e-9  # probability of staying put that is followed
+
+
+@dataclass(frozen=True)
+class Part:
+    """One mode after the move.
+
+    starts: Where its points were, (K, 2), m. centres: Where they are after a noise-free move, (K, n).
+    log_scale: Log of weight and normalisation, (K,). precision: Inverse covariances, (K, n, n).
+    fans: How far walls are from each start in LOOKS directions all round, (K, LOOKS), m; (K, 0) where no wall
+        is near.
+    mean, covariance: Its moments, (n,) and (n, n), walls aside.
+    """
+
+    starts: Array
+    centres: Array
+    log_scale: Array
+    precision: Array
+    fans: Array
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """The density after a move: normalised, and 0 where no step leads.
+
+    space: The state space. room: The map, where walls matter. parts: The modes.
+    """
+
+    space: StateSpace
+    room: RangeMap | None
+    parts: tuple[Part, ...]
+
+    def log_density(self, states: Array) -> Array:
+        """(K, n) -> (K,); -inf where no step leads."""
+        logs = np.full(len(states), -np.inf)
+        angles, where = self.space.is_angle, self.space.position_indices
+        free: BoolArray | None = None
+        for part in self.parts:
+            if not part.fans.size:
+                each = log_sum(states, part.centres, part.precision, part.log_scale, angles)
+            else:
+                if free is None:
+                    assert self.room is not None
+                    free = self.room.is_free(states[:, where])
+                each = np.full(len(states), -np.inf)
+                each[free] = log_reached(
+                    states[free], part.centres, part.precision, part.log_scale, angles,
+                    np.ascontiguousarray(states[free][:, where]), part.starts, part.fans,
+                )  # fmt: skip
+            logs = np.logaddexp(logs, each)
+        return logs
+
+    def means_and_precisions(self) -> tuple[Array, Array]:
+        """Mean (P, n) and inverse covariance (P, n, n) of each part, walls aside."""
+        covariances = np.stack([part.covariance for part in self.parts])
+        return np.stack([part.mean for part in self.parts]), np.asarray(
+            np.linalg.inv(covariances), dtype=float
+        )
+
+    def guesses(self, target: Target, most: int) -> tuple[Array, Array, Array]:
+        """States where a measurement may put the object: of each part those it likes best, and others.
+
+        Args:
+            target: The posterior.
+            most: The most of each part.
+
+        Returns:
+            States (K, n), and mean (K, n) and inverse covariance (K, n, n) of the part that each is of.
+        """
+        chosen = []
+        for part in self.parts:
+            weights = np.cumsum(np.exp(part.log_scale - part.log_scale.max()))
+            places = np.searchsorted(weights, weights[-1] * (np.arange(most // 2) + 0.5) / (most // 2))
+            best = promising(target, part.centres, most - most // 2, part.log_scale)
+            chosen.append(np.vstack([best, part.centres[np.unique(places)]]))
+        counts = [len(states) for states in chosen]
+        means, precisions = self.means_and_precisions()
+        return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
+
+
+def predicted(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Predicted:
+    """Where an object can be after a move.
+
+    Args:
+        modes: The belief before it.
+        motion: The law of the move.
+        control: The control, (k,).
+
+    Raises:
+        TooManyCells: If more points would have to be moved than can be.
+    """
+    space = modes[0].space
+    walls = motion if isinstance(motion, Confined) else None
+    free = walls.motion if walls else motion
+    total = np.logaddexp.reduce([mode.log_integral for mode in modes])
+    parts: list[Part] = []
+    for mode in modes:
+        share = float(mode.log_integral - total)
+        if share < np.log(1 - KEPT):
+            continue
+        noise = _noise_in_steps(mode, free, control)
+        moved = smoothed(mode, noise)
+        weights = moved.log_weights + share
+        if walls is None or not _walls_near(moved, free, control, walls):
+            parts.append(_part(space, moved._replace(log_weights=weights), free, control))
+            continue
+        fans = _fans(moved, walls)
+        goes = _share_that_goes(moved, free, control, walls, fans)
+        with np.errstate(divide="ignore"):
+            again = -np.expm1(walls.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
+            through, stays = weights + np.log(again), weights + walls.tries * np.log1p(-goes)
+        if goes.any():
+            parts.append(_part(space, moved._replace(log_weights=through), free, control, fans))
+        if np.exp(stays).sum() > STUCK:
+            still = smoothed(mode, noise, stays=True)
+            parts.append(_part(space, still._replace(log_weights=stays), Stationary(space), control))
+    if sum(len(part.centres) for part in parts) > MOST:
+        raise TooManyCells(
+            f"the belief fills more than {MOST} cells before a move: measure first, or take a narrower prior"
+        )
+    return Predicted(space, walls.room if walls else None, tuple(parts))
+
+
+def _noise_in_steps(mode: Lattice, motion: Motion, control: Array) -> Array:
+    """The motion's noise at a mode's heaviest point, before the move, in steps of the lattice, (n, n)."""
+    state = mode.states[mode.logs.argmax()]
+    back = np.linalg.inv(np.asarray(motion.jacobian(state, control)) @ mode.basis)
+    return np.asarray(back @ motion.noise_covariance(state, control) @ back.T)
+
+
+def _part(
+    space: StateSpace, kernels: Kernels, motion: Motion, control: Array, fans: Array | None = None
+) -> Part:
+    """Gaussians moved."""
+    some = kernels.log_weights > -np.inf
+    states, log_weights = kernels.states[some], kernels.log_weights[some]
+    fans = np.empty((len(states), 0)) if fans is None else fans[some]
+    centres, covariance = _spread(states, kernels.covariance, motion, control)
+    precision = np.asarray(np.linalg.inv(covariance), dtype=float)
+    level = -0.5 * (states.shape[1] * np.log(TURN) + np.asarray(np.linalg.slogdet(covariance)[1]))
+    weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
+    mean, between = space.moments(centres, weights)
+    total = between + np.einsum("k,kij->ij", weights, covariance)
+    starts = np.ascontiguousarray(states[:, space.position_indices])
+    return Part(starts, centres, log_weights + level, precision, fans, mean, total)
+
+
+def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tuple[Array, Array]:
+    """Means (K, n) and covariances (K, n, n) of Gaussians after a move."""
+    jacobian = motion.jacobian(states, control)
+    covariance = jacobian @ kernel @ np.swapaxes(jacobian, -1, -2) + motion.noise_covariance(states, control)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    smallest = 1e-12 * np.trace(covariance, axis1=-2, axis2=-1)[:, None, None] + 1e-18
+    return motion.mean(states, control), covariance + smallest * np.eye(states.shape[1])
+
+
+def _walls_near(kernels: Kernels, motion: Motion, control: Array, walls: Confined) -> bool:
+    """Whether a wall stands within a disc that holds all starts and all ends of steps."""
+    where = walls.space.position_indices
+    centres, covariance = _spread(kernels.states, kernels.covariance, motion, control)
+    starts, ends = kernels.states[:, where], centres[:, where]
+    middle = np.exp(kernels.log_weights) @ starts
+    widest = REACH * np.sqrt(np.linalg.eigvalsh(covariance[:, where][:, :, where])[:, -1])
+    radius = max(np.hypot(*(starts - middle).T).max(), (np.hypot(*(ends - middle).T) + widest).max())
+    if not walls.room.is_free(middle[None])[0]:
+        return True
+    fan = walls.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
+    return bool(fan.min() <= radius)
+
+
+def _fans(kernels: Kernels, walls: Confined) -> Array:
+    """How far walls are from each point all round, (K, LOOKS)."""
+    places = kernels.states[:, walls.space.position_indices]
+    poses = np.column_stack([places, np.zeros(len(places))])
+    return walls.room.ranges(poses, TURN / LOOKS * np.arange(LOOKS, dtype=float))
+
+
+def _share_that_goes(kernels: Kernels, motion: Motion, control: Array, walls: Confined, fans: Array) -> Array:
+    """The probability Z that a step from each point meets no wall, (K,), from steps spread evenly."""
+    where = walls.space.position_indices
+    centres, covariance = _spread(kernels.states, kernels.covariance, motion, control)
+    root = np.linalg.cholesky(covariance[:, where][:, :, where])
+    ends = centres[:, None, where] + _normal_points() @ np.swapaxes(root, 1, 2)
+    return share_reached(ends, np.ascontiguousarray(kernels.states[:, where]), fans)
+
+
+def _normal_points() -> Array:
+    """Points spread as a standard normal plane is, (DRAWS, 2): Fibonacci's lattice, by its law's inverse."""
+    place = (np.arange(DRAWS) + 0.5) / DRAWS
+    angle = TURN * np.arange(DRAWS) * (np.sqrt(5) - 1) / 2
+    radius = np.sqrt(-2 * np.log1p(-place))
+    return np.column_stack([radius * np.sin(angle), radius * np.cos(angle)])

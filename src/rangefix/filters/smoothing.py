@@ -1,0 +1,103 @@
+"""A lattice as a smooth density: Gaussians that have its mean and covariance.
+
+Points stand for the probability between them as well, so each is given a Gaussian kernel as wide as the
+lattice asks for, and all are drawn together a little, so that mean and covariance stay what they were (Liu
+and West, 2001, "Combined parameter and state estimation in simulation-based filtering").
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from .lattice import Lattice
+from .space import Array
+
+WIDTH = 0.6  # steps of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
+FINEST = 0.2  # unless the noise is narrower: then down to this
+TOGETHER = 0.6  # of a mode's standard deviation: points closer than that are moved as one,
+MOST_SPREAD = 0.5  # of a variance that kernels may make up
+KEPT = 1.0 - 1e-5  # share of a mode's probability that is moved
+
+
+class Kernels(NamedTuple):
+    """A density as Gaussians: states (K, n), log weights (K,), covariance (n, n) of each, about its state."""
+
+    states: Array
+    log_weights: Array
+    covariance: Array
+
+
+def smoothed(mode: Lattice, noise: Array, stays: bool = False) -> Kernels:
+    """A mode as Gaussians with its mean and covariance, no wider than it takes.
+
+    Args:
+        mode: The mode.
+        noise: Covariance by which each point will be spread besides, in steps of the lattice, (n, n).
+        stays: Whether the same points are asked for, but will not be spread.
+
+    Returns:
+        Gaussians whose weights sum to one. Points that together hold under 1e-5 are left out; neighbours are
+        taken together as far as the mode's own width allows.
+    """
+    weights = np.exp(mode.logs - mode.logs.max())
+    order = np.argsort(-weights, kind="stable")
+    held = np.cumsum(weights[order])
+    some = np.sort(order[: 1 + int(np.searchsorted(held, KEPT * held[-1]))])
+    index, weights = mode.index[some].astype(float), weights[some] / weights[some].sum()
+    mean, spread = _moments(index, weights)
+    fine = np.minimum(
+        TOGETHER * _conditional(spread),
+        np.maximum(_conditional(noise) / WIDTH, FINEST * _conditional(spread)),
+    )
+    blocks = np.maximum(1, np.floor(fine))
+    index, weights = _taken_together(index, weights, blocks)
+    between = _moments(index, weights)[1]
+    root = np.linalg.cholesky(spread)
+    inverse = np.linalg.inv(root)
+    wanted = np.diag(np.maximum((WIDTH * blocks) ** 2 - (0.0 if stays else _conditional(noise) ** 2), 0.0))
+    values, vectors = np.linalg.eigh(inverse @ (spread - between + wanted) @ inverse.T)
+    turned = root @ vectors
+    covariance = (turned * np.clip(values, 0.0, MOST_SPREAD)) @ turned.T
+    shrink = np.linalg.cholesky(spread - covariance) @ np.linalg.inv(np.linalg.cholesky(between))
+    states = mode.space.wrap(mode.origin + (mean + (index - mean) @ shrink.T) @ mode.basis.T)
+    return Kernels(states, np.log(weights), mode.basis @ covariance @ mode.basis.T)
+
+
+def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean and covariance, the latter never quite singular."""
+    mean = weights @ points
+    away = points - mean
+    return mean, (away * weights[:, None]).T @ away + 1e-9 * np.eye(len(mean))
+
+
+def _conditional(covariance: Array) -> Array:
+    """Standard deviation of each component, the others held, (n,)."""
+    inverse = np.linalg.inv(covariance + 1e-12 * np.eye(len(covariance)))
+    return np.asarray(1 / np.sqrt(np.diagonal(inverse)))
+
+
+def _taken_together(index: Array, weights: Array, blocks: Array) -> tuple[Array, Array]:
+    """Points of each block of so many steps along each axis as one at their mean, with their weight."""
+    if (blocks == 1).all():
+        return index, weights
+    _, label = np.unique(np.floor(index / blocks).astype(np.int64), axis=0, return_inverse=True)
+    total = np.bincount(label, weights)
+    sums = np.column_stack([np.bincount(label, weights * column) for column in index.T])
+    return sums / total[:, None], np.asarray(total, dtype=float)
+
+
+def draws(modes: tuple[Lattice, ...], size: int, rng: Generator) -> Array:
+    """Draws from a belief on lattices, (size, n), with its mean and covariance."""
+    logs = np.array([mode.log_integral for mode in modes])
+    counts = rng.multinomial(size, np.exp(logs - np.logaddexp.reduce(logs)))
+    found = []
+    for mode, count in zip(modes, counts, strict=True):
+        kernels = smoothed(mode, np.zeros_like(mode.basis))
+        places = rng.choice(len(kernels.states), count, p=np.exp(kernels.log_weights))
+        values, vectors = np.linalg.eigh(kernels.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        found.append(kernels.states[places] + rng.standard_normal((count, len(root))) @ root.T)
+    return modes[0].space.wrap(rng.permutation(np.concatenate(found)))

@@ -1,0 +1,89 @@
+"""An unnormalised posterior, to be asked anywhere: a prior density times the likelihood of measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .problem import Sensor
+from .space import Array
+
+BATCH = 2_000_000  # ranges cast at once
+
+
+@dataclass(frozen=True)
+class Target:
+    """A prior density times the likelihood of measurements.
+
+    sensor: The rangefinder; it must have its map as `room`.
+    log_prior: Log density of states, (K, n) -> (K,).
+    measurements: (U, B); NaN = beam not measured.
+    """
+
+    sensor: Sensor
+    log_prior: Callable[[Array], Array]
+    measurements: Array
+
+    @property
+    def beams(self) -> NDArray[np.int64]:
+        """Which beams were measured."""
+        return np.flatnonzero(~np.isnan(self.measurements).all(axis=0))
+
+    def log_density(self, states: Array) -> Array:
+        """Log of the prior density times the likelihood: (K, n) -> (K,), nats."""
+        logs = np.array(self.log_prior(states), dtype=float)
+        beams = self.beams
+        possible = np.flatnonzero(logs > -np.inf)
+        if len(beams):
+            for some in np.array_split(possible, 1 + len(possible) * len(beams) // BATCH):
+                expected = self.expected(states[some], beams)
+                for reading in self.measurements:
+                    logs[some] += self.sensor.log_density(reading, expected)
+        return logs
+
+    def expected(self, states: Array, beams: NDArray[np.int64] | None = None) -> Array:
+        """Ranges of the beams that were measured, or of these; (K, B), 0 for the others."""
+        beams = self.beams if beams is None else beams
+        poses = self.sensor.space.poses(states)
+        if len(beams) == len(self.sensor.bearings):
+            return np.asarray(room_of(self.sensor).ranges(poses, self.sensor.bearings))
+        ranges = np.zeros((len(states), len(self.sensor.bearings)))
+        ranges[:, beams] = room_of(self.sensor).ranges(poses, self.sensor.bearings[beams])
+        return ranges
+
+    def slopes(self, states: Array) -> Array:
+        """Derivatives of the expected ranges of the beams that were measured, (K, k, n)."""
+        space = self.sensor.space
+        gradients = room_of(self.sensor).gradients(space.poses(states), self.sensor.bearings[self.beams])
+        return space.from_pose_gradients(gradients)
+
+    def few(self, most: int) -> Target:
+        """The same with at most so many beams, spread over the scan."""
+        measured = self.beams
+        if len(measured) <= most:
+            return self
+        beams = measured[np.linspace(0, len(measured) - 1, most).round().astype(int)]
+        some = np.full_like(self.measurements, np.nan)
+        some[:, beams] = self.measurements[:, beams]
+        return Target(self.sensor, self.log_prior, some)
+
+    def perfect(self) -> float:
+        """The log likelihood of ranges that fit each reading perfectly."""
+        return float(sum(self.sensor.log_density(reading, reading) for reading in self.measurements))
+
+
+def room_of(sensor: Sensor) -> Any:
+    """The map behind a sensor.
+
+    Raises:
+        TypeError: If the sensor does not say.
+    """
+    if not hasattr(sensor, "room"):
+        raise TypeError(
+            "the adaptive point-mass filter casts rays itself: its sensor must have a map as `room`"
+        )
+    return sensor.room
