@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
 
 from rangefix.evaluation import Experiment, Named, load, run
 from rangefix.evaluation.parts import Plan, trials_path
+from rangefix.evaluation.plots.credibility import CLAIMED
+from rangefix.evaluation.plots.ranks import OUTSIDE, ranks_figure
 from rangefix.evaluation.scores import crps, energy_score, histogram, pit, uniform_p_value
 from rangefix.evaluation.scores_belief import DRAWS, main_mode, measure, rank_histogram
 from rangefix.evaluation.scores_parts import belief_arrays, judge_belief
@@ -312,3 +315,38 @@ def test_better_beliefs_score_better(world):
     ]
     for gain in gains:
         assert gain.mean() > 4 * gain.std() / np.sqrt(len(gain))
+
+
+def test_ranks_come_from_a_study_to_rows_summary_and_figure(tmp_path):
+    """`beliefs` in studies of a filter that samples, one that does not, and one that is told less noise.
+
+    An exact filter has p < 0.001 for 1 seed in 1000, and more than 3 of 30 bars outside for 1 in 10 000.
+    """
+    sure = make_problem(0.01)  # told a fifth of the noise
+    estimators = {"exact": Named("point-mass", {"cell": 0.1}), "prior": PriorOnly}
+    experiment = Experiment(make_problem(), estimators, runs=200, beliefs=True, beam_sets=[[2]])
+    results = run(experiment, tmp_path / "one", timing=False)
+    exact, prior = results.rows
+    assert prior.beliefs is None
+    assert exact.beliefs is not None
+    assert exact.beliefs.ranks.sum(1).tolist() == [200.0] * 3
+    columns = exact.flat()
+    assert columns["belief_energy_score"] == exact.beliefs.energy.value
+    assert columns["energy_score"] == exact.scores.energy.value
+    assert columns["belief_rank_p_x1"] > 1e-3
+    header, first, second = (tmp_path / "one" / "summary.csv").read_text().splitlines()
+    assert set(columns) == set(header.split(","))
+    assert second.split(",")[header.split(",").index("belief_crps_x2")] == "nan"
+    assert first.count("nan") < second.count("nan")
+    told = Experiment(make_problem(), {"sure": Named("ekf")}, runs=200, beliefs=True, assumed=sure)
+    wrong = run(told, timing=False).rows
+    assert wrong[0].flat()["belief_rank_p_x2"] < 1e-6
+    figure = ranks_figure(results.rows, "2", "ranks")
+    assert figure is not None
+    assert len(figure.axes) == 3
+    bars = [bar.get_facecolor() for axes in figure.axes for bar in axes.patches[:10]]
+    assert bars.count(to_rgba(CLAIMED)) >= 27
+    odd = ranks_figure(wrong, wrong[0].beams, "ranks")
+    assert odd is not None
+    assert odd.axes[1].patches[0].get_facecolor() == to_rgba(OUTSIDE)
+    assert ranks_figure([prior], "2", "ranks") is None

@@ -9,7 +9,7 @@ from pathlib import Path
 from .report_html import Html, tag
 from .results import Results
 
-LEFT_OUT = ("covariance", "anees")  # the report's own charts show these
+LEFT_OUT = ("covariance", "anees", "ranks")  # the report's own charts show these
 CAPTIONS = {
     "map": ("The map", "walls, free space, true positions, and the beams of the first run"),
     "time": ("Accuracy against time", "true and claimed error against time per update"),

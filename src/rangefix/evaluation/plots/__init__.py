@@ -20,6 +20,7 @@ from .drives import steps_figure, ways_figure
 from .errors import SHOWN_RUNS, ellipses_figure, runs_figure
 from .maps import map_figure
 from .posterior import posterior_maps
+from .ranks import ranks_figure
 from .style import styled, write
 from .surfaces import posterior_surfaces
 
@@ -101,6 +102,9 @@ def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
         yield "steps", steps_figure(rows, beams, f"True and claimed errors along the way, {label}\n{study}")
         if results.scene:
             yield "ways", ways_figure(results, beams, f"The way of the first run, {label}\n{study}")
+    ranked = ranks_figure(rows, beams, f"Ranks of the truth among samples of the belief, {label}\n{study}")
+    if ranked is not None:
+        yield "ranks", ranked
     timed = time_figure(rows, f"Accuracy against time, {label}\n{study}")
     if timed is not None:
         yield "time", timed
