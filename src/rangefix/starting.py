@@ -20,13 +20,17 @@ def new_study(target: Path) -> Path:
     text = (resources.files(__package__) / "evaluation" / "starter.toml").read_text(encoding="utf-8")
     name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
     text = text.replace("STUDY.toml", path.name.replace("\n", "_")).replace("NAME", name)
+    made = False
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("x", encoding="utf-8") as file:
+            made = True
             file.write(text)
     except FileExistsError:
         raise ValueError(f"{path} is there already: choose another name, or remove it") from None
     except OSError as error:
+        if made:
+            path.unlink(missing_ok=True)
         raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
     return path
 

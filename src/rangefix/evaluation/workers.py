@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -32,16 +34,22 @@ def on_workers(
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     left, breaks = dict.fromkeys(tasks), 0
-    with tempfile.TemporaryDirectory(prefix="rangefix-", ignore_cleanup_errors=True) as shared:
+    with (
+        tempfile.TemporaryDirectory(prefix="rangefix-", ignore_cleanup_errors=True) as shared,
+        warnings.catch_warnings(),
+    ):
+        warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
         payload = Path(shared) / "experiment"
         payload.write_bytes(pickled(experiment))
         while left:
             pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
             try:
-                for task, part in pool(delayed(_work)(payload, task, world(task)) for task in list(left)):
-                    del left[task]
-                    breaks = 0
-                    yield task, part
+                calls = (delayed(_work)(payload, task, world(task)) for task in list(left))
+                with closing(pool(calls)) as parts:
+                    for task, part in parts:
+                        del left[task]
+                        breaks = 0
+                        yield task, part
             except BrokenProcessPool:  # one was killed: those unfinished are done again
                 breaks += 1
                 if breaks == BREAKS:

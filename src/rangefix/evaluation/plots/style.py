@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+
+from ..store import write_bytes
 
 SETTINGS: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: the same letters on every machine
@@ -59,18 +61,21 @@ def styled() -> Iterator[None]:
 
 
 def write(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Save a figure as NAME.png and NAME.svg, each whole or not at all; returns the two paths."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Save a figure as NAME.png and NAME.svg, each whole or not at all; returns the two paths.
+
+    Raises:
+        ResultsError: If one cannot be written.
+    """
     paths = []
     for suffix, canvas, metadata in (
         ("png", FigureCanvasAgg, {"Software": None}),
         ("svg", FigureCanvasSVG, {"Date": None, "Creator": "rangefix"}),
     ):
-        path, part = folder / f"{name}.{suffix}", folder / f".{name}.{suffix}.part"
+        content = io.BytesIO()
         canvas(figure)
-        figure.savefig(part, format=suffix, metadata=metadata)
-        os.replace(part, path)
-        paths.append(path)
+        figure.savefig(content, format=suffix, metadata=metadata)
+        paths.append(folder / f"{name}.{suffix}")
+        write_bytes(paths[-1], content.getvalue())
     return paths
 
 
