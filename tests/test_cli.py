@@ -127,6 +127,19 @@ def test_run_tells_whom_not_to_trust(rangefix: Callable[..., Said], tmp_path: Pa
     assert rangefix("plot", tmp_path / "r").code == 0
 
 
+def test_a_narrow_terminal_keeps_names_and_verdicts(
+    rangefix: Callable[..., Said], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 80 columns every estimator has its name and its verdict; labels are no markup."""
+    monkeypatch.setattr("rangefix.tables.WIDTH", 80)
+    text = STUDY.replace('name = "ekf"', 'name = "ekf"\nlabel = "[/x] :smile:"')
+    said = rangefix("run", write(tmp_path / "s.toml", text), "--runs", "60", "--out", "r")
+    assert said.code == 0
+    assert max(map(len, said.out.splitlines()[:-2])) <= 80
+    for words in ("point-mass", "[/x] :smile:", "DO NOT TRUST", "honest"):
+        assert words in said.out
+
+
 def test_ranges(rangefix: Callable[..., Said]) -> None:
     """The paper's ranges at (2, 3); bearings apart, by commas and negative mean the same."""
     at = ("ranges", "room:4x6", "--at", "2", "3", "--json")
@@ -292,6 +305,25 @@ def test_bad_input_is_one_line(rangefix: Callable[..., Said], what: str) -> None
     assert said.err.startswith("rangefix: ")
     assert word in said.err
     assert "Traceback" not in said.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no limit on the size of files to set")
+def test_a_full_disk_is_one_line_and_leaves_nothing(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """`new` and `plot` where no byte can be written: exit code 2, one line, no half of a file."""
+    rangefix("run", write(tmp_path / "s.toml", STUDY), "--out", "r")
+
+    def limited(*arguments: str) -> subprocess.CompletedProcess[str]:
+        def limit() -> None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+        command = [sys.executable, "-B", "-m", "rangefix", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, preexec_fn=limit, check=False)
+
+    for arguments, left in ((("new", "mine"), "mine*"), (("plot", "r"), "r/figures/*")):
+        said = limited(*arguments)
+        assert (said.returncode, said.stdout, said.stderr.count("\n")) == (2, "", 1), said.stderr
+        assert "cannot write" in said.stderr
+        assert not list(tmp_path.glob(left))
 
 
 @pytest.mark.parametrize(
