@@ -1,0 +1,88 @@
+"""Bad studies: one line each that names file, line, key and mend; nothing is run."""
+
+from __future__ import annotations
+
+import pytest
+
+from rangefix.evaluation.study import StudyError, parse_study
+
+STUDY = """\
+runs = 12
+seed = 1
+beam_sets = [[1], [1, 2, 3]]
+[map]
+kind = "rectangle"
+width_m = 4.0
+length_m = 6.0
+[sensor]
+bearings_deg = [326.3, 0.0, 33.7]
+std_m = 0.05
+[truth]
+at_m = [1.0, 1.0]
+[[estimators]]
+name = "ekf"
+[[estimators]]
+name = "particle"
+options = { particles = 200 }
+"""
+BAD = [  # what is changed, into what, and what is said
+    ("width_m = 4.0", "width_m = ", "6: not TOML: Invalid value"),
+    ("width_m = 4.0", "width_m = 4.0\nwidth_m = 5.0", "7: not TOML: this key stands twice"),
+    (
+        "width_m = 4.0",
+        'width_m = "4.0"',
+        "6: map.width_m: must be a number, got '4.0' (size along x1, for exam",
+    ),
+    ("width_m = 4.0", "widht_m = 4.0", "6: map.widht_m: unknown key; did you mean width_m?"),
+    ("std_m = 0.05", "std_m = 0.0", "10: sensor.std_m: must be greater than 0, got 0.0"),
+    ("[[1], [1, 2, 3]]", "[[1], [1, 4]]", "3: beam_sets[2]: no beam 4; beams are numbered from 1 to 3"),
+    ("[[1], [1, 2, 3]]", "[]", "3: beam_sets: needs at least 1 of them, got []"),
+    ("runs = 12", "runs = 1e3", "1: runs: must be a whole number, got 1000.0"),
+    ("runs = 12", "runs = 99999999999999999999", "1: runs: must be at most 1e+09, got 99999999999999999999"),
+    (
+        "runs = 12",
+        'name = "../../elsewhere"',
+        "1: name: names a folder: no slashes, and not dots alone, got '..",
+    ),
+    ("runs = 12", "timeout_s = -1", "1: timeout_s: must be at least 0, got -1"),
+    (
+        "at_m = [1.0, 1.0]",
+        "at_m = [9.0, 1.0]",
+        "12: truth.at_m: [9.0, 1.0] is inside a wall or outside the map",
+    ),
+    (
+        "particles = 200",
+        "particles = 0",
+        "17: estimators[2].options: particle: particles must be a whole numbe",
+    ),
+    (
+        "particles = 200",
+        "particels = 200",
+        "17: estimators[2].options.particels: particle has no such option; d",
+    ),
+    ("particles = 200", "particles = []", "17: estimators[2].options: particles: an empty list runs nothing"),
+    ('"particle"', '"ukf"', "17: estimators[2].options.particles: ukf has no such option; there are"),
+    ('"particle"', '"partikle"', "16: estimators[2].name: no estimator 'partikle'; there are point-mass, "),
+    (
+        '[[estimators]]\nname = "ekf"\n[[estimators]]',
+        "[estimators]",
+        "13: estimators: must be a list: write it as",
+    ),
+]
+
+
+@pytest.mark.parametrize(("what", "into", "says"), BAD)
+def test_a_bad_study_is_one_line(what: str, into: str, says: str) -> None:
+    assert STUDY.count(what) == 1
+    with pytest.raises(StudyError) as error:
+        parse_study(STUDY.replace(what, into), source="study.toml")
+    (line,) = error.value.mistakes
+    assert line.startswith(f"study.toml:{says}")
+    assert "\n" not in line
+
+
+def test_the_study_itself_is_sound() -> None:
+    """Negative control: what is changed above is what is wrong."""
+    study = parse_study(STUDY, source="study.toml")
+    assert list(study.experiment().estimators) == ["ekf", "particle"]
+    assert study.warnings == ()
