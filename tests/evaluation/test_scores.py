@@ -157,3 +157,11 @@ def test_the_energy_score_is_good_to_3e_4():
         stds = np.sqrt(units[0] ** 2 + width**2 * units[1] ** 2)
         fine = 0.5 * np.pi * crps(errors @ units, stds).mean(-1)
         np.testing.assert_allclose(energy_score(errors, claim), fine, rtol=3e-4)
+
+
+def test_the_energy_score_of_certainty_is_the_distance():
+    """Without spread it is how far the truth is off, and so it is when errors are beyond all measure."""
+    errors = np.array([[3.0, 4.0], [0.0, 0.0], [1e70, 0.0]])
+    np.testing.assert_allclose(
+        energy_score(errors, np.zeros((3, 2, 2))), [5.0, 0.0, 1e70], rtol=3e-4, atol=1e-12
+    )
