@@ -27,6 +27,7 @@ nitpick_ignore_regex = [
         r"py:.*",
         r"(numpy|np|matplotlib|pandas|pd|xarray|xr|pydantic|annotated_types|pytest)\..*",
     ),
+    (r"py:exc", r"\w+"),  # exceptions of ours that a docstring names by their own name alone
     (r"py:.*", r"(collections|pathlib|typing|datetime|types|os)\..*"),
     (
         r"py:.*",
