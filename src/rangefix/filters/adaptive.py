@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from .climb import Peaks, climb, promising
 from .estimator import Estimate
-from .modes import Accuracy, Quadrature, integrate
+from .modes import Accuracy, Found, Quadrature, assembled, integrate
 from .motion import Stationary
 from .predicted import Predicted, predicted
 from .problem import Prior, Problem
@@ -22,7 +22,7 @@ STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowh
 MOST_BOXES = 20_000  # boxes that a search may leave
 BLUR = 3.0  # nats by which those that are left then are drawn by lot
 GUESSES = 2000  # boxes that are followed
-SEEDS = 64  # points of a predicted mode that are followed
+SEEDS = 32  # points of a predicted mode that are followed
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class AdaptivePointMassFilter:
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        cells = integrate(target, peaks, self._accuracy)
+        cells = assembled(integrate(target, peaks, self._accuracy))
         assert cells is not None, "a prior allows its own samples"
         return cells
 
@@ -174,8 +174,7 @@ class AdaptivePointMassFilter:
         """Where measurements (U, B) leave the prior; None if nowhere."""
         target = Target(self.problem.sensor, prior.log_density, measurements)
         if isinstance(prior, Predicted):
-            guesses, means, precisions = prior.guesses(target, SEEDS)
-            return integrate(target, climb(target, guesses, means, precisions), self._accuracy)
+            return self._after_move(prior, target)
         precision = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         beams = len(target.beams)
         share = int((~np.isnan(measurements)).sum()) / beams
@@ -186,12 +185,25 @@ class AdaptivePointMassFilter:
             if not len(boxes):
                 continue
             guesses = promising(target, boxes, GUESSES)
-            found = integrate(target, climb(target, guesses, prior.mean, precision), self._accuracy)
+            peaks = climb(target, guesses, prior.mean, precision)
+            found = assembled(integrate(target, peaks, self._accuracy))
             if found is not None:
                 fit = found.level - float(prior.log_density(found.peak[None])[0])
                 if target.perfect() - fit + self._accuracy.margin <= share * self.table.limit(beams, margin):
                     break
         return found
+
+    def _after_move(self, prior: Predicted, target: Target) -> Quadrature | None:
+        """The posterior after a move: from some predicted points, then from those not yet in a mode."""
+        found, rough = Found(), replace(target, log_prior=prior.roughly)
+        for _ in range(2):
+            guesses, means, precisions = prior.guesses(target, SEEDS, found.holds)
+            if not len(guesses):
+                break
+            peaks = climb(rough, guesses, means, precisions)
+            peaks = peaks._replace(log_density=target.log_density(peaks.states))
+            found = integrate(target, peaks, self._accuracy, found)
+        return assembled(found)
 
     def _boxes(self, measurements: Array, margin: float) -> Array:
         """States (K, n) at the centres of the boxes of the table that may hold the true one."""

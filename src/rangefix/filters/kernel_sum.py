@@ -24,7 +24,8 @@ def log_sum(states: Array, centres: Array, precision: Array, log_scale: Array, i
         (N,).
     """
     result = np.empty(len(states))
-    _log_sum(np.ascontiguousarray(states), centres, precision, log_scale, is_angle, result)
+    kernels = np.ascontiguousarray(centres.T), np.ascontiguousarray(precision.transpose(1, 2, 0)), log_scale
+    _log_sum(np.ascontiguousarray(states), *kernels, is_angle, result)
     return result
 
 
@@ -45,9 +46,8 @@ def log_reached(
         (N,); -inf where nothing reaches.
     """
     result = np.empty(len(states))
-    _log_reached(
-        np.ascontiguousarray(states), centres, precision, log_scale, is_angle, ends, starts, 1 / fans, result
-    )
+    kernels = np.ascontiguousarray(centres.T), np.ascontiguousarray(precision.transpose(1, 2, 0)), log_scale
+    _log_reached(np.ascontiguousarray(states), *kernels, is_angle, ends, starts, 1 / fans, result)
     return result
 
 
@@ -59,21 +59,27 @@ def share_reached(ends: Array, starts: Array, fans: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _exponent(state: Array, centre: Array, precision: Array, is_angle: BoolArray, offset: Array) -> float:
-    """-d' precision d / 2; offset is scratch, (n,)."""
-    size = state.size
+def _exponents(
+    state: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray, offset: Array,
+    logs: Array,
+) -> None:  # fmt: skip
+    """log_scale_k - d' precision_k d / 2 for all k, into logs (K,); offset is scratch, (n, K).
+
+    Centres (n, K) and precisions (n, n, K) hold k last: loops over k are the ones a processor does at once.
+    """
+    size, count = centres.shape
+    for k in range(count):
+        logs[k] = log_scale[k]
     for i in range(size):
-        difference = state[i] - centre[i]
+        for k in range(count):
+            offset[i, k] = state[i] - centres[i, k]
         if is_angle[i]:
-            difference -= TURN * math.floor(difference / TURN + 0.5)
-        offset[i] = difference
-    total = 0.0
-    for i in range(size):
-        row = 0.5 * precision[i, i] * offset[i]
-        for j in range(i):
-            row += precision[i, j] * offset[j]
-        total += offset[i] * row
-    return -total
+            for k in range(count):
+                offset[i, k] -= TURN * np.rint(offset[i, k] / TURN)
+        for j in range(i + 1):
+            weight = 0.5 if i == j else 1.0
+            for k in range(count):
+                logs[k] -= weight * precision[i, j, k] * offset[i, k] * offset[j, k]
 
 
 @njit(cache=True, nogil=True, parallel=True)
@@ -81,16 +87,13 @@ def _log_sum(
     states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray, result: Array
 ) -> None:
     for place in prange(states.shape[0]):
-        offset = np.empty(states.shape[1])
-        top, total = -math.inf, 0.0
-        for k in range(centres.shape[0]):
-            log = log_scale[k] + _exponent(states[place], centres[k], precision[k], is_angle, offset)
-            if log > top:
-                total = total * math.exp(max(top - log, -700.0)) + 1.0
-                top = log
-            elif log > top - NEGLIGIBLE:
+        offset, logs = np.empty(centres.shape), np.empty(log_scale.size)
+        _exponents(states[place], centres, precision, log_scale, is_angle, offset, logs)
+        top, total = logs.max(), 0.0
+        for log in logs:
+            if log > top - NEGLIGIBLE:
                 total += math.exp(log - top)
-        result[place] = top + math.log(total) if total > 0 else -math.inf
+        result[place] = top + math.log(total)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -112,19 +115,19 @@ def _log_reached(
     ends: Array, starts: Array, closeness: Array, result: Array,
 ) -> None:  # fmt: skip
     for place in prange(states.shape[0]):
-        offset = np.empty(states.shape[1])
+        offset, logs = np.empty(centres.shape), np.empty(log_scale.size)
+        _exponents(states[place], centres, precision, log_scale, is_angle, offset, logs)
         top, total = -math.inf, 0.0
-        for k in range(centres.shape[0]):
-            log = log_scale[k] + _exponent(states[place], centres[k], precision[k], is_angle, offset)
-            if log < top - NEGLIGIBLE:
+        for k in range(logs.size):
+            if logs[k] < top - NEGLIGIBLE:
                 continue
             if not _clear(ends[place, 0] - starts[k, 0], ends[place, 1] - starts[k, 1], closeness[k]):
                 continue
-            if log > top:
-                total = total * math.exp(max(top - log, -700.0)) + 1.0
-                top = log
+            if logs[k] > top:
+                total = total * math.exp(max(top - logs[k], -700.0)) + 1.0
+                top = logs[k]
             else:
-                total += math.exp(log - top)
+                total += math.exp(logs[k] - top)
         result[place] = top + math.log(total) if total > 0 else -math.inf
 
 

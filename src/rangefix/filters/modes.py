@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .climb import Peaks
 from .lattice import Lattice, ball, grow, halved
-from .space import Array
+from .space import Array, BoolArray
 from .target import Target
 
 SPACING = 0.8  # of a mode's standard deviation, to begin with: half of it changes a Gaussian by nothing
@@ -53,41 +53,63 @@ class Quadrature(NamedTuple):
     error: float
 
 
-def integrate(target: Target, peaks: Peaks, accuracy: Accuracy) -> Quadrature | None:
+class Found(NamedTuple):
+    """Modes found so far, each with what halving its spacing would change."""
+
+    modes: tuple[Lattice, ...] = ()
+    errors: tuple[float, ...] = ()
+
+    @property
+    def level(self) -> float:
+        """The greatest log density."""
+        return max((float(mode.logs.max()) for mode in self.modes), default=-np.inf)
+
+    def holds(self, states: Array) -> BoolArray:
+        """Whether states lie in cells of any mode: (K, n) -> (K,)."""
+        held = np.zeros(len(states), np.bool_)
+        for mode in self.modes:
+            held |= mode.holds(states)
+        return held
+
+
+def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, found: Found = Found()) -> Found:  # noqa: B008
     """Integrate a posterior about its peaks.
 
     Args:
         target: The posterior.
-        peaks: Points near every mode.
+        peaks: Points near modes.
         accuracy: How good.
+        found: Modes known already.
 
     Returns:
-        The lattices; None if the density is zero all around.
+        Those and the new ones.
 
     Raises:
         TooManyCells: If a mode fills more cells than allowed.
     """
     space, start = target.sensor.space, ball(target.sensor.space.size, RADIUS / SPACING)
-    modes: list[Lattice] = []
-    errors: list[float] = []
-    level = -np.inf
-    left = peaks.score >= peaks.score.max() - SLACK
+    left = (peaks.score >= peaks.score.max() - SLACK) & ~found.holds(peaks.states)
     for place in np.lexsort((-peaks.score, -peaks.log_density)):
         if not left[place]:
             continue
+        level = found.level - accuracy.margin
         basis = SPACING * np.linalg.cholesky(np.linalg.inv(peaks.information[place]))
         mode = grow(
-            space, target.log_density, peaks.states[place], basis, start, EDGE, accuracy.most_cells, modes,
-            level=level - accuracy.margin,
+            space, target.log_density, peaks.states[place], basis, start, EDGE, accuracy.most_cells,
+            found.modes, level=level,
         )  # fmt: skip
         left &= ~mode.holds(peaks.states)
-        if mode.logs.max() <= level - accuracy.margin:
+        if mode.logs.max() <= level:
             continue
-        mode, error = _resolved(target, mode, accuracy, modes, level - accuracy.margin)
+        mode, error = _resolved(target, mode, accuracy, found.modes, level)
         left &= ~mode.holds(peaks.states)
-        modes.append(mode)
-        errors.append(error)
-        level = max(level, float(mode.logs.max()))
+        found = Found((*found.modes, mode), (*found.errors, error))
+    return found
+
+
+def assembled(found: Found) -> Quadrature | None:
+    """Modes as weighted points; None if there is none."""
+    modes = found.modes
     if not modes:
         return None
     total = float(np.logaddexp.reduce([mode.log_integral for mode in modes]))
@@ -96,11 +118,13 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy) -> Quadrature | 
     some = logs > -np.inf
     states = np.concatenate([mode.states for mode in modes])
     peak = states[np.concatenate([mode.logs for mode in modes]).argmax()]
-    return Quadrature(tuple(modes), states[some], logs[some], label[some], total, peak, level, max(errors))
+    return Quadrature(
+        modes, states[some], logs[some], label[some], total, peak, found.level, max(found.errors)
+    )
 
 
 def _resolved(
-    target: Target, mode: Lattice, accuracy: Accuracy, others: list[Lattice], level: float
+    target: Target, mode: Lattice, accuracy: Accuracy, others: tuple[Lattice, ...], level: float
 ) -> tuple[Lattice, float]:
     """A mode with its spacing halved until its error is small enough, and that error."""
     while True:
@@ -111,7 +135,7 @@ def _resolved(
         mode = halved(mode, axes, target.log_density, EDGE, accuracy.most_cells, others, level)
 
 
-def _weight(mode: Lattice, others: list[Lattice]) -> float:
+def _weight(mode: Lattice, others: tuple[Lattice, ...]) -> float:
     """How much an error of a mode's probability counts: its share, or its share of a covariance if more."""
     every = [mode, *others]
     logs = np.array([each.log_integral for each in every])

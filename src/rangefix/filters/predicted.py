@@ -8,6 +8,7 @@ The law of `Confined` is met exactly for each moved point: what walls cut off is
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +81,12 @@ class Predicted:
             logs = np.logaddexp(logs, each)
         return logs
 
+    def roughly(self, states: Array) -> Array:
+        """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""
+        means, precisions = self.means_and_precisions()
+        masses = np.array([np.logaddexp.reduce(part.log_scale) for part in self.parts])
+        return log_sum(states, means, precisions, masses, self.space.is_angle)
+
     def means_and_precisions(self) -> tuple[Array, Array]:
         """Mean (P, n) and inverse covariance (P, n, n) of each part, walls aside."""
         covariances = np.stack([part.covariance for part in self.parts])
@@ -87,22 +94,30 @@ class Predicted:
             np.linalg.inv(covariances), dtype=float
         )
 
-    def guesses(self, target: Target, most: int) -> tuple[Array, Array, Array]:
+    def guesses(
+        self, target: Target, most: int, known: Callable[[Array], BoolArray]
+    ) -> tuple[Array, Array, Array]:
         """States where a measurement may put the object: of each part those it likes best, and others.
 
         Args:
             target: The posterior.
             most: The most of each part.
+            known: Which states to leave out, (K, n) -> (K,).
 
         Returns:
             States (K, n), and mean (K, n) and inverse covariance (K, n, n) of the part that each is of.
         """
         chosen = []
         for part in self.parts:
-            weights = np.cumsum(np.exp(part.log_scale - part.log_scale.max()))
+            new = ~known(part.centres)
+            centres, logs = part.centres[new], part.log_scale[new]
+            if not len(centres):
+                chosen.append(centres)
+                continue
+            weights = np.cumsum(np.exp(logs - logs.max()))
             places = np.searchsorted(weights, weights[-1] * (np.arange(most // 2) + 0.5) / (most // 2))
-            best = promising(target, part.centres, most - most // 2, part.log_scale)
-            chosen.append(np.vstack([best, part.centres[np.unique(places)]]))
+            best = promising(target, centres, most - most // 2, logs)
+            chosen.append(np.vstack([best, centres[np.unique(places)]]))
         counts = [len(states) for states in chosen]
         means, precisions = self.means_and_precisions()
         return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
