@@ -51,10 +51,10 @@ def log_reached(
     return result
 
 
-def share_reached(ends: Array, starts: Array, fans: Array) -> Array:
-    """Share of the ends (K, D, 2) that can be reached from their start (K, 2): (K,); fans as above."""
-    result = np.empty(len(starts))
-    _share_reached(ends, starts, 1 / fans, result)
+def reached(ends: Array, free: BoolArray, starts: Array, fans: Array) -> BoolArray:
+    """Which ends (K, D, 2) that are free (K, D) can be reached from their start (K, 2): (K, D); fans as above."""
+    result = np.empty(free.shape, np.bool_)
+    _reached(ends, free, starts, 1 / fans, result)
     return result
 
 
@@ -132,10 +132,8 @@ def _log_reached(
 
 
 @njit(cache=True, nogil=True)
-def _share_reached(ends: Array, starts: Array, closeness: Array, result: Array) -> None:
+def _reached(ends: Array, free: BoolArray, starts: Array, closeness: Array, result: BoolArray) -> None:
     for k in range(starts.shape[0]):
-        count = 0
         for place in range(ends.shape[1]):
             step1, step2 = ends[k, place, 0] - starts[k, 0], ends[k, place, 1] - starts[k, 1]
-            count += _clear(step1, step2, closeness[k])
-        result[k] = count / ends.shape[1]
+            result[k, place] = free[k, place] and _clear(step1, step2, closeness[k])

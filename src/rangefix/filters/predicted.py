@@ -15,7 +15,7 @@ import numpy as np
 
 from .climb import promising
 from .confined import Confined
-from .kernel_sum import log_reached, log_sum, share_reached
+from .kernel_sum import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
 from .motion import Stationary
 from .problem import Motion, RangeMap
@@ -24,7 +24,7 @@ from .space import TURN, Array, BoolArray, StateSpace
 from .target import Target
 
 MOST = 20_000  # points that are moved
-REACH = 6.0  # standard deviations that a step may go
+BEYOND = 1.7  # times the farthest of those steps: how far walls matter
 LOOKS = 180  # directions in which walls are looked for
 DRAWS = 64  # steps tried from each point, where walls are near
 STUCK = 1e-9  # probability of staying put that is followed
@@ -146,11 +146,13 @@ def predicted(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Pre
         noise = _noise_in_steps(mode, free, control)
         moved = smoothed(mode, noise)
         weights = moved.log_weights + share
-        if walls is None or not _walls_near(moved, free, control, walls):
+        ends = np.empty((0, DRAWS, 2)) if walls is None else _ends(moved, free, control, walls)
+        if walls is None or not _walls_near(moved, ends, walls):
             parts.append(_part(space, moved._replace(log_weights=weights), free, control))
             continue
         fans = _fans(moved, walls)
-        goes = _share_that_goes(moved, free, control, walls, fans)
+        starts = np.ascontiguousarray(moved.states[:, space.position_indices])
+        goes = reached(ends, walls.room.is_free(ends), starts, fans).mean(axis=1)
         with np.errstate(divide="ignore"):
             again = -np.expm1(walls.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
             through, stays = weights + np.log(again), weights + walls.tries * np.log1p(-goes)
@@ -199,18 +201,15 @@ def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tup
     return motion.mean(states, control), covariance + smallest * np.eye(states.shape[1])
 
 
-def _walls_near(kernels: Kernels, motion: Motion, control: Array, walls: Confined) -> bool:
-    """Whether a wall stands within a disc that holds all starts and all ends of steps."""
-    where = walls.space.position_indices
-    centres, covariance = _spread(kernels.states, kernels.covariance, motion, control)
-    starts, ends = kernels.states[:, where], centres[:, where]
+def _walls_near(kernels: Kernels, ends: Array, walls: Confined) -> bool:
+    """Whether a wall stands, or free space ends, within a disc that holds all starts and ends of steps."""
+    starts = kernels.states[:, walls.space.position_indices]
     middle = np.exp(kernels.log_weights) @ starts
-    widest = REACH * np.sqrt(np.linalg.eigvalsh(covariance[:, where][:, :, where])[:, -1])
-    radius = max(np.hypot(*(starts - middle).T).max(), (np.hypot(*(ends - middle).T) + widest).max())
-    if not walls.room.is_free(middle[None])[0]:
+    radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
+    if not (walls.room.is_free(middle[None])[0] and walls.room.is_free(ends[:, ::8]).all()):
         return True
     fan = walls.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
-    return bool(fan.min() <= radius)
+    return bool(fan.min() <= BEYOND * radius)
 
 
 def _fans(kernels: Kernels, walls: Confined) -> Array:
@@ -220,13 +219,12 @@ def _fans(kernels: Kernels, walls: Confined) -> Array:
     return walls.room.ranges(poses, TURN / LOOKS * np.arange(LOOKS, dtype=float))
 
 
-def _share_that_goes(kernels: Kernels, motion: Motion, control: Array, walls: Confined, fans: Array) -> Array:
-    """The probability Z that a step from each point meets no wall, (K,), from steps spread evenly."""
+def _ends(kernels: Kernels, motion: Motion, control: Array, walls: Confined) -> Array:
+    """Places where steps from each point end, spread evenly over their law, (K, DRAWS, 2)."""
     where = walls.space.position_indices
     centres, covariance = _spread(kernels.states, kernels.covariance, motion, control)
     root = np.linalg.cholesky(covariance[:, where][:, :, where])
-    ends = centres[:, None, where] + _normal_points() @ np.swapaxes(root, 1, 2)
-    return share_reached(ends, np.ascontiguousarray(kernels.states[:, where]), fans)
+    return np.asarray(centres[:, None, where] + _normal_points() @ np.swapaxes(root, 1, 2))
 
 
 def _normal_points() -> Array:
