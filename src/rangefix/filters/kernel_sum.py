@@ -52,7 +52,7 @@ def log_reached(
 
 
 def reached(ends: Array, free: BoolArray, starts: Array, fans: Array) -> BoolArray:
-    """Which ends (K, D, 2) that are free (K, D) can be reached from their start (K, 2): (K, D); fans as above."""
+    """Which free ends (K, D, 2) can be reached from their start (K, 2): (K, D); fans as above."""
     result = np.empty(free.shape, np.bool_)
     _reached(ends, free, starts, 1 / fans, result)
     return result

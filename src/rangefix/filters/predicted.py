@@ -19,14 +19,14 @@ from .kernel_sum import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
 from .motion import Stationary
 from .problem import Motion, RangeMap
-from .smoothing import KEPT, Kernels, smoothed
+from .smoothing import COARSEST, KEPT, TOGETHER, Kernels, smoothed
 from .space import TURN, Array, BoolArray, StateSpace
 from .target import Target
 
 MOST = 20_000  # points that are moved
 BEYOND = 1.7  # times the farthest of those steps: how far walls matter
-LOOKS = 180  # directions in which walls are looked for
-DRAWS = 64  # steps tried from each point, where walls are near
+LOOKS = 120  # directions in which walls are looked for
+DRAWS = 256  # steps tried from each point, where walls are near
 STUCK = 1e-9  # probability of staying put that is followed
 
 
@@ -134,38 +134,48 @@ def predicted(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Pre
     Raises:
         TooManyCells: If more points would have to be moved than can be.
     """
-    space = modes[0].space
-    walls = motion if isinstance(motion, Confined) else None
-    free = walls.motion if walls else motion
     total = np.logaddexp.reduce([mode.log_integral for mode in modes])
-    parts: list[Part] = []
-    for mode in modes:
-        share = float(mode.log_integral - total)
-        if share < np.log(1 - KEPT):
-            continue
-        noise = _noise_in_steps(mode, free, control)
-        moved = smoothed(mode, noise)
-        weights = moved.log_weights + share
-        ends = np.empty((0, DRAWS, 2)) if walls is None else _ends(moved, free, control, walls)
-        if walls is None or not _walls_near(moved, ends, walls):
-            parts.append(_part(space, moved._replace(log_weights=weights), free, control))
-            continue
-        fans = _fans(moved, walls)
-        starts = np.ascontiguousarray(moved.states[:, space.position_indices])
-        goes = reached(ends, walls.room.is_free(ends), starts, fans).mean(axis=1)
-        with np.errstate(divide="ignore"):
-            again = -np.expm1(walls.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
-            through, stays = weights + np.log(again), weights + walls.tries * np.log1p(-goes)
-        if goes.any():
-            parts.append(_part(space, moved._replace(log_weights=through), free, control, fans))
-        if np.exp(stays).sum() > STUCK:
-            still = smoothed(mode, noise, stays=True)
-            parts.append(_part(space, still._replace(log_weights=stays), Stationary(space), control))
-    if sum(len(part.centres) for part in parts) > MOST:
-        raise TooManyCells(
-            f"the belief fills more than {MOST} cells before a move: measure first, or take a narrower prior"
-        )
-    return Predicted(space, walls.room if walls else None, tuple(parts))
+    shares = [float(mode.log_integral - total) for mode in modes]
+    walls = motion if isinstance(motion, Confined) else None
+    for together in (TOGETHER[modes[0].space.size > 2], COARSEST):
+        parts = [
+            part
+            for mode, share in zip(modes, shares, strict=True)
+            if share > np.log(1 - KEPT)
+            for part in _mode_moved(mode, share, motion, control, together)
+        ]
+        if sum(len(part.centres) for part in parts) <= MOST:
+            return Predicted(modes[0].space, walls.room if walls else None, tuple(parts))
+    raise TooManyCells(
+        f"the belief fills more than {MOST} cells before a move: measure first, or take a narrower prior"
+    )
+
+
+def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, together: float) -> list[Part]:
+    """What becomes of a mode of that log probability: what moves and, beside walls, what stays."""
+    space, free = mode.space, motion.motion if isinstance(motion, Confined) else motion
+    noise = _noise_in_steps(mode, free, control)
+    moved = smoothed(mode, noise, together)
+    weights = moved.log_weights + share
+    if not isinstance(motion, Confined):
+        return [_part(space, moved._replace(log_weights=weights), free, control)]
+    ends = _ends(moved, motion, control)
+    if not _walls_near(moved, ends, motion):
+        return [_part(space, moved._replace(log_weights=weights), free, control)]
+    starts = np.ascontiguousarray(moved.states[:, space.position_indices])
+    looks = TURN / LOOKS * np.arange(LOOKS, dtype=float)
+    fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), looks)
+    goes = reached(ends, motion.room.is_free(ends), starts, fans).mean(axis=1)
+    with np.errstate(divide="ignore"):
+        again = -np.expm1(motion.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
+        through, stays = weights + np.log(again), weights + motion.tries * np.log1p(-goes)
+    parts = []
+    if goes.any():
+        parts.append(_part(space, moved._replace(log_weights=through), free, control, fans))
+    if np.exp(stays).sum() > STUCK:
+        still = smoothed(mode, noise, together, stays=True)
+        parts.append(_part(space, still._replace(log_weights=stays), Stationary(space), control))
+    return parts
 
 
 def _noise_in_steps(mode: Lattice, motion: Motion, control: Array) -> Array:
@@ -201,28 +211,21 @@ def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tup
     return motion.mean(states, control), covariance + smallest * np.eye(states.shape[1])
 
 
-def _walls_near(kernels: Kernels, ends: Array, walls: Confined) -> bool:
+def _walls_near(kernels: Kernels, ends: Array, motion: Confined) -> bool:
     """Whether a wall stands, or free space ends, within a disc that holds all starts and ends of steps."""
-    starts = kernels.states[:, walls.space.position_indices]
+    starts = kernels.states[:, motion.space.position_indices]
     middle = np.exp(kernels.log_weights) @ starts
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
-    if not (walls.room.is_free(middle[None])[0] and walls.room.is_free(ends[:, ::8]).all()):
+    if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends[:, ::32]).all()):
         return True
-    fan = walls.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
+    fan = motion.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
     return bool(fan.min() <= BEYOND * radius)
 
 
-def _fans(kernels: Kernels, walls: Confined) -> Array:
-    """How far walls are from each point all round, (K, LOOKS)."""
-    places = kernels.states[:, walls.space.position_indices]
-    poses = np.column_stack([places, np.zeros(len(places))])
-    return walls.room.ranges(poses, TURN / LOOKS * np.arange(LOOKS, dtype=float))
-
-
-def _ends(kernels: Kernels, motion: Motion, control: Array, walls: Confined) -> Array:
+def _ends(kernels: Kernels, motion: Confined, control: Array) -> Array:
     """Places where steps from each point end, spread evenly over their law, (K, DRAWS, 2)."""
-    where = walls.space.position_indices
-    centres, covariance = _spread(kernels.states, kernels.covariance, motion, control)
+    where = motion.space.position_indices
+    centres, covariance = _spread(kernels.states, kernels.covariance, motion.motion, control)
     root = np.linalg.cholesky(covariance[:, where][:, :, where])
     return np.asarray(centres[:, None, where] + _normal_points() @ np.swapaxes(root, 1, 2))
 

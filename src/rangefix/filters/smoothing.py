@@ -16,10 +16,11 @@ from .lattice import Lattice
 from .space import Array
 
 WIDTH = 0.6  # steps of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
-FINEST = 0.2  # unless the noise is narrower: then down to this
-TOGETHER = 0.6  # of a mode's standard deviation: points closer than that are moved as one,
+TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as one; of 2 components, of more
+COARSEST = 1.0  # the same where that leaves too many points
+NARROW = 1 / 3  # of that: where what spreads points besides is narrower, they are taken as one only so far
 MOST_SPREAD = 0.5  # of a variance that kernels may make up
-KEPT = 1.0 - 1e-5  # share of a mode's probability that is moved
+KEPT = 1.0 - 1e-5  # share of a mode's probability that is kept
 
 
 class Kernels(NamedTuple):
@@ -30,17 +31,17 @@ class Kernels(NamedTuple):
     covariance: Array
 
 
-def smoothed(mode: Lattice, noise: Array, stays: bool = False) -> Kernels:
+def smoothed(mode: Lattice, noise: Array, together: float = COARSEST, stays: bool = False) -> Kernels:
     """A mode as Gaussians with its mean and covariance, no wider than it takes.
 
     Args:
         mode: The mode.
         noise: Covariance by which each point will be spread besides, in steps of the lattice, (n, n).
+        together: Points closer than this are taken as one, in the mode's standard deviations.
         stays: Whether the same points are asked for, but will not be spread.
 
     Returns:
-        Gaussians whose weights sum to one. Points that together hold under 1e-5 are left out; neighbours are
-        taken together as far as the mode's own width allows.
+        Gaussians whose weights sum to one. Points that together hold under 1e-5 are left out.
     """
     weights = np.exp(mode.logs - mode.logs.max())
     order = np.argsort(-weights, kind="stable")
@@ -48,11 +49,8 @@ def smoothed(mode: Lattice, noise: Array, stays: bool = False) -> Kernels:
     some = np.sort(order[: 1 + int(np.searchsorted(held, KEPT * held[-1]))])
     index, weights = mode.index[some].astype(float), weights[some] / weights[some].sum()
     mean, spread = _moments(index, weights)
-    fine = np.minimum(
-        TOGETHER * _conditional(spread),
-        np.maximum(_conditional(noise) / WIDTH, FINEST * _conditional(spread)),
-    )
-    blocks = np.maximum(1, np.floor(fine))
+    widest = together * _conditional(spread)
+    blocks = np.maximum(1, np.floor(np.clip(_conditional(noise) / WIDTH, NARROW * widest, widest)))
     index, weights = _taken_together(index, weights, blocks)
     between = _moments(index, weights)[1]
     root = np.linalg.cholesky(spread)
