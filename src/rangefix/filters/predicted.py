@@ -26,7 +26,7 @@ from .target import Target
 MOST = 20_000  # points that are moved
 BEYOND = 1.7  # times the farthest of those steps: how far walls matter
 LOOKS = 120  # directions in which walls are looked for
-DRAWS = 256  # steps tried from each point, where walls are near
+DRAWS = 128  # steps tried from each point, where walls are near
 STUCK = 1e-9  # probability of staying put that is followed
 
 
@@ -216,7 +216,7 @@ def _walls_near(kernels: Kernels, ends: Array, motion: Confined) -> bool:
     starts = kernels.states[:, motion.space.position_indices]
     middle = np.exp(kernels.log_weights) @ starts
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
-    if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends[:, ::32]).all()):
+    if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends[:, ::16]).all()):
         return True
     fan = motion.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
     return bool(fan.min() <= BEYOND * radius)
