@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
-from .climb import Peaks, climb, promising
+from .climb import FEW, STEPS, Peaks, climb, looked_at
 from .estimator import Estimate
-from .modes import Accuracy, Found, Quadrature, assembled, integrate
+from .modes import EDGE, Accuracy, Found, Quadrature, assembled, integrate
 from .motion import Stationary
 from .predicted import Predicted, predicted
 from .problem import Prior, Problem
@@ -21,7 +21,8 @@ from .target import Target
 STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowhere are looked for more widely
 MOST_BOXES = 20_000  # boxes that a search may leave
 BLUR = 3.0  # nats by which those that are left then are drawn by lot
-GUESSES = 2000  # boxes that are followed
+GUESSES = 2000  # boxes that are followed at once
+ROUNDS = (STEPS, STEPS, 0, STEPS, 0)  # steps of guesses; without steps, those that lead elsewhere count too
 SEEDS = 32  # points of a predicted mode that are followed
 
 
@@ -184,9 +185,7 @@ class AdaptivePointMassFilter:
             boxes = self._boxes(measurements, margin)
             if not len(boxes):
                 continue
-            guesses = promising(target, boxes, GUESSES)
-            peaks = climb(target, guesses, prior.mean, precision)
-            found = assembled(integrate(target, peaks, self._accuracy))
+            found = self._found(target, boxes, precision)
             if found is not None:
                 fit = found.level - float(prior.log_density(found.peak[None])[0])
                 if target.perfect() - fit + self._accuracy.margin <= share * self.table.limit(beams, margin):
@@ -203,6 +202,25 @@ class AdaptivePointMassFilter:
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
+        return assembled(found)
+
+    def _found(self, target: Target, boxes: Array, precision: Array) -> Quadrature | None:
+        """The modes about the best boxes, and about boxes that are good and in none of these modes.
+
+        A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
+        """
+        mean, scores = self.problem.prior.mean, looked_at(target, boxes)
+        found, left = Found(), np.flatnonzero(scores > -np.inf)
+        for steps in ROUNDS:
+            best = boxes[left[np.argsort(-scores[left], kind="stable")[:GUESSES]]]
+            peaks = climb(target, best, mean, precision, steps)
+            found = integrate(target, peaks, self._accuracy, found)
+            if not found.modes or len(target.beams) > FEW or len(boxes) <= GUESSES:
+                break
+            left = left[scores[left] > found.level - target.perfect() - EDGE]
+            left = left[~found.holds(boxes[left])]
+            if not len(left):
+                break
         return assembled(found)
 
     def _boxes(self, measurements: Array, margin: float) -> Array:

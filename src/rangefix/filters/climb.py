@@ -41,16 +41,21 @@ def promising(target: Target, states: Array, most: int, log_prior: Array | None 
     """
     if len(states) <= most:
         return states
+    return states[np.argsort(-looked_at(target, states, log_prior), kind="stable")[:most]]
+
+
+def looked_at(target: Target, states: Array, log_prior: Array | None = None) -> Array:
+    """Scores of states (K, n), as in `Peaks`, by a few beams spread over the scan; (K,)."""
     few = target.few(FEW)
     logs = target.log_prior(states) if log_prior is None else log_prior
     found = [
         _scores(few, few.expected(states[some]), logs[some])
         for some in np.array_split(np.arange(len(states)), 1 + len(states) * FEW // BATCH)
     ]
-    return states[np.argsort(-np.concatenate(found), kind="stable")[:most]]
+    return np.concatenate(found)
 
 
-def climb(target: Target, states: Array, mean: Array, precision: Array) -> Peaks:
+def climb(target: Target, states: Array, mean: Array, precision: Array, steps: int = STEPS) -> Peaks:
     """Trimmed Gauss-Newton steps towards the target's modes.
 
     With many beams a few of them go ahead, and the best guesses follow with all.
@@ -60,6 +65,7 @@ def climb(target: Target, states: Array, mean: Array, precision: Array) -> Peaks
         states: Guesses, (K, n).
         mean: A Gaussian that stands for the prior near each guess: its mean, (n,) or (K, n),
         precision: and inverse covariance, (n, n) or (K, n, n).
+        steps: How many at most; with none the guesses are taken as they are.
 
     Returns:
         The best state met on each way, by score.
@@ -68,16 +74,16 @@ def climb(target: Target, states: Array, mean: Array, precision: Array) -> Peaks
     precision = np.broadcast_to(precision, (*states.shape, states.shape[1]))
     few = target.few(FEW)
     if few is not target:
-        ahead = _steps(few, states, mean, precision)
+        ahead = _steps(few, states, mean, precision, steps)
         best = np.argsort(-ahead.score, kind="stable")[:MOST]
         states, mean, precision = ahead.states[best], mean[best], precision[best]
-    return _steps(target, states, mean, precision)
+    return _steps(target, states, mean, precision, steps)
 
 
-def _steps(target: Target, states: Array, mean: Array, precision: Array) -> Peaks:
+def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: int) -> Peaks:
     space = target.sensor.space
     best, left = _look(target, states, mean, precision)
-    for _ in range(STEPS):
+    for _ in range(steps):
         information, pull = left
         move = np.linalg.solve(information, pull[..., None])[..., 0]
         if ((move * pull).sum(axis=-1) < SETTLED).mean() > MOSTLY:

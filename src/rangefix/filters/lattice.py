@@ -81,7 +81,6 @@ class Lattice:
                 *(white[:, i] * white[:, j] for i in range(size) for j in range(i + 1)),
             ]
         )
-        total = weights @ terms
         odd = self.index % 2
         found = np.zeros(size)
         for kind in sorted(product((0, 1), repeat=size), key=sum)[1:]:

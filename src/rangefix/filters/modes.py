@@ -37,7 +37,7 @@ class Accuracy(NamedTuple):
 class Quadrature(NamedTuple):
     """A posterior as weighted points.
 
-    modes: The lattices, heaviest peak first. states: Their points, (K, n). log_mass: Log probabilities, (K,).
+    modes: The lattices, as they were found. states: Their points, (K, n). log_mass: Log probabilities, (K,).
     mode: Which lattice each point is of, (K,). log_integral: Log of the integral of the density.
     peak, level: The point of greatest density, (n,), and its log density.
     error: The greatest error that halving the spacing would show, as `Accuracy.error`.
