@@ -27,6 +27,7 @@ TURN = 2 * np.pi
 FIRST = np.array([0.4, 0.4, np.deg2rad(10.0)])  # widest boxes to begin with
 WIDEST = 1.6  # conditional standard deviations; boxes are halved down to this
 LEAST = np.array([1e-3, 1e-3, 5e-4])  # boxes no wider than this are halved no more
+JUMP = (0.025, 0.025, 0.01)  # deviations that are never exceeded where the wall met changes within a box
 INSIDE = 1 - 1e-9  # corners of a box that lie on a wall are seen from within the box
 
 
@@ -223,15 +224,15 @@ def _bounds(
     """Least penalty in each box (inf beyond the limit), (N,), that at its centre, (N,), and sensitivities.
 
     The last are the roots of the sums over beams of the squared greatest slopes met, in standard deviations,
-    (N, 3).
+    (N, 3); where the wall met changes, no less than JUMP asks for.
     """
     bound, centre, slopes = np.zeros(len(boxes)), np.full(len(boxes), np.inf), np.zeros((len(boxes), 3))
     for n in range(len(boxes)):
         x1, x2, turn, h1, h2, half = boxes[n]
-        reach = np.hypot(h1, h2)
+        reach, jumps = np.hypot(h1, h2), False
         for b in range(len(bearings)):
             middle = turn + bearings[b]
-            low, high = np.inf, 0.0
+            low, high, first = np.inf, 0.0, -2
             s1, s2, s3 = 0.0, 0.0, 0.0
             for i in range(-1, 2 if half > 0 else 0):
                 angle = middle + i * half if half > 0 else middle
@@ -241,6 +242,8 @@ def _bounds(
                     p2 = x2 + INSIDE * (h2 if c // 2 else -h2)
                     distance, which = _cast(p1, p2, sine, cosine, walls)
                     low, high = min(low, distance), max(high, distance)
+                    first = which if first == -2 else first
+                    jumps |= which != first
                     if which >= 0:
                         e1, e2 = walls[which, 2] - walls[which, 0], walls[which, 3] - walls[which, 1]
                         det = sine * e2 - cosine * e1
@@ -271,6 +274,8 @@ def _bounds(
             centre[n] = total
         for axis in range(3):
             slopes[n, axis] = np.sqrt(slopes[n, axis]) / scale
+            if jumps:
+                slopes[n, axis] = max(slopes[n, axis], 1 / JUMP[axis])
     return bound, centre, slopes
 
 
