@@ -10,6 +10,7 @@ import numpy as np
 from .full_scan import cast_turning, directions
 from .grid import Grid
 from .kernels import block_bounds, gaussian_moments
+from .lattice_error import lattice_errors, no_picks
 from .problem import Sensor
 from .rangefinder import Rangefinder
 from .scan_kernels import RUN
@@ -32,6 +33,8 @@ class CellRanges(Protocol):
     ) -> Array:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
+        The covariance has what cells wider than the posterior miss: see `lattice_error`.
+
         Args:
             readings, precisions: (M, B); inf = no return; a beam of precision 0 is not looked at.
             log_mass: Log weights before the readings, (1 or M, G).
@@ -52,12 +55,13 @@ class CellRanges(Protocol):
 class EachCell:
     """Ranges kept for each cell.
 
+    grid: The cells.
     ranges: (G, B), m.
-    centres, is_angle: Of the cells, (G, n), and (n,).
+    is_angle: Of the components, (n,).
     """
 
+    grid: Grid
     ranges: Array
-    centres: Array
     is_angle: BoolArray
     bounds: tuple[Array, Array] = field(init=False, repr=False)
 
@@ -76,11 +80,14 @@ class EachCell:
         self, readings: Array, precisions: Array, log_mass: Array, top: Array, mean: Array, covariance: Array
     ) -> Array:
         """See `CellRanges`."""
-        log_sums = np.empty(len(readings))
+        log_sums, picks = np.empty(len(readings)), no_picks(len(readings))
         gaussian_moments(
-            readings, precisions, self.ranges, *self.bounds, log_mass, top, self.centres, self.is_angle,
-            mean, covariance, log_sums,
+            readings, precisions, self.ranges, *self.bounds, log_mass, top, self.grid.centres, self.is_angle,
+            mean, covariance, log_sums, picks,
         )  # fmt: skip
+        kinds = np.arange(self.ranges.shape[1])
+        table = (kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
+        covariance += lattice_errors(self.grid, picks, readings, precisions, log_mass, table)
         return log_sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
@@ -116,7 +123,7 @@ def cast(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
         return cast_turning(grid, sensor, found)
     _check_memory(8.0 * len(grid.centres) * beams, memory, f"{len(grid.centres)} cells with {beams} beams")
     ranges = np.ascontiguousarray(sensor.expected(grid.centres))
-    return EachCell(ranges, grid.centres, sensor.space.is_angle)
+    return EachCell(grid, ranges, sensor.space.is_angle)
 
 
 def _check_memory(need: float, most: float, what: str) -> None:

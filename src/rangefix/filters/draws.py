@@ -105,7 +105,8 @@ def cell_draws(
     Points even within cells of width h have h^2 / 12 more variance than the cells' centres: more than is
     claimed unless the belief is narrower than a cell (docs/decisions/0002-cell-width.md). So they are moved
     towards the mean by the linear map that gives them the claimed covariance: by about h^2 / (24 s) of their
-    distance for a variance s, much less than a cell.
+    distance for a variance s, much less than a cell. Beliefs in modes narrower than a cell are drawn alike;
+    what such draws have within modes is what the covariance claims there.
 
     Args:
         centres: Of the cells, (G, n).
@@ -125,13 +126,14 @@ def cell_draws(
     centres, weights = centres[kept], np.exp(log_weights[kept] - top)
     weights /= weights.sum()
     places = _places(weights, size, rng)
-    even = centres[places] + step * (rng.random((size, len(step))) - 0.5)
+    within = step * (rng.random((size, len(step))) - 0.5)
     off = space.difference(centres, mean)  # where angles cancel, another mean would be another turn
     root = np.linalg.cholesky((off * weights[:, None]).T @ off + np.diag(step**2 / 12))
     white = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
     values, vectors = np.linalg.eigh(white)
     shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    return space.wrap(mean + space.difference(even, mean) @ np.linalg.solve(root.T, shrink @ root.T))
+    # not wrapped before it is moved: across the cut the map would throw a place by a whole turn's share
+    return space.wrap(mean + (off[places] + within) @ np.linalg.solve(root.T, shrink @ root.T))
 
 
 def _places(weights: Array, size: int, rng: Generator) -> NDArray[np.intp]:

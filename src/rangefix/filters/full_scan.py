@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .grid import Grid
+from .lattice_error import lattice_errors, no_picks
 from .noise import Gaussian
 from .rangefinder import Rangefinder
 from .scan_kernels import MARGIN, RUN, SPOT, scan_misfits, scan_moments, sum_up
@@ -34,6 +35,7 @@ class TurningRanges:
     At heading k beam j expects table[:, kind[j], (k + shift[j]) % W], W directions being cast for each of R
     kinds of beam. On a whole circle W is the number of headings H, else more.
 
+    grid: The cells.
     places: (C, 2), in the order of the state's components.
     headings: (H,), rad.
     kind, shift: (B,).
@@ -42,6 +44,7 @@ class TurningRanges:
     farthest: The greatest finite range, m.
     """
 
+    grid: Grid
     places: Array
     headings: Array
     kind: NDArray[np.int64]
@@ -77,6 +80,8 @@ class TurningRanges:
     ) -> Array:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
+        The covariance has what cells wider than the posterior miss: see `lattice_error`.
+
         Args:
             readings, precisions: (M, B); inf = no return; a beam of precision 0 is not looked at.
             log_mass: Log weights before the readings, (1 or M, G).
@@ -91,10 +96,10 @@ class TurningRanges:
         exact = [not self._transforms(*run) for run in zip(readings, precisions, strict=True)]
         beams = np.maximum(1, (precisions > 0).sum(axis=1))
         most = np.where(exact, np.inf, TRANSFORM * self.table.size / beams / (SPOT * RUN))
-        log_sums = np.empty(len(readings))
+        log_sums, picks = np.empty(len(readings)), no_picks(len(readings))
         scan_moments(
             readings, precisions, order, self.kind, self.shift, self.table, self.low, self.high, cells, top,
-            most, self.places, self.headings, mean, covariance, log_sums,
+            most, self.places, self.headings, mean, covariance, log_sums, picks,
         )  # fmt: skip
         for run in np.flatnonzero(np.isnan(log_sums)):
             logs = log_mass[run % len(log_mass)] - self.misfit(readings[run], precisions[run])
@@ -103,8 +108,11 @@ class TurningRanges:
             if best > -np.inf:
                 chosen = np.flatnonzero(logs > best - MARGIN)
                 log_sums[run] = sum_up(
-                    chosen, logs[chosen], best, self.places, self.headings, mean[run], covariance[run]
-                )
+                    chosen, logs[chosen], best, self.places, self.headings, mean[run], covariance[run],
+                    picks[run],
+                )  # fmt: skip
+        table = (self.kind, self.shift, self.table, self.period, len(self.headings))
+        covariance += lattice_errors(self.grid, picks, readings, precisions, log_mass, table)
         return log_sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
@@ -218,7 +226,7 @@ def cast_turning(grid: Grid, sensor: Rangefinder, found: Directions) -> TurningR
         here = slice(start // SPOT, start // SPOT + len(blocks))
         low[here] = _over_runs(np.minimum, np.minimum.reduceat(table[rows], blocks, axis=0))[:, :, starts]
         high[here] = _over_runs(np.maximum, np.maximum.reduceat(table[rows], blocks, axis=0))[:, :, starts]
-    return TurningRanges(places, headings, found.kind, found.shift, table, low, high)
+    return TurningRanges(grid, places, headings, found.kind, found.shift, table, low, high)
 
 
 def _over_runs(combine: np.ufunc, values: Array) -> Array:

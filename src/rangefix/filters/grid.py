@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .problem import Prior
-from .space import Array, StateSpace
+from .space import TURN, Array, StateSpace
 
 TILE = 8  # cells along a side of the tiles in which cells are stored, so that neighbours lie together
 SPOT_TILE = 4  # the same for places, where all headings of a place are stored together
@@ -45,6 +46,18 @@ class Grid:
         box = np.full((*values.shape[:-1], int(np.prod(self.shape))), np.nan)
         box[..., self.index] = values
         return box.reshape(*values.shape[:-1], *self.shape)
+
+    @cached_property
+    def cell_at(self) -> NDArray[np.int32]:
+        """Which cell lies at each place of the box, row-major; -1 = none."""
+        cells = np.full(int(np.prod(self.shape)), -1, np.int32)
+        cells[self.index] = np.arange(len(self.index))
+        return cells
+
+    @property
+    def goes_round(self) -> bool:
+        """Whether the last axis is a whole circle of headings."""
+        return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TURN) < 1e-9
 
     @property
     def extent(self) -> tuple[float, ...]:

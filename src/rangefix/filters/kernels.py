@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import njit, prange
+from .lattice_error import pick
 from .space import Array, BoolArray
 
 Places = NDArray[np.int64]
@@ -140,6 +141,7 @@ def _moments(
 def gaussian_moments(
     readings: Array, precisions: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
     top_mass: Array, centres: Array, is_angle: BoolArray, means: Array, covariances: Array, log_sums: Array,
+    picks: Places,
 ) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
 
@@ -151,6 +153,7 @@ def gaussian_moments(
         centres, is_angle: (G, n), (n,).
         means, covariances, log_sums: Results, (M, n), (M, n, n), (M,). Where no cell is possible the log sum
             is -inf and the other two are left as they were.
+        picks: Cells spread evenly over the belief, (M, K); not written where no cell is possible.
     """
     for run in prange(len(readings)):
         row = run % len(log_mass)
@@ -166,3 +169,4 @@ def gaussian_moments(
             log_sums[run] = _moments(
                 chosen, logs, count, best, centres, is_angle, means[run], covariances[run]
             )
+            pick(chosen[:count], logs[:count], logs[:count].sum(), picks[run])

@@ -49,10 +49,14 @@ class PointMassFilter:
     """The exact posterior, up to cell size, for an object that stays where it is.
 
     Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near
-    zero, while the centre it reports is off by up to half a cell; so each variance is raised by
-    (h^2 / 12) exp(-2 pi^2 s / h^2), with h the cell size and s the variance summed over cells: about the mean
-    squared error of a lattice sum (docs/decisions/0002-cell-width.md). From s = (h / 2)^2 on it adds less
-    than 0.3 %.
+    zero, while the centre it reports is off by up to half a cell or, where components are correlated, by
+    several. So the covariance is raised by the mean squared error of lattice sums, found mode by mode from
+    the weights about a few heavy cells (`lattice_error`, docs/decisions/0002-cell-width.md). Where cells are
+    at most 1.8 deviations wide in every direction nothing is added.
+
+    What is not raised is doubt about which mode is right. A mode is weighed by its best cell, and with sharp
+    noise on wide cells that cell may fall hundreds of nats short of the mode's peak. Modes that mirror each
+    other fall short alike; of others one wins by how the cells happen to lie.
 
     Args:
         problem: The problem; its motion must be `Stationary`.
@@ -221,14 +225,7 @@ class PointMassFilter:
         )
         log_evidence = belief.log_scale + log_sum
         possible = log_evidence > -np.inf
-        covariance[possible] = raw[possible] + self._lattice_error(raw[possible])
+        covariance[possible] = raw[possible]
         if before is not None:
             mean[~possible] = before.estimate.mean[~possible]
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
-
-    def _lattice_error(self, covariance: Array) -> Array:
-        """Mean squared error of lattice sums, on the diagonal: (M, n, n) -> (M, n, n)."""
-        step = self.grid.step
-        ratio = np.diagonal(covariance, axis1=1, axis2=2) / step**2
-        error: Array = step**2 / 12 * np.exp(-2 * np.pi**2 * ratio)
-        return error[:, :, None] * np.eye(len(step))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import njit, prange
+from .lattice_error import pick
 from .space import Array
 
 Places = NDArray[np.int64]
@@ -170,9 +171,12 @@ def _select(
 
 @njit(cache=True, nogil=True)
 def sum_up(
-    chosen: Places, logs: Array, best: float, places: Array, headings: Array, mean: Array, covariance: Array
-) -> float:
-    """Mean (3,) and covariance (3, 3) of the chosen cells, in place; returns the log of the sum of weights.
+    chosen: Places, logs: Array, best: float, places: Array, headings: Array, mean: Array, covariance: Array,
+    picks: Places,
+) -> float:  # fmt: skip
+    """Mean (3,) and covariance (3, 3) of the chosen cells, and picks spread evenly over them, in place.
+
+    Returns the log of the sum of weights; the logs become weights over the greatest one.
 
     Sums are kept by heading, so that sines are needed once a heading and not once a cell; places are taken
     from that of the first cell, so that large coordinates cost no digits.
@@ -182,7 +186,7 @@ def sum_up(
     squares = np.zeros(3)
     origin = places[chosen[0] // size]
     for k in range(chosen.size):
-        weight = math.exp(logs[k] - best)
+        weight = logs[k] = math.exp(logs[k] - best)
         place, heading = divmod(chosen[k], size)
         x = places[place, 0] - origin[0]
         y = places[place, 1] - origin[1]
@@ -193,6 +197,7 @@ def sum_up(
         squares[1] += weight * x * y
         squares[2] += weight * y * y
     total = sums[:, 0].sum()
+    pick(chosen, logs, total, picks)
     x, y = sums[:, 1].sum() / total, sums[:, 2].sum() / total
     turn = math.atan2((sums[:, 0] * np.sin(headings)).sum(), (sums[:, 0] * np.cos(headings)).sum())
     mean[0], mean[1], mean[2] = origin[0] + x, origin[1] + y, turn
@@ -210,7 +215,7 @@ def sum_up(
 def scan_moments(
     readings: Array, precisions: Array, order: Places, kinds: Places, shifts: Places, table: Array,
     low: Array, high: Array, log_mass: Array, top_mass: Array, most: Array, places: Array, headings: Array,
-    means: Array, covariances: Array, log_sums: Array,
+    means: Array, covariances: Array, log_sums: Array, picks: Places,
 ) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
 
@@ -223,6 +228,7 @@ def scan_moments(
         places, headings: (C, 2), (H,).
         means, covariances, log_sums: Results, (M, 3), (M, 3, 3), (M,). Where no cell is possible the log sum
             is -inf, where more blocks than `most` are left NaN, and the other two are left as they were.
+        picks: Cells spread evenly over the belief, (M, K); not written where the log sum is no number.
     """
     for run in prange(len(readings)):
         row = run % len(log_mass)
@@ -235,7 +241,7 @@ def scan_moments(
         )  # fmt: skip
         if count > 0:
             log_sums[run] = sum_up(
-                chosen[:count], logs[:count], best, places, headings, means[run], covariances[run]
+                chosen[:count], logs[:count], best, places, headings, means[run], covariances[run], picks[run]
             )
         else:
             log_sums[run] = -math.inf if count == 0 else math.nan
