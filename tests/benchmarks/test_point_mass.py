@@ -2,7 +2,8 @@
 
 Everyone turns readings of three beams into the posterior mean and the full covariance on the same cells, in
 float64. Answers agree before anything is timed. Ours adds to its covariance what the cell's width does
-(docs/decisions/0002-cell-width.md); the peers do not, so it is left out where answers are compared, and timed.
+(docs/decisions/0002-cell-width.md); the peers do not, so it is left out
+where answers are compared, and timed.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Case:
 
     def agrees(self, update):
         """Whether a peer gives our mean and covariance for every run."""
-        with mock.patch.object(cell_ranges, "lattice_errors", lambda *args: 0.0):
+        with mock.patch.object(cell_ranges, "lattice_errors", return_value=0.0):
             mean, covariance, _ = self.ours()
         for run, reading in enumerate(self.readings):
             theirs = update(reading)

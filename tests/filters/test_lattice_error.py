@@ -1,4 +1,4 @@
-"""What sums over cells miss, against lattices summed by force; and claims where modes are narrower than cells."""
+"""What sums over cells miss, against lattices summed by force; claims of modes narrower than cells."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from rangefix.filters import (
     position_space,
     sweep,
 )
-from rangefix.filters.lattice_error import PICKS, missed, missed_about, pick
+from rangefix.filters.lattice_error import missed, missed_about
+from rangefix.filters.neighbourhood import PICKS, pick
 from rangefix.filters.noise import Noise
 from rangefix.filters.point_mass import PointMassFilter
 from rangefix.filters.space import Array
@@ -160,7 +161,7 @@ def scaled(estimator: PointMassFilter, covariance: Array) -> Array:
 
 
 def test_other_noise_is_claimed_alike() -> None:
-    """Student's t, 5 degrees of freedom, at 5 cm, by another way through the code: mean 0.4-2.5 of 25 runs."""
+    """Student's t, 5 degrees of freedom, at 5 cm, another way through the code: mean 0.4-2.5, 25 runs."""
     found = nees(*scans(StudentT(0.05, 5.0), 0.25, 4.0, 25))
     assert 0.4 < found.mean() < 2.5
     assert found.max() < 30

@@ -10,7 +10,7 @@ import numpy as np
 from .full_scan import cast_turning, directions
 from .grid import Grid
 from .kernels import block_bounds, gaussian_moments
-from .lattice_error import lattice_errors, no_picks
+from .neighbourhood import lattice_errors, no_picks
 from .problem import Sensor
 from .rangefinder import Rangefinder
 from .scan_kernels import RUN
@@ -33,7 +33,7 @@ class CellRanges(Protocol):
     ) -> Array:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
-        The covariance has what cells wider than the posterior miss: see `lattice_error`.
+        The covariance has what cells wider than the posterior miss: see `neighbourhood`.
 
         Args:
             readings, precisions: (M, B); inf = no return; a beam of precision 0 is not looked at.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .grid import Grid
-from .lattice_error import lattice_errors, no_picks
+from .neighbourhood import lattice_errors, no_picks
 from .noise import Gaussian
 from .rangefinder import Rangefinder
 from .scan_kernels import MARGIN, RUN, SPOT, scan_misfits, scan_moments, sum_up
@@ -80,7 +80,7 @@ class TurningRanges:
     ) -> Array:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
-        The covariance has what cells wider than the posterior miss: see `lattice_error`.
+        The covariance has what cells wider than the posterior miss: see `neighbourhood`.
 
         Args:
             readings, precisions: (M, B); inf = no return; a beam of precision 0 is not looked at.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import njit, prange
-from .lattice_error import pick
+from .neighbourhood import pick
 from .space import Array, BoolArray
 
 Places = NDArray[np.int64]

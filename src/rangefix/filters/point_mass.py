@@ -51,7 +51,7 @@ class PointMassFilter:
     Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near
     zero, while the centre it reports is off by up to half a cell or, where components are correlated, by
     several. So the covariance is raised by the mean squared error of lattice sums, found mode by mode from
-    the weights about a few heavy cells (`lattice_error`, docs/decisions/0002-cell-width.md). Where cells are
+    the weights about a few heavy cells (`neighbourhood`, docs/decisions/0002-cell-width.md). Where cells are
     at most 1.8 deviations wide in every direction nothing is added.
 
     What is not raised is doubt about which mode is right. A mode is weighed by its best cell, and with sharp
