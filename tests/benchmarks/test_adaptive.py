@@ -96,7 +96,7 @@ def test_tracking_in_a_building(board):
     start[2] = np.deg2rad(float(open_.argmax()))
     prior = GaussianPrior(start, np.diag([0.1, 0.1, 0.05]) ** 2, space)
     problem = Problem(space, Confined(free, room, space), sensor, prior)
-    estimator = AdaptivePointMassFilter(problem, accuracy=0.05, table_rays=1_000_000)
+    estimator = AdaptivePointMassFilter(problem, accuracy=0.1, table_rays=1_000_000)
     belief, state = estimator.init(prior, rng), prior.sample(1, rng)[0]
     control, seconds, nees = np.array([0.05, 0.0, 0.02]), [], []
     for step in range(60):

@@ -194,9 +194,9 @@ class AdaptivePointMassFilter:
 
     def _after_move(self, prior: Predicted, target: Target) -> Quadrature | None:
         """The posterior after a move: from some predicted points, then from those not yet in a mode."""
-        found, rough = Found(), replace(target, log_prior=prior.roughly)
+        found, rough, scores = Found(), replace(target, log_prior=prior.roughly), prior.scores(target)
         for _ in range(2):
-            guesses, means, precisions = prior.guesses(target, SEEDS, found.holds)
+            guesses, means, precisions = prior.guesses(scores, SEEDS, found.holds)
             if not len(guesses):
                 break
             peaks = climb(rough, guesses, means, precisions)

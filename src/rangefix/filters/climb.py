@@ -30,22 +30,17 @@ class Peaks(NamedTuple):
     information: Array
 
 
-def promising(target: Target, states: Array, most: int, log_prior: Array | None = None) -> Array:
-    """At most so many of the states: those that a few beams spread over the scan like best, (k, n).
+def looked_at(target: Target, states: Array, log_prior: Array | None = None) -> Array:
+    """Scores of states by a few beams spread over the scan.
 
     Args:
         target: The posterior.
         states: (K, n).
-        most: How many.
         log_prior: Log prior of the states, (K,), if it is known.
+
+    Returns:
+        As in `Peaks`, (K,).
     """
-    if len(states) <= most:
-        return states
-    return states[np.argsort(-looked_at(target, states, log_prior), kind="stable")[:most]]
-
-
-def looked_at(target: Target, states: Array, log_prior: Array | None = None) -> Array:
-    """Scores of states (K, n), as in `Peaks`, by a few beams spread over the scan; (K,)."""
     few = target.few(FEW)
     logs = target.log_prior(states) if log_prior is None else log_prior
     found = [

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .climb import promising
+from .climb import looked_at
 from .confined import Confined
 from .kernel_sum import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
@@ -27,6 +27,7 @@ MOST = 20_000  # points that are moved
 BEYOND = 1.7  # times the farthest of those steps: how far walls matter
 LOOKS = 120  # directions in which walls are looked for
 DRAWS = 128  # steps tried from each point, where walls are near
+HOPELESS = 100.0  # nats below the best point at which a point is no guess any more
 STUCK = 1e-9  # probability of staying put that is followed
 
 
@@ -94,30 +95,34 @@ class Predicted:
             np.linalg.inv(covariances), dtype=float
         )
 
+    def scores(self, target: Target) -> list[Array]:
+        """How a measurement likes the points of each part, by a few beams: (K,) each, as in `Peaks`."""
+        return [looked_at(target, part.centres, part.log_scale) for part in self.parts]
+
     def guesses(
-        self, target: Target, most: int, known: Callable[[Array], BoolArray]
+        self, scores: list[Array], most: int, known: Callable[[Array], BoolArray]
     ) -> tuple[Array, Array, Array]:
         """States where a measurement may put the object: of each part those it likes best, and others.
 
         Args:
-            target: The posterior.
+            scores: As `scores` gives them; points far below the best are left out.
             most: The most of each part.
             known: Which states to leave out, (K, n) -> (K,).
 
         Returns:
             States (K, n), and mean (K, n) and inverse covariance (K, n, n) of the part that each is of.
         """
+        bar = max(score.max(initial=-np.inf) for score in scores) - HOPELESS
         chosen = []
-        for part in self.parts:
-            new = ~known(part.centres)
+        for part, score in zip(self.parts, scores, strict=True):
+            new = (score > bar) & ~known(part.centres)
             centres, logs = part.centres[new], part.log_scale[new]
-            if not len(centres):
-                chosen.append(centres)
-                continue
-            weights = np.cumsum(np.exp(logs - logs.max()))
-            places = np.searchsorted(weights, weights[-1] * (np.arange(most // 2) + 0.5) / (most // 2))
-            best = promising(target, centres, most - most // 2, logs)
-            chosen.append(np.vstack([best, centres[np.unique(places)]]))
+            if len(centres):
+                weights = np.cumsum(np.exp(logs - logs.max()))
+                places = np.searchsorted(weights, weights[-1] * (np.arange(most // 2) + 0.5) / (most // 2))
+                best = np.argsort(-score[new], kind="stable")[: most - most // 2]
+                centres = centres[np.unique(np.append(best, places))]
+            chosen.append(centres)
         counts = [len(states) for states in chosen]
         means, precisions = self.means_and_precisions()
         return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
@@ -159,12 +164,12 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     weights = moved.log_weights + share
     if not isinstance(motion, Confined):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
-    ends = _ends(moved, motion, control)
-    if not _walls_near(moved, ends, motion):
+    if not _walls_near(moved, _ends(moved, motion, control, DRAWS // 16), motion):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
     starts = np.ascontiguousarray(moved.states[:, space.position_indices])
     looks = TURN / LOOKS * np.arange(LOOKS, dtype=float)
     fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), looks)
+    ends = _ends(moved, motion, control, DRAWS)
     goes = reached(ends, motion.room.is_free(ends), starts, fans).mean(axis=1)
     with np.errstate(divide="ignore"):
         again = -np.expm1(motion.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
@@ -216,23 +221,23 @@ def _walls_near(kernels: Kernels, ends: Array, motion: Confined) -> bool:
     starts = kernels.states[:, motion.space.position_indices]
     middle = np.exp(kernels.log_weights) @ starts
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
-    if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends[:, ::16]).all()):
+    if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
         return True
     fan = motion.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
     return bool(fan.min() <= BEYOND * radius)
 
 
-def _ends(kernels: Kernels, motion: Confined, control: Array) -> Array:
-    """Places where steps from each point end, spread evenly over their law, (K, DRAWS, 2)."""
+def _ends(kernels: Kernels, motion: Confined, control: Array, count: int) -> Array:
+    """Places where steps from each point end, spread evenly over their law, (K, count, 2)."""
     where = motion.space.position_indices
     centres, covariance = _spread(kernels.states, kernels.covariance, motion.motion, control)
     root = np.linalg.cholesky(covariance[:, where][:, :, where])
-    return np.asarray(centres[:, None, where] + _normal_points() @ np.swapaxes(root, 1, 2))
+    return np.asarray(centres[:, None, where] + _normal_points(count) @ np.swapaxes(root, 1, 2))
 
 
-def _normal_points() -> Array:
-    """Points spread as a standard normal plane is, (DRAWS, 2): Fibonacci's lattice, by its law's inverse."""
-    place = (np.arange(DRAWS) + 0.5) / DRAWS
-    angle = TURN * np.arange(DRAWS) * (np.sqrt(5) - 1) / 2
+def _normal_points(count: int) -> Array:
+    """Points spread as a standard normal plane is, (count, 2): Fibonacci's lattice, by its law's inverse."""
+    place = (np.arange(count) + 0.5) / count
+    angle = TURN * np.arange(count) * (np.sqrt(5) - 1) / 2
     radius = np.sqrt(-2 * np.log1p(-place))
     return np.column_stack([radius * np.sin(angle), radius * np.cos(angle)])
