@@ -61,7 +61,7 @@ class Case:
 
     def agrees(self, update):
         """Whether a peer gives our mean and covariance for every run."""
-        with mock.patch.object(cell_ranges, "lattice_errors", return_value=0.0):
+        with mock.patch.object(cell_ranges, "add_error"):
             mean, covariance, _ = self.ours()
         for run, reading in enumerate(self.readings):
             theirs = update(reading)

@@ -88,7 +88,7 @@ def test_a_good_study_is_what_it_says():
         ("upper_m = [4.0, 6.0]\n", "", 14, "prior: give both corners"),
         ("upper_m = [4.0, 6.0]", "upper_m = [-4.0, 6.0]", 14, "prior: the prior's box"),
         ("lower_m = [0.0, 0.0]\nupper_m = [4", "lower_m = [7, 0]\nupper_m = [9", 14, "no free space"),
-        ('"point-mass"', '"point-mas"', 22, "no estimator 'point-mas'; there are point-mass, particle"),
+        ('"point-mass"', '"point-mas"', 22, "no estimator 'point-mas'; there are point-mass, adaptive-point"),
         ("cell_m", "cel_m", 23, r"options\.cel_m: point-mass has no such option; did you mean cell_m\?"),
         ("cell_m = 0.1", "cell_m = -0.1", 23, r"estimators\[1\]\.options: point-mass: the cell size must be"),
         ('label = "second"', 'label = "point-mass"', 27, "two estimators are called 'point-mass'"),

@@ -21,7 +21,7 @@ from rangefix.filters import (
     position_space,
     sweep,
 )
-from rangefix.filters.lattice_error import missed, missed_about
+from rangefix.filters.lattice_error import add_error, missed, missed_about
 from rangefix.filters.neighbourhood import PICKS, pick
 from rangefix.filters.noise import Noise
 from rangefix.filters.point_mass import PointMassFilter
@@ -140,7 +140,7 @@ def test_two_modes_narrower_than_cells_are_claimed_across_their_line() -> None:
 
 def test_two_modes_need_the_term(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: the sum's covariance alone is next to nothing in some direction in most runs."""
-    monkeypatch.setattr(full_scan, "lattice_errors", lambda *args: 0.0)
+    monkeypatch.setattr(full_scan, "add_error", lambda *args: None)
     estimator, _, readings = sharp_scans()
     singular = np.linalg.eigvalsh(scaled(estimator, claims(estimator, readings)))[:, 0] < 1e-4
     assert singular.mean() > 0.5
@@ -181,7 +181,7 @@ def test_nothing_is_added_where_cells_are_fine(heading: bool, monkeypatch: pytes
         readings = sensor.sample(problem.prior.sample(20, draw), draw)
         estimator, module = PointMassFilter(problem, 0.01), cell_ranges
     claimed = np.diagonal(claims(estimator, readings), axis1=1, axis2=2)
-    monkeypatch.setattr(module, "lattice_errors", lambda *args: 0.0)
+    monkeypatch.setattr(module, "add_error", lambda *args: None)
     summed = np.diagonal(claims(estimator, readings), axis1=1, axis2=2)
     np.testing.assert_allclose(claimed, summed, rtol=1e-3)
 
@@ -200,3 +200,12 @@ def test_draws_have_the_claimed_moments_in_both_modes() -> None:
     for one, claim in zip(found, covariance[:, :2, :2], strict=True):
         root = np.linalg.inv(np.linalg.cholesky(claim))
         np.testing.assert_allclose(root @ one @ root.T, np.eye(2), atol=0.05)
+
+
+def test_what_is_taken_away_leaves_half_in_every_direction() -> None:
+    """Errors that would make a covariance indefinite, among others that stay as they are."""
+    covariance = np.array([np.diag([0.01, 0.2]), np.diag([0.0, 0.2]), np.diag([0.3, 0.2])])
+    error = np.array([[[-0.05, 0.0], [0.0, 0.08]], [[0.08, 0.0], [0.0, -0.3]], [[0.01, 0.0], [0.0, 0.02]]])
+    add_error(covariance, error)
+    expected = [np.diag([0.005, 0.28]), np.diag([0.08, 0.1]), np.diag([0.31, 0.22])]
+    np.testing.assert_allclose(covariance, expected, atol=1e-9)

@@ -117,8 +117,8 @@ def one_line(error: pytest.ExceptionInfo[Any]) -> str:
 
 
 def test_built_in_names_come_first() -> None:
-    """The four of the package are listed, and each name leads to a class."""
-    assert available()[:4] == ("point-mass", "particle", "ekf", "ukf")
+    """The first four of the package, in order; each name leads to a class."""
+    assert available()[:4] == ("point-mass", "adaptive-point-mass", "particle", "ekf")
     for name in BUILT_IN:
         assert callable(resolve(name))
 

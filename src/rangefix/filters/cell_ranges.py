@@ -10,6 +10,7 @@ import numpy as np
 from .full_scan import cast_turning, directions
 from .grid import Grid
 from .kernels import block_bounds, gaussian_moments
+from .lattice_error import add_error
 from .neighbourhood import lattice_errors, no_picks
 from .problem import Sensor
 from .rangefinder import Rangefinder
@@ -87,7 +88,9 @@ class EachCell:
         )  # fmt: skip
         kinds = np.arange(self.ranges.shape[1])
         table = (kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
-        covariance += lattice_errors(self.grid, picks, readings, precisions, log_mass, table)
+        error = lattice_errors(self.grid, picks, readings, precisions, log_mass, table, log_sums)
+        covariance[log_sums == -np.inf] = 0.0
+        add_error(covariance, error)
         return log_sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .grid import Grid
+from .lattice_error import add_error
 from .neighbourhood import lattice_errors, no_picks
 from .noise import Gaussian
 from .rangefinder import Rangefinder
@@ -112,7 +113,9 @@ class TurningRanges:
                     picks[run],
                 )  # fmt: skip
         table = (self.kind, self.shift, self.table, self.period, len(self.headings))
-        covariance += lattice_errors(self.grid, picks, readings, precisions, log_mass, table)
+        error = lattice_errors(self.grid, picks, readings, precisions, log_mass, table, log_sums)
+        covariance[log_sums == -np.inf] = 0.0
+        add_error(covariance, error)
         return log_sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:

@@ -99,3 +99,21 @@ def _orthogonalise(metric: Array, basis: Array) -> Array:
                     if variance[j] == 0.0:
                         metric[i, j] -= turns * metric[flattest, j]
     return variance
+
+
+def add_error(covariance: Array, error: Array) -> None:
+    """Add to the covariances of sums their errors, (M, n, n) each, in place.
+
+    Cells asked for the error may be lighter than the mode's own, and see more spread there than the sum has.
+    What the error takes away is therefore cut so that at least half of the rest is left in every direction.
+    """
+    least = np.linalg.eigvalsh(0.5 * covariance + error)[:, 0]
+    safe = covariance + error
+    for run in np.flatnonzero(least < -1e-9 * np.trace(safe, axis1=1, axis2=2)):
+        values, vectors = np.linalg.eigh(error[run])
+        rest = covariance[run] + (vectors * np.maximum(values, 0.0)) @ vectors.T
+        taken = (vectors * np.maximum(-values, 0.0)) @ vectors.T
+        inverse = np.linalg.inv(np.linalg.cholesky(rest + 1e-12 * np.trace(rest) * np.eye(len(rest))))
+        most = np.linalg.eigvalsh(inverse @ taken @ inverse.T)[-1]
+        safe[run] = rest - min(1.0, 0.5 / most) * taken
+    covariance[:] = safe

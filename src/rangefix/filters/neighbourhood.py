@@ -22,6 +22,7 @@ Places = NDArray[np.int64]
 
 PICKS = 16  # cells that are asked
 STEEP = 3.5  # curvature up to which nothing is missed: 3e-4 of the variance
+WIDE, NARROW = 0.03, 0.1  # share of the belief about a cell: ranges jump in wide posteriors, too
 LEAST, SHRINK = 0.02, 0.9  # see `_make_definite`
 ALONE = 1e6  # curvature where a cell has no neighbour on either side that is possible
 
@@ -181,7 +182,7 @@ def _neighbour(box: int, offset: Places, shape: Places, goes_round: bool) -> int
 def _errors(
     picks: Places, readings: Array, precisions: Array, kinds: Places, shifts: Places, table: Array,
     period: int, headings: int, log_mass: Array, index: Places, cell_at: NDArray[np.int32], shape: Places,
-    goes_round: bool, offsets: Places, errors: Array,
+    goes_round: bool, offsets: Places, log_sums: Array, errors: Array,
 ) -> None:  # fmt: skip
     """Mean squared errors of the means, in cells, written in place.
 
@@ -193,6 +194,7 @@ def _errors(
         log_mass: Log weights before the readings, (1 or M, G).
         index, cell_at, shape, goes_round: As in `grid.Grid`.
         offsets: What `stencil` gives, (S, n).
+        log_sums: Log of all the weight, (M,).
         errors: Results, (M, n, n).
     """
     size = shape.size
@@ -218,9 +220,13 @@ def _errors(
                         )  # fmt: skip
                     else:
                         information = _curvature(logs, size)
-                        if np.abs(information).sum(axis=0).max() > STEEP:  # at least the greatest eigenvalue
+                        held = np.exp(logs - log_sums[run]).sum()
+                        narrow = min(1.0, max(0.0, (held - WIDE) / (NARROW - WIDE)))
+                        steep = np.abs(information).sum(axis=0).max()  # at least the greatest eigenvalue
+                        if steep > STEEP and narrow > 0.0:
                             _make_definite(information)
                             missed_about(information, _spread(logs, offsets), error)
+                            error *= narrow
                 errors[run] += error / picks.shape[1]
 
 
@@ -231,6 +237,7 @@ def lattice_errors(
     precisions: Array,
     log_mass: Array,
     table: tuple[Places, Places, Array, int, int],
+    log_sums: Array,
 ) -> Array:
     """Mean squared errors of the means of lattice sums, (M, n, n), zero where no cell is possible.
 
@@ -239,11 +246,12 @@ def lattice_errors(
         picks: Some of each run, (M, K): see `pick`.
         readings, precisions, log_mass: As in `cell_ranges.CellRanges.moments`.
         table: Kinds, shifts, table, period and number of headings, as in `_errors`.
+        log_sums: Log of all the weight, (M,).
     """
     errors = np.empty((len(picks), len(grid.shape), len(grid.shape)))
     _errors(
         picks, readings, precisions, *table, log_mass, grid.index, grid.cell_at, np.array(grid.shape),
-        grid.goes_round, stencil(len(grid.shape)), errors,
+        grid.goes_round, stencil(len(grid.shape)), log_sums, errors,
     )  # fmt: skip
     errors *= np.outer(grid.step, grid.step)
     return errors
