@@ -30,22 +30,23 @@ class Peaks(NamedTuple):
     information: Array
 
 
-def looked_at(target: Target, states: Array, log_prior: Array | None = None) -> Array:
+def looked_at(target: Target, states: Array, log_prior: Array | None = None, beams: int = FEW) -> Array:
     """Scores of states by a few beams spread over the scan.
 
     Args:
         target: The posterior.
         states: (K, n).
         log_prior: Log prior of the states, (K,), if it is known.
+        beams: How many.
 
     Returns:
         As in `Peaks`, (K,).
     """
-    few = target.few(FEW)
+    few = target.few(beams)
     logs = target.log_prior(states) if log_prior is None else log_prior
     found = [
         _scores(few, few.expected(states[some]), logs[some])
-        for some in np.array_split(np.arange(len(states)), 1 + len(states) * FEW // BATCH)
+        for some in np.array_split(np.arange(len(states)), 1 + len(states) * beams // BATCH)
     ]
     return np.concatenate(found)
 

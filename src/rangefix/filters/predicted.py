@@ -27,6 +27,7 @@ MOST = 20_000  # points that are moved
 BEYOND = 1.7  # times the farthest of those steps: how far walls matter
 LOOKS = 120  # directions in which walls are looked for
 DRAWS = 128  # steps tried from each point, where walls are near
+GLANCE = 24  # beams that choose among predicted points
 HOPELESS = 100.0  # nats below the best point at which a point is no guess any more
 STUCK = 1e-9  # probability of staying put that is followed
 
@@ -97,7 +98,7 @@ class Predicted:
 
     def scores(self, target: Target) -> list[Array]:
         """How a measurement likes the points of each part, by a few beams: (K,) each, as in `Peaks`."""
-        return [looked_at(target, part.centres, part.log_scale) for part in self.parts]
+        return [looked_at(target, part.centres, part.log_scale, GLANCE) for part in self.parts]
 
     def guesses(
         self, scores: list[Array], most: int, known: Callable[[Array], BoolArray]
