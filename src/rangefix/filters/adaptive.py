@@ -106,7 +106,7 @@ class AdaptivePointMassFilter:
             return belief
         before = self._cells(belief)
         prior = predicted(before.modes, self.problem.motion, np.asarray(control, dtype=float))
-        evidence = belief.log_evidence + (before.log_integral if len(belief.measurements) else 0.0)
+        evidence = self._evidence(belief, before)
         return AdaptiveBelief(prior, belief.measurements[:0], None, evidence, belief.possible)
 
     def update(self, belief: AdaptiveBelief, measurement: Array, rng: Generator) -> AdaptiveBelief:
@@ -131,20 +131,23 @@ class AdaptivePointMassFilter:
 
     def estimate(self, belief: AdaptiveBelief) -> Estimate:
         """Posterior mean (n,), conditional covariance (n, n) and log evidence."""
-        evidence = belief.log_evidence if belief.possible else -np.inf
         if belief.posterior is None and not isinstance(belief.prior, Predicted):
+            evidence = belief.log_evidence if belief.possible else -np.inf
             return Estimate(belief.prior.mean, belief.prior.covariance, evidence)
         cells = self._cells(belief)
         mean, covariance = self.problem.space.moments(cells.states, np.exp(cells.log_mass))
-        return Estimate(
-            mean, covariance, evidence + (cells.log_integral if len(belief.measurements) else 0.0)
-        )
+        return Estimate(mean, covariance, self._evidence(belief, cells) if belief.possible else -np.inf)
 
     def sample(self, belief: AdaptiveBelief, size: int, rng: Generator) -> Array:
         """Draws from the belief, (size, n), with the mean and covariance that it claims."""
         if belief.posterior is None and not isinstance(belief.prior, Predicted):
             return belief.prior.sample(size, rng)
         return draws(self._cells(belief).modes, size, rng)
+
+    @staticmethod
+    def _evidence(belief: AdaptiveBelief, cells: Quadrature) -> float:
+        """Log evidence of all that was measured; the cells of a mere prediction add nothing."""
+        return belief.log_evidence + (cells.log_integral if len(belief.measurements) else 0.0)
 
     def _cells(self, belief: AdaptiveBelief) -> Quadrature:
         """The belief on lattices.

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .space import Array, BoolArray
-from .target import BATCH, Target
+from .target import BATCH, CAP, Target
 
-CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
 FEW = 64  # beams that a first look uses
 MOST = 100  # guesses that are followed with every beam, where there are more beams
 STEPS = 8

@@ -13,9 +13,7 @@ from .space import Array, BoolArray
 from .target import Target
 
 SPACING = 0.8  # of a mode's standard deviation, to begin with: half of it changes a Gaussian by nothing
-SLACK = (
-    40.0  # nats below the best score at which a peak is still looked at: jumps of the range stop climbs short
-)
+SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
 EDGE = 11.5  # nats below its greatest density at which a lattice ends: 6e-5 of a Gaussian of three components
 RADIUS = 3.0  # standard deviations about a peak that are looked at first
 

@@ -20,12 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from .compiled import njit, prange
 from .problem import Prior, Sensor
 from .space import TURN, Array, BoolArray
-from .target import room_of
+from .target import CAP, room_of
 
 QUANTUM = 0.01  # m; the table's unit of range
 NONE = np.uint16(65535)  # the table's sign for "no wall"
 FARTHEST = 65000  # quanta; walls beyond 650 m count as there
-CAP = 12.5  # nats; the most that one beam counts: a reading 5 standard deviations off
 MISSES = 4  # beams missed altogether that are always allowed for, where any are
 PROBES = 2000  # poses that test the table
 SLIP = 0.002  # share of them that may break the allowance

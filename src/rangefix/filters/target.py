@@ -13,6 +13,7 @@ from .problem import Sensor
 from .space import Array
 
 BATCH = 2_000_000  # ranges cast at once
+CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
 
 
 @dataclass(frozen=True)
