@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from .compiled import njit, prange
 from .space import TURN, Array, BoolArray
 
 NEGLIGIBLE = 40.0  # nats below the greatest Gaussian at a point at which another is left out
+UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
+AT_ONCE = 50_000  # Gaussians at points that are worked out together: what a processor's cache holds
 
 
 def log_sum(states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray) -> Array:
@@ -17,15 +20,18 @@ def log_sum(states: Array, centres: Array, precision: Array, log_scale: Array, i
 
     Args:
         states: Where, (N, n).
-        centres: (K, n); precision: (K, n, n); log_scale: (K,).
+        centres: (K, n); precision: (K, n, n); log_scale: (K,), not all -inf.
         is_angle: Which components are angles, (n,): differences go the short way round.
 
     Returns:
         (N,).
     """
     result = np.empty(len(states))
-    kernels = np.ascontiguousarray(centres.T), np.ascontiguousarray(precision.transpose(1, 2, 0)), log_scale
-    _log_sum(np.ascontiguousarray(states), *kernels, is_angle, result)
+    for some, logs in _exponents(states, centres, precision, log_scale, is_angle):
+        top = logs.max(axis=1)
+        logs -= top[:, None]
+        np.maximum(logs, UNDERFLOW, out=logs)
+        result[some] = top + np.log(np.exp(logs, out=logs).sum(axis=1))
     return result
 
 
@@ -45,9 +51,9 @@ def log_reached(
     Returns:
         (N,); -inf where nothing reaches.
     """
-    result = np.empty(len(states))
-    kernels = np.ascontiguousarray(centres.T), np.ascontiguousarray(precision.transpose(1, 2, 0)), log_scale
-    _log_reached(np.ascontiguousarray(states), *kernels, is_angle, ends, starts, 1 / fans, result)
+    result, closeness = np.empty(len(states)), 1 / fans
+    for some, logs in _exponents(states, centres, precision, log_scale, is_angle):
+        _sum_reached(logs, ends[some], starts, closeness, result[some])
     return result
 
 
@@ -58,42 +64,37 @@ def reached(ends: Array, free: BoolArray, starts: Array, fans: Array) -> BoolArr
     return result
 
 
-@njit(cache=True, nogil=True, inline="always")
 def _exponents(
-    state: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray, offset: Array,
-    logs: Array,
-) -> None:  # fmt: skip
-    """log_scale_k - d' precision_k d / 2 for all k, into logs (K,); offset is scratch, (n, K).
+    states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray
+) -> Iterator[tuple[slice, Array]]:
+    """log_scale_k - d' precision_k d / 2 for some states and all k: which states, and (k, K) for them.
 
-    Centres (n, K) and precisions (n, n, K) hold k last: loops over k are the ones a processor does at once.
+    The squares multiplied out are one product of matrices; about the centres' middle little cancels.
     """
-    size, count = centres.shape
-    for k in range(count):
-        logs[k] = log_scale[k]
-    for i in range(size):
-        for k in range(count):
-            offset[i, k] = state[i] - centres[i, k]
-        if is_angle[i]:
-            for k in range(count):
-                offset[i, k] -= TURN * np.rint(offset[i, k] / TURN)
-        for j in range(i + 1):
-            weight = 0.5 if i == j else 1.0
-            for k in range(count):
-                logs[k] -= weight * precision[i, j, k] * offset[i, k] * offset[j, k]
+    rows, columns = np.tril_indices(states.shape[1])
+    middle = centres[log_scale.argmax()]
+    away, offset = _short_way(states - middle, is_angle), _short_way(centres - middle, is_angle)
+    pull = (precision @ offset[..., None])[..., 0]
+    level = log_scale - 0.5 * (pull * offset).sum(axis=1)
+    squares = precision[:, rows, columns] * np.where(rows == columns, -0.5, -1.0)
+    weights = np.column_stack([level, pull, squares]).T
+    powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
+    reach = np.abs(offset[:, is_angle]).max(axis=0, initial=0.0)
+    round_about = (np.abs(away[:, is_angle]) + reach > TURN / 2).any(axis=1)
+    step = max(1, AT_ONCE // len(centres))
+    for first in range(0, len(states), step):
+        some = slice(first, first + step)
+        logs = powers[some] @ weights
+        for place in np.flatnonzero(round_about[some]):
+            short = _short_way(states[first + place] - centres, is_angle)
+            logs[place] = log_scale - 0.5 * np.einsum("ki,kij,kj->k", short, precision, short)
+        yield some, logs
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _log_sum(
-    states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray, result: Array
-) -> None:
-    for place in prange(states.shape[0]):
-        offset, logs = np.empty(centres.shape), np.empty(log_scale.size)
-        _exponents(states[place], centres, precision, log_scale, is_angle, offset, logs)
-        top, total = logs.max(), 0.0
-        for log in logs:
-            if log > top - NEGLIGIBLE:
-                total += math.exp(log - top)
-        result[place] = top + math.log(total)
+def _short_way(offset: Array, is_angle: BoolArray) -> Array:
+    """Offsets (N, n), in place, whose angles go the short way round."""
+    offset[:, is_angle] -= TURN * np.rint(offset[:, is_angle] / TURN)
+    return offset
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -110,24 +111,21 @@ def _clear(step1: float, step2: float, closeness: Array) -> bool:
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _log_reached(
-    states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray,
-    ends: Array, starts: Array, closeness: Array, result: Array,
-) -> None:  # fmt: skip
-    for place in prange(states.shape[0]):
-        offset, logs = np.empty(centres.shape), np.empty(log_scale.size)
-        _exponents(states[place], centres, precision, log_scale, is_angle, offset, logs)
+def _sum_reached(logs: Array, ends: Array, starts: Array, closeness: Array, result: Array) -> None:
+    """Logs of sums of exp(logs), (N, K) -> (N,), over those k alone from which an end is reached."""
+    for place in prange(logs.shape[0]):
         top, total = -math.inf, 0.0
-        for k in range(logs.size):
-            if logs[k] < top - NEGLIGIBLE:
+        for k in range(logs.shape[1]):
+            log = logs[place, k]
+            if log < top - NEGLIGIBLE:
                 continue
             if not _clear(ends[place, 0] - starts[k, 0], ends[place, 1] - starts[k, 1], closeness[k]):
                 continue
-            if logs[k] > top:
-                total = total * math.exp(max(top - logs[k], -700.0)) + 1.0
-                top = logs[k]
+            if log > top:
+                total = total * math.exp(max(top - log, UNDERFLOW)) + 1.0
+                top = log
             else:
-                total += math.exp(logs[k] - top)
+                total += math.exp(log - top)
         result[place] = top + math.log(total) if total > 0 else -math.inf
 
 
