@@ -35,7 +35,7 @@ def test_spacing_of_the_start_integrates_a_gaussian():
     lattice = lattice_of(gaussian, 0.8)
     exact = np.log(2 * np.pi) + np.linalg.slogdet(ROOT)[1]
     assert lattice.log_integral == pytest.approx(exact, abs=2e-4)
-    mean, covariance = lattice.moments()
+    mean, covariance = lattice.moments
     np.testing.assert_allclose(lattice.origin + lattice.basis @ mean, MEAN, atol=1e-4)
     np.testing.assert_allclose(lattice.basis @ covariance @ lattice.basis.T, COVARIANCE, rtol=1e-3)
 
@@ -106,7 +106,7 @@ def test_smoothing_keeps_mean_and_covariance(density, noise):
     kernels = smoothed(lattice, noise * np.eye(2))
     weights = np.exp(kernels.log_weights)
     mean, between = SPACE.moments(kernels.states, weights)
-    middle, spread = lattice.moments()
+    middle, spread = lattice.moments
     spread = lattice.basis @ spread @ lattice.basis.T
     np.testing.assert_allclose(mean, lattice.origin + lattice.basis @ middle, atol=1e-4)
     np.testing.assert_allclose(between + kernels.covariance, spread, rtol=2e-3, atol=1e-5)

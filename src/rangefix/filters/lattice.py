@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -44,17 +45,22 @@ class Lattice:
         """The points, angles wrapped, (K, n)."""
         return self.space.wrap(self.origin + self.index @ self.basis.T)
 
-    @property
+    @cached_property
     def log_integral(self) -> float:
         """Log of the integral of the density."""
         return float(np.logaddexp.reduce(self.logs) + np.linalg.slogdet(self.basis)[1])
 
     def holds(self, states: Array) -> BoolArray:
         """Whether states lie in cells of this lattice: (k, n) -> (k,)."""
-        offset = self.space.difference(states, self.origin)
+        lower, upper = self._box
+        near = np.flatnonzero(((states >= lower) & (states <= upper)).all(axis=1))
+        offset = self.space.difference(states[near], self.origin)
         index = np.rint(np.linalg.solve(self.basis, offset.T).T).astype(np.int64)
-        return _known(_keys(index), self.keys)
+        held = np.zeros(len(states), np.bool_)
+        held[near] = _known(_keys(index), self.keys)
+        return held
 
+    @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Mean (n,) and covariance (n, n), in steps of the lattice."""
         weights = self._weights()
@@ -69,7 +75,7 @@ class Lattice:
         What shows across several axes is counted for that one of them that is worst: halving it is enough.
         """
         weights = self._weights()
-        mean, covariance = self.moments()
+        mean, covariance = self.moments
         # whitened: a sum over one point alone has no width, and shows as an error of the covariance
         values, vectors = np.linalg.eigh(covariance)
         white = (self.index - mean) @ (vectors / np.sqrt(np.maximum(values, 1 / 12)))
@@ -89,6 +95,13 @@ class Lattice:
             worst = axes[found[axes].argmax()]
             found[worst] = max(found[worst], cost)
         return found
+
+    @cached_property
+    def _box(self) -> tuple[Array, Array]:
+        """Corners of a box about all cells, (n,) each; without bounds for angles."""
+        states, half = self.origin + self.index @ self.basis.T, np.abs(self.basis).sum(axis=1)
+        half[self.space.is_angle] = np.inf
+        return states.min(axis=0) - half, states.max(axis=0) + half
 
     def _weights(self) -> Array:
         weights = np.exp(self.logs - self.logs.max())
@@ -126,18 +139,18 @@ def grow(
     """
     around = np.array([step for step in product((-1, 0, 1), repeat=len(origin)) if any(step)])
     angle = space.is_angle
-    index, keys, logs = np.zeros((0, len(origin)), np.int64), np.zeros(0, np.int64), np.zeros(0)
-    if before is not None:
-        index, keys, logs = before.index, before.keys, before.logs
+    parts = [] if before is None else [(before.index, before.keys, before.logs)]
+    known = _Keys([keys for _, keys, _ in parts])
+    top = -np.inf if before is None else float(before.logs.max())
     fresh = start
     while True:
-        found = _keys(fresh)
-        found, places = np.unique(found, return_index=True)
-        new = ~_known(found, keys)
+        found, places = np.unique(_keys(fresh), return_index=True)
+        new = ~known.have(found)
         found, fresh = found[new], fresh[places[new]]
         if not len(fresh):
-            return Lattice(space, origin, basis, index, keys, logs)
-        if len(keys) + len(fresh) > most:
+            break
+        known.add(found)
+        if known.count > most:
             raise TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
         offset = fresh @ basis.T
         states = space.wrap(origin + offset)
@@ -146,17 +159,15 @@ def grow(
         for other in others:
             taken |= other.holds(states)
         values[taken] = -np.inf
-        index, keys, logs = (
-            np.concatenate([index, fresh]),
-            np.concatenate([keys, found]),
-            np.append(logs, values),
-        )
-        order = np.argsort(keys, kind="stable")
-        index, keys, logs = index[order], keys[order], logs[order]
-        bar = max(level, float(logs.max()) - margin)
+        parts.append((fresh, found, values))
+        top = max(top, float(values.max()))
+        bar = max(level, top - margin)
         if bar == -np.inf:
-            return Lattice(space, origin, basis, index, keys, logs)
+            break
         fresh = (fresh[values > bar][:, None] + around).reshape(-1, len(origin))
+    index, keys, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.argsort(keys, kind="stable")
+    return Lattice(space, origin, basis, index[order], keys[order], logs[order])
 
 
 def halved(
@@ -177,6 +188,28 @@ def halved(
     return grow(
         lattice.space, log_density, before.origin, before.basis, start, margin, most, others, before, level
     )
+
+
+class _Keys:
+    """A set of keys that grows: sorted tables, each at least twice as long as the next."""
+
+    def __init__(self, tables: list[Indices]) -> None:
+        self.tables, self.count = tables, sum(len(table) for table in tables)
+
+    def have(self, keys: Indices) -> BoolArray:
+        """Which of some keys are in the set."""
+        found = np.zeros(len(keys), np.bool_)
+        for table in self.tables:
+            found |= _known(keys, table)
+        return found
+
+    def add(self, keys: Indices) -> None:
+        """Add keys, sorted, that are not in it."""
+        self.count += len(keys)
+        self.tables.append(keys)
+        while len(self.tables) > 1 and len(self.tables[-2]) < 2 * len(self.tables[-1]):
+            last = self.tables.pop()
+            self.tables[-1] = np.sort(np.concatenate([self.tables[-1], last]))
 
 
 def ball(axes: int, radius: float) -> Indices:
