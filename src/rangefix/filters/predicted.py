@@ -37,6 +37,7 @@ class Part:
     """One mode after the move.
 
     starts: Where its points were, (K, 2), m. centres: Where they are after a noise-free move, (K, n).
+    likely: Where they are most likely, (K, n): their centres, or before a wall that these lie behind.
     log_scale: Log of weight and normalisation, (K,). precision: Inverse covariances, (K, n, n).
     fans: How far walls are from each start in LOOKS directions all round, (K, LOOKS), m; (K, 0) where no wall
         is near.
@@ -45,6 +46,7 @@ class Part:
 
     starts: Array
     centres: Array
+    likely: Array
     log_scale: Array
     precision: Array
     fans: Array
@@ -96,9 +98,17 @@ class Predicted:
             np.linalg.inv(covariances), dtype=float
         )
 
+    def middles(self) -> Array:
+        """Of each part the likely point that is nearest to its mean, (P, n)."""
+        found = []
+        for part in self.parts:
+            away = self.space.difference(part.likely, part.mean)
+            found.append(part.likely[((away @ np.linalg.inv(part.covariance)) * away).sum(axis=1).argmin()])
+        return np.stack(found)
+
     def scores(self, target: Target) -> list[Array]:
         """How a measurement likes the points of each part, by a few beams: (K,) each, as in `Peaks`."""
-        return [looked_at(target, part.centres, part.log_scale, GLANCE) for part in self.parts]
+        return [looked_at(target, part.likely, part.log_scale, GLANCE) for part in self.parts]
 
     def guesses(
         self, scores: list[Array], most: int, known: Callable[[Array], BoolArray]
@@ -116,14 +126,14 @@ class Predicted:
         bar = max(score.max(initial=-np.inf) for score in scores) - HOPELESS
         chosen = []
         for part, score in zip(self.parts, scores, strict=True):
-            new = (score > bar) & ~known(part.centres)
-            centres, logs = part.centres[new], part.log_scale[new]
-            if len(centres):
+            new = (score > bar) & ~known(part.likely)
+            states, logs = part.likely[new], part.log_scale[new]
+            if len(states):
                 weights = np.cumsum(np.exp(logs - logs.max()))
                 places = np.searchsorted(weights, weights[-1] * (np.arange(most // 2) + 0.5) / (most // 2))
                 best = np.argsort(-score[new], kind="stable")[: most - most // 2]
-                centres = centres[np.unique(np.append(best, places))]
-            chosen.append(centres)
+                states = states[np.unique(np.append(best, places))]
+            chosen.append(states)
         counts = [len(states) for states in chosen]
         means, precisions = self.means_and_precisions()
         return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
@@ -171,13 +181,14 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     looks = TURN / LOOKS * np.arange(LOOKS, dtype=float)
     fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), looks)
     ends = _ends(moved, motion, control, DRAWS)
-    goes = reached(ends, motion.room.is_free(ends), starts, fans).mean(axis=1)
+    met = reached(ends, motion.room.is_free(ends), starts, fans)
+    goes, nearest = met.mean(axis=1), ends[np.arange(len(ends)), met.argmax(axis=1)]
     with np.errstate(divide="ignore"):
         again = -np.expm1(motion.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
         through, stays = weights + np.log(again), weights + motion.tries * np.log1p(-goes)
     parts = []
     if goes.any():
-        parts.append(_part(space, moved._replace(log_weights=through), free, control, fans))
+        parts.append(_part(space, moved._replace(log_weights=through), free, control, fans, nearest))
     if np.exp(stays).sum() > STUCK:
         still = smoothed(mode, noise, together, stays=True)
         parts.append(_part(space, still._replace(log_weights=stays), Stationary(space), control))
@@ -192,20 +203,29 @@ def _noise_in_steps(mode: Lattice, motion: Motion, control: Array) -> Array:
 
 
 def _part(
-    space: StateSpace, kernels: Kernels, motion: Motion, control: Array, fans: Array | None = None
-) -> Part:
-    """Gaussians moved."""
+    space: StateSpace, kernels: Kernels, motion: Motion, control: Array,
+    fans: Array | None = None, nearest: Array | None = None,
+) -> Part:  # fmt: skip
+    """Gaussians moved; near walls with fans, and the nearest places to the centres that can be reached."""
     some = kernels.log_weights > -np.inf
     states, log_weights = kernels.states[some], kernels.log_weights[some]
-    fans = np.empty((len(states), 0)) if fans is None else fans[some]
     centres, covariance = _spread(states, kernels.covariance, motion, control)
     precision = np.asarray(np.linalg.inv(covariance), dtype=float)
     level = -0.5 * (states.shape[1] * np.log(TURN) + np.asarray(np.linalg.slogdet(covariance)[1]))
     weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
     mean, between = space.moments(centres, weights)
     total = between + np.einsum("k,kij->ij", weights, covariance)
-    starts = np.ascontiguousarray(states[:, space.position_indices])
-    return Part(starts, centres, log_weights + level, precision, fans, mean, total)
+    where = space.position_indices
+    likely = centres
+    if nearest is not None:
+        away = (nearest[some] - centres[:, where])[..., None]
+        likely = (
+            centres
+            + (covariance[..., where] @ np.linalg.solve(covariance[:, where][..., where], away))[..., 0]
+        )
+    fans = np.empty((len(states), 0)) if fans is None else fans[some]
+    starts = np.ascontiguousarray(states[:, where])
+    return Part(starts, centres, space.wrap(likely), log_weights + level, precision, fans, mean, total)
 
 
 def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tuple[Array, Array]:
