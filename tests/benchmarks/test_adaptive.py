@@ -21,7 +21,6 @@ import pytest
 
 from rangefix.filters import Confined, Gaussian, GaussianPrior, Odometry, Problem, Rangefinder, pose_space
 from rangefix.filters.adaptive import AdaptivePointMassFilter
-from rangefix.filters.modes import SPACING
 
 from . import full_scan, global_fix
 from .race import race
@@ -49,8 +48,8 @@ def test_a_full_scan_at_equal_accuracy(board):
         },
     )
     mode = adaptive.update(empty, reading, rng).posterior.modes[0]
-    covariance = mode.basis @ mode.moments()[1] @ mode.basis.T
-    steps = SPACING / np.sqrt(np.diagonal(np.linalg.inv(covariance)))
+    covariance = mode.basis @ mode.moments[1] @ mode.basis.T
+    steps = adaptive._accuracy.spacing / np.sqrt(np.diagonal(np.linalg.inv(covariance)))
     cells = np.prod([full_scan.CELL, full_scan.CELL, full_scan.STEP] / steps)
     board.add("e: fix, 667 beams", best["adaptive"], "FFT, 5 cm and 0.36 deg", best["transform"])
     board.add(

@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from .climb import FEW, STEPS, Peaks, climb, looked_at
 from .estimator import Estimate
-from .modes import EDGE, Accuracy, Found, Quadrature, assembled, integrate
+from .modes import Accuracy, Found, Quadrature, assembled, integrate
 from .motion import Stationary
 from .predicted import Predicted, predicted
 from .problem import Prior, Problem
@@ -160,7 +160,7 @@ class AdaptivePointMassFilter:
         prior = belief.prior
         target = Target(self.problem.sensor, prior.log_density, belief.measurements[:0])
         if isinstance(prior, Predicted):
-            states, information = prior.means_and_precisions()
+            states, information = prior.middles(), prior.means_and_precisions()[1]
         else:
             states = np.vstack([prior.mean, prior.sample(SEEDS, np.random.default_rng(0))])
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
@@ -213,14 +213,14 @@ class AdaptivePointMassFilter:
         A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
         """
         mean, scores = self.problem.prior.mean, looked_at(target, boxes)
-        found, left = Found(), np.flatnonzero(scores > -np.inf)
+        found, left, edge = Found(), np.flatnonzero(scores > -np.inf), self._accuracy.edge(boxes.shape[1])
         for steps in ROUNDS:
             best = boxes[left[np.argsort(-scores[left], kind="stable")[:GUESSES]]]
             peaks = climb(target, best, mean, precision, steps)
             found = integrate(target, peaks, self._accuracy, found)
             if not found.modes or len(target.beams) > FEW or len(boxes) <= GUESSES:
                 break
-            left = left[scores[left] > found.level - target.perfect() - EDGE]
+            left = left[scores[left] > found.level - target.perfect() - edge]
             left = left[~found.holds(boxes[left])]
             if not len(left):
                 break

@@ -93,7 +93,7 @@ def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: 
 def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple[Peaks, tuple[Array, Array]]:
     """What the target is at states, and what a step is made of: information (K, n, n) and pull (K, n)."""
     sensor, measured, beams = target.sensor, ~np.isnan(target.measurements), target.beams
-    expected, prior = target.expected(states), target.log_prior(states)
+    (expected, slopes), prior = target.expected_and_slopes(states), target.log_prior(states)
     counts = measured.sum(axis=0)[beams]
     reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
     usable = np.isfinite(reading) & np.isfinite(expected[:, beams])
@@ -101,7 +101,7 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     with np.errstate(invalid="ignore"):
         deviates = np.where(usable, reading - expected[:, beams], 0.0) / scale
     used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable)[:, None])
-    slopes = np.where(used[..., None], target.slopes(states) / scale[..., None], 0.0)
+    slopes = np.where(used[..., None], slopes / scale[..., None], 0.0)
     information = np.swapaxes(slopes, 1, 2) @ slopes + precision
     back = sensor.space.difference(mean, states)
     pull = (

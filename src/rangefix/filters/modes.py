@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import lambertw
+from scipy.stats import chi2
 
 from .climb import Peaks
 from .lattice import Lattice, ball, grow, halved
 from .space import Array, BoolArray
 from .target import Target
 
-SPACING = 0.8  # of a mode's standard deviation, to begin with: half of it changes a Gaussian by nothing
 SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
-EDGE = 11.5  # nats below its greatest density at which a lattice ends: 6e-5 of a Gaussian of three components
+BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
 
@@ -30,6 +31,20 @@ class Accuracy(NamedTuple):
     error: float
     margin: float
     most_cells: int
+
+    @property
+    def spacing(self) -> float:
+        """Steps to begin with, in standard deviations: twice as wide they show half the error in a Gaussian.
+
+        Poisson's formula: a sum over steps h errs by the characteristic function at 2 pi / h, of a covariance
+        by 2 u exp(-u / 2) with u = (2 pi / h)^2. The sum over h itself errs far less.
+        """
+        u = -2 * lambertw(-self.error / (4 * np.sqrt(2)), -1).real
+        return float(np.pi / np.sqrt(u))
+
+    def edge(self, size: int) -> float:
+        """Nats below its greatest density at which the lattice of a mode of so many components ends."""
+        return float(chi2.isf(BEYOND * self.error, size + 2) / 2)
 
 
 class Quadrature(NamedTuple):
@@ -85,15 +100,16 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, found: Found = F
     Raises:
         TooManyCells: If a mode fills more cells than allowed.
     """
-    space, start = target.sensor.space, ball(target.sensor.space.size, RADIUS / SPACING)
+    space, spacing = target.sensor.space, accuracy.spacing
+    start, edge = ball(space.size, RADIUS / spacing), accuracy.edge(space.size)
     left = (peaks.score >= peaks.score.max() - SLACK) & ~found.holds(peaks.states)
     for place in np.lexsort((-peaks.score, -peaks.log_density)):
         if not left[place]:
             continue
         level = found.level - accuracy.margin
-        basis = SPACING * np.linalg.cholesky(np.linalg.inv(peaks.information[place]))
+        basis = spacing * np.linalg.cholesky(np.linalg.inv(peaks.information[place]))
         mode = grow(
-            space, target.log_density, peaks.states[place], basis, start, EDGE, accuracy.most_cells,
+            space, target.log_density, peaks.states[place], basis, start, edge, accuracy.most_cells,
             found.modes, level=level,
         )  # fmt: skip
         left &= ~mode.holds(peaks.states)
@@ -125,13 +141,14 @@ def _resolved(
     target: Target, mode: Lattice, accuracy: Accuracy, others: tuple[Lattice, ...], level: float
 ) -> tuple[Lattice, float]:
     """A mode with its spacing halved until its error is small enough, and that error."""
+    edge = accuracy.edge(mode.space.size)
     while True:
         # twice the points: where jumps cut the density its error falls as their root, elsewhere far more
         error = _weight(mode, others) * mode.errors() / np.sqrt(2)
         axes = error > accuracy.error
         if not axes.any() or len(mode.keys) * 2 ** int(axes.sum()) > accuracy.most_cells:
             return mode, float(error.max())
-        mode = halved(mode, axes, target.log_density, EDGE, accuracy.most_cells, others, level)
+        mode = halved(mode, axes, target.log_density, edge, accuracy.most_cells, others, level)
 
 
 def _weight(mode: Lattice, others: tuple[Lattice, ...]) -> float:
@@ -139,7 +156,7 @@ def _weight(mode: Lattice, others: tuple[Lattice, ...]) -> float:
     every = [mode, *others]
     logs = np.array([each.log_integral for each in every])
     shares = np.exp(logs - np.logaddexp.reduce(logs))
-    moments = [each.moments() for each in every]
+    moments = [each.moments for each in every]
     states = np.stack(
         [each.origin + each.basis @ mean for each, (mean, _) in zip(every, moments, strict=True)]
     )

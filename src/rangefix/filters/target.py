@@ -50,17 +50,27 @@ class Target:
         """Ranges of the beams that were measured, or of these; (K, B), 0 for the others."""
         beams = self.beams if beams is None else beams
         poses = self.sensor.space.poses(states)
-        if len(beams) == len(self.sensor.bearings):
-            return np.asarray(room_of(self.sensor).ranges(poses, self.sensor.bearings))
-        ranges = np.zeros((len(states), len(self.sensor.bearings)))
-        ranges[:, beams] = room_of(self.sensor).ranges(poses, self.sensor.bearings[beams])
-        return ranges
+        return self._among_all(room_of(self.sensor).ranges(poses, self.sensor.bearings[beams]), beams)
 
-    def slopes(self, states: Array) -> Array:
-        """Derivatives of the expected ranges of the beams that were measured, (K, k, n)."""
-        space = self.sensor.space
-        gradients = room_of(self.sensor).gradients(space.poses(states), self.sensor.bearings[self.beams])
-        return space.from_pose_gradients(gradients)
+    def expected_and_slopes(self, states: Array) -> tuple[Array, Array]:
+        """The same and the derivatives of the ranges that were measured, (K, k, n)."""
+        room, space, beams = room_of(self.sensor), self.sensor.space, self.beams
+        poses, bearings = space.poses(states), self.sensor.bearings[beams]
+        if hasattr(room, "cast"):
+            hits = room.cast(poses, bearings)
+            ranges, gradients = hits.ranges, hits.gradients
+        else:
+            ranges, gradients = room.ranges(poses, bearings), room.gradients(poses, bearings)
+        return self._among_all(ranges, beams), space.from_pose_gradients(gradients)
+
+    def _among_all(self, ranges: Array, beams: NDArray[np.int64]) -> Array:
+        """Ranges (K, k) of some beams as (K, B), 0 for the others."""
+        count = len(self.sensor.bearings)
+        if len(beams) == count:
+            return np.asarray(ranges)
+        every = np.zeros((len(ranges), count))
+        every[:, beams] = ranges
+        return every
 
     def few(self, most: int) -> Target:
         """The same with at most so many beams, spread over the scan."""
