@@ -16,6 +16,7 @@ from .target import Target
 
 SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
 BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
+CUTS, FALLEN = 12, 6.0  # how often an axis may be halved, as long as both its ends have fallen so many nats
 RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
 
@@ -107,7 +108,7 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, found: Found = F
         if not left[place]:
             continue
         level = found.level - accuracy.margin
-        basis = spacing * np.linalg.cholesky(np.linalg.inv(peaks.information[place]))
+        basis = spacing * _axes(target, peaks.states[place], peaks.information[place])
         mode = grow(
             space, target.log_density, peaks.states[place], basis, start, edge, accuracy.most_cells,
             found.modes, level=level,
@@ -135,6 +136,25 @@ def assembled(found: Found) -> Quadrature | None:
     return Quadrature(
         modes, states[some], logs[some], label[some], total, peak, found.level, max(found.errors)
     )
+
+
+def _axes(target: Target, peak: Array, information: Array) -> Array:
+    """A standard deviation along each principal axis of a mode, in columns, (n, n).
+
+    Those of a Gaussian with that information, or less where its density ends sooner on both sides: information
+    is only of the beams that fit, and jumps of the others may cut it.
+    """
+    unit = 1 / np.sqrt(np.diagonal(information))
+    values, vectors = np.linalg.eigh(unit[:, None] * information * unit)
+    axes = unit[:, None] * vectors / np.sqrt(values)
+    shares = 0.5 ** np.arange(CUTS)
+    steps = RADIUS * shares[:, None, None, None] * np.array([1.0, -1.0])[:, None, None] * axes.T
+    states = target.sensor.space.wrap(
+        peak + np.concatenate([np.zeros((1, len(peak))), steps.reshape(-1, len(peak))])
+    )
+    logs = target.log_density(states)
+    lost = logs[0] - logs[1:].reshape(CUTS, 2, -1).max(axis=1)
+    return axes * shares[(lost < FALLEN).argmax(axis=0)]
 
 
 def _resolved(
