@@ -49,10 +49,10 @@ def test_halves_tell_the_error():
     exact = lattice_of(cut, 0.05).log_integral
     shown, true = [], []
     for _ in range(4):
-        shown.append(float(lattice.errors().max()) / 2)
+        shown.append(float(lattice.errors.max()) / 2)
         true.append(abs(lattice.log_integral - exact))
         lattice = halved(lattice, np.array([True, True]), cut, 11.5, 100_000, (), -np.inf)
-    assert lattice_of(gaussian, 0.8).errors().max() < 0.02  # of a smooth density they show nothing
+    assert lattice_of(gaussian, 0.8).errors.max() < 0.02  # of a smooth density they show nothing
     assert shown[0] > 0.02
     assert shown[-1] < shown[0] / 3
     assert all(error < 4 * estimate for error, estimate in zip(true, shown, strict=True))

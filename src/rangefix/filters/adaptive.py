@@ -23,6 +23,7 @@ MOST_BOXES = 20_000  # boxes that a search may leave
 BLUR = 3.0  # nats by which those that are left then are drawn by lot
 GUESSES = 2000  # boxes that are followed at once
 ROUNDS = (STEPS, STEPS, 0, STEPS, 0)  # steps of guesses; without steps, those that lead elsewhere count too
+MISSED = 0.25  # of the accuracy: how much boxes may count that are not followed
 SEEDS = 32  # points of a predicted mode that are followed
 
 
@@ -166,7 +167,7 @@ class AdaptivePointMassFilter:
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        cells = assembled(integrate(target, peaks, self._accuracy))
+        cells = assembled(target, integrate(target, peaks, self._accuracy), self._accuracy)
         assert cells is not None, "a prior allows its own samples"
         return cells
 
@@ -185,10 +186,10 @@ class AdaptivePointMassFilter:
         found = None
         for stretch in STRETCH:
             margin = stretch * self._accuracy.margin
-            boxes = self._boxes(measurements, margin)
+            boxes, volume = self._boxes(measurements, margin)
             if not len(boxes):
                 continue
-            found = self._found(target, boxes, precision)
+            found = self._found(target, boxes, float(np.log(volume)), precision)
             if found is not None:
                 fit = found.level - float(prior.log_density(found.peak[None])[0])
                 if target.perfect() - fit + self._accuracy.margin <= share * self.table.limit(beams, margin):
@@ -205,35 +206,59 @@ class AdaptivePointMassFilter:
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        return assembled(found)
+        return assembled(target, found, self._accuracy)
 
-    def _found(self, target: Target, boxes: Array, precision: Array) -> Quadrature | None:
+    def _found(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature | None:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
 
         A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
+        Boxes that are no good may be so many, or so far off, that they count together.
         """
         mean, scores = self.problem.prior.mean, looked_at(target, boxes)
-        found, left, edge = Found(), np.flatnonzero(scores > -np.inf), self._accuracy.edge(boxes.shape[1])
+        found, left = Found(), np.flatnonzero(scores > -np.inf)
+        worth = scores[left]
         for steps in ROUNDS:
-            best = boxes[left[np.argsort(-scores[left], kind="stable")[:GUESSES]]]
-            peaks = climb(target, best, mean, precision, steps)
+            best = left[np.argsort(-worth, kind="stable")[:GUESSES]]
+            peaks = climb(target, boxes[best], mean, precision, steps)
             found = integrate(target, peaks, self._accuracy, found)
-            if not found.modes or len(target.beams) > FEW or len(boxes) <= GUESSES:
+            if not found.modes or len(target.beams) > FEW:
                 break
-            left = left[scores[left] > found.level - target.perfect() - edge]
             left = left[~found.holds(boxes[left])]
+            worth = self._worth(target, boxes[left], scores[left], log_volume, found)
+            left, worth = left[worth > -np.inf], worth[worth > -np.inf]
             if not len(left):
                 break
-        return assembled(found)
+        return assembled(target, found, self._accuracy)
 
-    def _boxes(self, measurements: Array, margin: float) -> Array:
-        """States (K, n) at the centres of the boxes of the table that may hold the true one."""
+    def _worth(self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Found) -> Array:
+        """How much boxes (K, n) that no mode holds ask to be followed, (K,), nats; -inf where they need not.
+
+        Those that score as well as points of the best mode do; and the others, by their density, if the sum
+        over them says that together they count.
+        """
+        integral, counts = found.counts(boxes)
+        perfect, allowed = target.perfect(), MISSED * self.accuracy
+        good = scores > found.level - perfect - self._accuracy.edge(boxes.shape[1])
+        share = np.log(counts) + log_volume - integral
+        # a score is a bound on the density: those left out here add up to less than is allowed
+        some = np.flatnonzero(~good & (scores + perfect + share > np.log(allowed / (1 + len(boxes)))))
+        others = np.full(len(boxes), -np.inf)
+        others[some] = target.log_density(boxes[some])
+        if np.exp(others + share).sum() < allowed:
+            return np.where(good, scores, -np.inf)
+        return np.where(good, scores, others + np.log(counts) - perfect)
+
+    def _boxes(self, measurements: Array, margin: float) -> tuple[Array, float]:
+        """States (K, n) at the centres of the boxes that may hold the true one, and the volume of each.
+
+        Where there are too many, some are drawn, and stand for all.
+        """
         table, space = self.table, self.problem.space
         bounds = sum(
             shortfalls(table, self.problem.sensor, measurement, margin) for measurement in measurements
         )
         assert isinstance(bounds, np.ndarray)
-        kept = np.flatnonzero(np.isfinite(bounds))
+        possible = kept = np.flatnonzero(np.isfinite(bounds))
         if len(kept) > MOST_BOXES:
             lots = BLUR * np.random.default_rng(0).gumbel(size=len(kept))
             kept = kept[np.argpartition(bounds.ravel()[kept] - lots, MOST_BOXES)[:MOST_BOXES]]
@@ -248,7 +273,9 @@ class AdaptivePointMassFilter:
         if "heading" in space.names:
             angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
             states[:, space.names.index("heading")] = angles
-        return states
+        quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
+        volume = np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
+        return states, float(volume * quarters / max(len(states), 1))
 
 
 def _joined(measurements: Array, fresh: Array) -> Array:

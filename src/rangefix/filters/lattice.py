@@ -9,7 +9,7 @@ sheet that lies across the axes shows in none of them, but in the points whose i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -23,6 +23,11 @@ Indices = NDArray[np.int64]
 
 class TooManyCells(ValueError):
     """The posterior fills more cells than allowed."""
+
+
+def too_many(most: int) -> TooManyCells:
+    """The error that says so."""
+    return TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,10 @@ class Lattice:
         held[near] = _known(_keys(index), self.keys)
         return held
 
+    def without(self, other: Lattice) -> Lattice:
+        """The same with no density in the cells of another."""
+        return replace(self, logs=np.where(other.holds(self.states), -np.inf, self.logs))
+
     @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Mean (n,) and covariance (n, n), in steps of the lattice."""
@@ -68,6 +77,7 @@ class Lattice:
         deviation = self.index - mean
         return mean, (deviation * weights[:, None]).T @ deviation
 
+    @cached_property
     def errors(self) -> Array:
         """What twice the spacing along each axis would cost, (n,): the greatest of three errors.
 
@@ -151,7 +161,7 @@ def grow(
             break
         known.add(found)
         if known.count > most:
-            raise TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
+            raise too_many(most)
         offset = fresh @ basis.T
         states = space.wrap(origin + offset)
         values = log_density(states)

@@ -6,17 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import lambertw
-from scipy.stats import chi2
+from scipy.special import chdtri, lambertw
 
 from .climb import Peaks
-from .lattice import Lattice, ball, grow, halved
+from .lattice import Lattice, TooManyCells, ball, grow, halved, too_many
 from .space import Array, BoolArray
 from .target import Target
 
 SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
 BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 CUTS, FALLEN = 12, 6.0  # how often an axis may be halved, as long as both its ends have fallen so many nats
+LOBE = 6.0  # nats below the best mode's peak at which another is taken for a lobe of something wide
+FIRST = 100_000  # cells of a lobe, or of a mode in cut axes, beyond which steps are doubled
+COARSEST = 100.0  # times the usual: steps that are doubled no more
 RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
 
@@ -45,7 +47,7 @@ class Accuracy(NamedTuple):
 
     def edge(self, size: int) -> float:
         """Nats below its greatest density at which the lattice of a mode of so many components ends."""
-        return float(chi2.isf(BEYOND * self.error, size + 2) / 2)
+        return float(chdtri(size + 2, BEYOND * self.error) / 2)
 
 
 class Quadrature(NamedTuple):
@@ -54,7 +56,7 @@ class Quadrature(NamedTuple):
     modes: The lattices, as they were found. states: Their points, (K, n). log_mass: Log probabilities, (K,).
     mode: Which lattice each point is of, (K,). log_integral: Log of the integral of the density.
     peak, level: The point of greatest density, (n,), and its log density.
-    error: The greatest error that halving the spacing would show, as `Accuracy.error`.
+    error: What halving the spacing would show, as `Accuracy.error`: the root of the modes' sum of squares.
     """
 
     modes: tuple[Lattice, ...]
@@ -68,15 +70,51 @@ class Quadrature(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Modes found so far, each with what halving its spacing would change."""
+    """Modes found so far."""
 
     modes: tuple[Lattice, ...] = ()
-    errors: tuple[float, ...] = ()
 
     @property
     def level(self) -> float:
         """The greatest log density."""
         return max((float(mode.logs.max()) for mode in self.modes), default=-np.inf)
+
+    def moments(self) -> tuple[float, Array, Array]:
+        """Log of the integral of the density, mean (n,) and covariance (n, n)."""
+        modes, logs, means = self.modes, self._log_integrals(), self._means()
+        total = float(np.logaddexp.reduce(logs))
+        shares, space = np.exp(logs - total), modes[0].space
+        away = space.difference(means, means[0])
+        middle = shares @ away
+        within = sum(
+            share * mode.basis @ mode.moments[1] @ mode.basis.T
+            for share, mode in zip(shares, modes, strict=True)
+        )
+        between = (away - middle).T @ ((away - middle) * shares[:, None])
+        return total, space.wrap(means[0] + middle), np.asarray(within + between)
+
+    def counts(self, states: Array) -> tuple[float, Array]:
+        """The log of the integral, and how much an error of the probability at states counts, (K, n) -> (K,).
+
+        Once, for the probability, or more, for the covariance: by the distance from the mean, squared.
+        """
+        total, mean, covariance = self.moments()
+        away = self.modes[0].space.difference(states, mean)
+        solved = np.linalg.solve(covariance + 1e-12 * np.eye(mean.size), away.T).T
+        return total, np.asarray(np.maximum(1.0, (away * solved).sum(axis=1)))
+
+    def errors(self) -> Array:
+        """What the spacing of each mode along each axis costs, (M, n), by half of its points."""
+        total, counts = self.counts(self._means())
+        weights = np.exp(self._log_integrals() - total) * counts
+        # twice the points: where jumps cut the density its error falls as their root, elsewhere far more
+        return np.asarray(weights[:, None] * np.stack([mode.errors for mode in self.modes]) / np.sqrt(2))
+
+    def _log_integrals(self) -> Array:
+        return np.array([mode.log_integral for mode in self.modes])
+
+    def _means(self) -> Array:
+        return np.stack([mode.origin + mode.basis @ mode.moments[0] for mode in self.modes])
 
     def holds(self, states: Array) -> BoolArray:
         """Whether states lie in cells of any mode: (K, n) -> (K,)."""
@@ -101,90 +139,126 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, found: Found = F
     Raises:
         TooManyCells: If a mode fills more cells than allowed.
     """
-    space, spacing = target.sensor.space, accuracy.spacing
-    start, edge = ball(space.size, RADIUS / spacing), accuracy.edge(space.size)
     left = (peaks.score >= peaks.score.max() - SLACK) & ~found.holds(peaks.states)
     for place in np.lexsort((-peaks.score, -peaks.log_density)):
         if not left[place]:
             continue
         level = found.level - accuracy.margin
-        basis = spacing * _axes(target, peaks.states[place], peaks.information[place])
-        mode = grow(
-            space, target.log_density, peaks.states[place], basis, start, edge, accuracy.most_cells,
-            found.modes, level=level,
-        )  # fmt: skip
+        peak, information = peaks.states[place], peaks.information[place]
+        mode, shares = _grown(target, peak, information, accuracy, found.modes, level)
         left &= ~mode.holds(peaks.states)
         if mode.logs.max() <= level:
             continue
-        mode, error = _resolved(target, mode, accuracy, found.modes, level)
+        mode = _resolved(target, mode, shares, accuracy, found.modes, level)
         left &= ~mode.holds(peaks.states)
-        found = Found((*found.modes, mode), (*found.errors, error))
+        found = Found((*found.modes, mode))
     return found
 
 
-def assembled(found: Found) -> Quadrature | None:
-    """Modes as weighted points; None if there is none."""
-    modes = found.modes
-    if not modes:
+def assembled(target: Target, found: Found, accuracy: Accuracy) -> Quadrature | None:
+    """Modes as weighted points, None if there are none.
+
+    They are halved further until their errors together are small enough. Where a finer one grows into others
+    that were found after it, it takes their points, as it had their places when they were found.
+    """
+    if not found.modes:
         return None
-    total = float(np.logaddexp.reduce([mode.log_integral for mode in modes]))
+    edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
+    while True:
+        errors = found.errors()
+        squares = errors.max(axis=1) ** 2
+        error = float(np.sqrt(squares.sum()))
+        full = np.array([accuracy.most_cells < 2 * len(mode.keys) for mode in found.modes])
+        if error <= accuracy.error or squares[full].sum() > accuracy.error**2:
+            break
+        worst = int(np.where(full, -1.0, squares).argmax())
+        before, mode, after = found.modes[:worst], found.modes[worst], found.modes[worst + 1 :]
+        axes = errors[worst] == errors[worst].max()
+        mode = halved(mode, axes, target.log_density, edge, accuracy.most_cells, before, level)
+        after = tuple(each.without(mode) for each in after)
+        found = Found((*before, mode, *(each for each in after if each.logs.max() > -np.inf)))
+    modes, total = found.modes, found.moments()[0]
     logs = np.concatenate([mode.logs + np.linalg.slogdet(mode.basis)[1] for mode in modes]) - total
     label = np.repeat(np.arange(len(modes)), [len(mode.keys) for mode in modes])
     some = logs > -np.inf
     states = np.concatenate([mode.states for mode in modes])
     peak = states[np.concatenate([mode.logs for mode in modes]).argmax()]
-    return Quadrature(
-        modes, states[some], logs[some], label[some], total, peak, found.level, max(found.errors)
-    )
+    return Quadrature(modes, states[some], logs[some], label[some], total, peak, found.level, error)
 
 
-def _axes(target: Target, peak: Array, information: Array) -> Array:
-    """A standard deviation along each principal axis of a mode, in columns, (n, n).
+def _grown(
+    target: Target,
+    peak: Array,
+    information: Array,
+    accuracy: Accuracy,
+    others: tuple[Lattice, ...],
+    level: float,
+) -> tuple[Lattice, Array]:
+    """A mode's first lattice, and its steps along each axis as shares of what is usual, (n,).
 
-    Those of a Gaussian with that information, or less where its density ends sooner on both sides: information
-    is only of the beams that fit, and jumps of the others may cut it.
+    They are doubled where it takes too many cells: where they were cut, until they are whole, and for what is
+    but a lobe, far below other modes, any time.
+    """
+    space, spacing, edge = target.sensor.space, accuracy.spacing, accuracy.edge(len(peak))
+    axes, shares = _axes(target, peak, information)
+    start = ball(space.size, RADIUS / spacing)
+    lobe = target.log_density(peak[None])[0] < level + accuracy.margin - LOBE
+    while True:
+        basis, usual = spacing * axes * shares, not lobe and (shares >= 1).all()
+        most = accuracy.most_cells if usual else min(FIRST, accuracy.most_cells)
+        try:
+            return grow(
+                space, target.log_density, peak, basis, start, edge, most, others, level=level
+            ), shares
+        except TooManyCells:
+            if usual or shares.min() > COARSEST:
+                raise
+            shares = np.minimum(2 * shares, 1.0) if (shares < 1).any() else 2 * shares
+
+
+def _axes(target: Target, peak: Array, information: Array) -> tuple[Array, Array]:
+    """The principal axes of a mode, and what share of each to take.
+
+    Returns:
+        A standard deviation of a Gaussian with that information along each axis, in columns, (n, n). Shares,
+        (n,): 1, or half of it so often that the density ends on both sides: that information is of the beams
+        that fit, and jumps of others may cut it.
     """
     unit = 1 / np.sqrt(np.diagonal(information))
     values, vectors = np.linalg.eigh(unit[:, None] * information * unit)
     axes = unit[:, None] * vectors / np.sqrt(values)
     shares = 0.5 ** np.arange(CUTS)
     steps = RADIUS * shares[:, None, None, None] * np.array([1.0, -1.0])[:, None, None] * axes.T
-    states = target.sensor.space.wrap(
-        peak + np.concatenate([np.zeros((1, len(peak))), steps.reshape(-1, len(peak))])
-    )
-    logs = target.log_density(states)
-    lost = logs[0] - logs[1:].reshape(CUTS, 2, -1).max(axis=1)
-    return axes * shares[(lost < FALLEN).argmax(axis=0)]
+    states = np.vstack([peak, peak + steps.reshape(-1, len(peak))])
+    logs = target.log_density(target.sensor.space.wrap(states))
+    if logs[0] == -np.inf:
+        return axes, np.ones(len(peak))
+    inside = logs[0] - logs[1:].reshape(CUTS, 2, -1).max(axis=1) < FALLEN
+    inside[-1] = True
+    return axes, shares[inside.argmax(axis=0)]
 
 
 def _resolved(
-    target: Target, mode: Lattice, accuracy: Accuracy, others: tuple[Lattice, ...], level: float
-) -> tuple[Lattice, float]:
-    """A mode with its spacing halved until its error is small enough, and that error."""
+    target: Target,
+    mode: Lattice,
+    shares: Array,
+    accuracy: Accuracy,
+    others: tuple[Lattice, ...],
+    level: float,
+) -> Lattice:
+    """A mode with its spacing halved until its error is small enough.
+
+    Raises:
+        TooManyCells: If that would take more than allowed, with steps wider than usual.
+    """
     edge = accuracy.edge(mode.space.size)
     while True:
-        # twice the points: where jumps cut the density its error falls as their root, elsewhere far more
-        error = _weight(mode, others) * mode.errors() / np.sqrt(2)
-        axes = error > accuracy.error
-        if not axes.any() or len(mode.keys) * 2 ** int(axes.sum()) > accuracy.most_cells:
-            return mode, float(error.max())
+        error = Found((*others, mode)).errors()[-1]
+        room = int(np.log2(accuracy.most_cells / len(mode.keys)))  # how many axes can be halved: the worst
+        axes = (error > accuracy.error) & (error >= np.sort(error)[::-1][: max(room, 1)].min())
+        if not axes.any() or (room == 0 and (shares <= 1).all()):
+            return mode
+        if room == 0:
+            raise too_many(accuracy.most_cells)
         mode = halved(mode, axes, target.log_density, edge, accuracy.most_cells, others, level)
-
-
-def _weight(mode: Lattice, others: tuple[Lattice, ...]) -> float:
-    """How much an error of a mode's probability counts: its share, or its share of a covariance if more."""
-    every = [mode, *others]
-    logs = np.array([each.log_integral for each in every])
-    shares = np.exp(logs - np.logaddexp.reduce(logs))
-    moments = [each.moments for each in every]
-    states = np.stack(
-        [each.origin + each.basis @ mean for each, (mean, _) in zip(every, moments, strict=True)]
-    )
-    means = mode.space.difference(states, states[0])
-    away = means - shares @ means
-    within = sum(
-        share * each.basis @ covariance @ each.basis.T
-        for share, each, (_, covariance) in zip(shares, every, moments, strict=True)
-    )
-    total = within + (away * shares[:, None]).T @ away + 1e-12 * np.eye(len(away[0]))
-    return float(shares[0] * max(1.0, away[0] @ np.linalg.solve(total, away[0])))
+        shares = np.where(axes, shares / 2, shares)
