@@ -167,7 +167,7 @@ class AdaptivePointMassFilter:
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        cells = assembled(target, integrate(target, peaks, self._accuracy), self._accuracy)
+        cells = assembled(integrate(target, peaks, self._accuracy))
         assert cells is not None, "a prior allows its own samples"
         return cells
 
@@ -206,7 +206,7 @@ class AdaptivePointMassFilter:
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        return assembled(target, found, self._accuracy)
+        return assembled(found)
 
     def _found(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature | None:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
@@ -228,7 +228,7 @@ class AdaptivePointMassFilter:
             left, worth = left[worth > -np.inf], worth[worth > -np.inf]
             if not len(left):
                 break
-        return assembled(target, found, self._accuracy)
+        return assembled(found)
 
     def _worth(self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Found) -> Array:
         """How much boxes (K, n) that no mode holds ask to be followed, (K,), nats; -inf where they need not.

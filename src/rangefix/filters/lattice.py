@@ -25,11 +25,6 @@ class TooManyCells(ValueError):
     """The posterior fills more cells than allowed."""
 
 
-def too_many(most: int) -> TooManyCells:
-    """The error that says so."""
-    return TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
-
-
 @dataclass(frozen=True)
 class Lattice:
     """Points origin + basis i for whole numbers i, and the log density at those that matter.
@@ -67,7 +62,8 @@ class Lattice:
 
     def without(self, other: Lattice) -> Lattice:
         """The same with no density in the cells of another."""
-        return replace(self, logs=np.where(other.holds(self.states), -np.inf, self.logs))
+        held = other.holds(self.states)
+        return replace(self, logs=np.where(held, -np.inf, self.logs)) if held.any() else self
 
     @cached_property
     def moments(self) -> tuple[Array, Array]:
@@ -161,7 +157,7 @@ def grow(
             break
         known.add(found)
         if known.count > most:
-            raise too_many(most)
+            raise TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
         offset = fresh @ basis.T
         states = space.wrap(origin + offset)
         values = log_density(states)

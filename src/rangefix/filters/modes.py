@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, lambertw
 
 from .climb import Peaks
-from .lattice import Lattice, TooManyCells, ball, grow, halved, too_many
+from .lattice import Lattice, TooManyCells, ball, grow, halved
 from .space import Array, BoolArray
 from .target import Target
 
 SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
 BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 CUTS, FALLEN = 12, 6.0  # how often an axis may be halved, as long as both its ends have fallen so many nats
+SMALL, OWN = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
 LOBE = 6.0  # nats below the best mode's peak at which another is taken for a lobe of something wide
-FIRST = 100_000  # cells of a lobe, or of a mode in cut axes, beyond which steps are doubled
+MANY = 3.0  # times the cells of a Gaussian: of more, lobes and modes in cut axes have their steps doubled
 COARSEST = 100.0  # times the usual: steps that are doubled no more
 RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
@@ -106,9 +107,15 @@ class Found(NamedTuple):
     def errors(self) -> Array:
         """What the spacing of each mode along each axis costs, (M, n), by half of its points."""
         total, counts = self.counts(self._means())
-        weights = np.exp(self._log_integrals() - total) * counts
+        shares = np.exp(self._log_integrals() - total)
+        weights = np.maximum(shares * counts, np.where(shares > SMALL, OWN, 0.0))
         # twice the points: where jumps cut the density its error falls as their root, elsewhere far more
         return np.asarray(weights[:, None] * np.stack([mode.errors for mode in self.modes]) / np.sqrt(2))
+
+    @property
+    def error(self) -> float:
+        """What it costs altogether: the root of the modes' sum of squares."""
+        return float(np.sqrt((self.errors().max(axis=1) ** 2).sum()))
 
     def _log_integrals(self) -> Array:
         return np.array([mode.log_integral for mode in self.modes])
@@ -145,45 +152,49 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, found: Found = F
             continue
         level = found.level - accuracy.margin
         peak, information = peaks.states[place], peaks.information[place]
-        mode, shares = _grown(target, peak, information, accuracy, found.modes, level)
+        mode = _grown(target, peak, information, accuracy, found.modes, level)
         left &= ~mode.holds(peaks.states)
         if mode.logs.max() <= level:
             continue
-        mode = _resolved(target, mode, shares, accuracy, found.modes, level)
-        left &= ~mode.holds(peaks.states)
         found = Found((*found.modes, mode))
-    return found
+    return _refined(target, found, accuracy) if found.modes else found
 
 
-def assembled(target: Target, found: Found, accuracy: Accuracy) -> Quadrature | None:
-    """Modes as weighted points, None if there are none.
-
-    They are halved further until their errors together are small enough. Where a finer one grows into others
-    that were found after it, it takes their points, as it had their places when they were found.
-    """
-    if not found.modes:
+def assembled(found: Found) -> Quadrature | None:
+    """Modes as weighted points; None if there are none."""
+    modes = found.modes
+    if not modes:
         return None
-    edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
-    while True:
-        errors = found.errors()
-        squares = errors.max(axis=1) ** 2
-        error = float(np.sqrt(squares.sum()))
-        full = np.array([accuracy.most_cells < 2 * len(mode.keys) for mode in found.modes])
-        if error <= accuracy.error or squares[full].sum() > accuracy.error**2:
-            break
-        worst = int(np.where(full, -1.0, squares).argmax())
-        before, mode, after = found.modes[:worst], found.modes[worst], found.modes[worst + 1 :]
-        axes = errors[worst] == errors[worst].max()
-        mode = halved(mode, axes, target.log_density, edge, accuracy.most_cells, before, level)
-        after = tuple(each.without(mode) for each in after)
-        found = Found((*before, mode, *(each for each in after if each.logs.max() > -np.inf)))
-    modes, total = found.modes, found.moments()[0]
+    total = found.moments()[0]
     logs = np.concatenate([mode.logs + np.linalg.slogdet(mode.basis)[1] for mode in modes]) - total
     label = np.repeat(np.arange(len(modes)), [len(mode.keys) for mode in modes])
     some = logs > -np.inf
     states = np.concatenate([mode.states for mode in modes])
     peak = states[np.concatenate([mode.logs for mode in modes]).argmax()]
-    return Quadrature(modes, states[some], logs[some], label[some], total, peak, found.level, error)
+    return Quadrature(modes, states[some], logs[some], label[some], total, peak, found.level, found.error)
+
+
+def _refined(target: Target, found: Found, accuracy: Accuracy) -> Found:
+    """Modes with their spacing halved, the worst axis at a time, until together they err by little enough.
+
+    No point is worked out twice. A mode of as many cells as allowed stays as it is; if its error alone is too
+    large, the others are as good as they would be without it. Where a finer mode grows into others that were
+    found after it, it takes their points, as it had their places when they were found.
+    """
+    edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
+    while True:
+        errors = found.errors()
+        squares = errors.max(axis=1) ** 2
+        full = np.array([accuracy.most_cells < 2 * len(mode.keys) for mode in found.modes])
+        allowed, lost = accuracy.error**2, squares[full].sum()
+        if squares[~full].sum() <= (allowed - lost if lost < allowed else allowed):
+            return found
+        worst = int(np.where(full, -1.0, squares).argmax())
+        before, mode, after = found.modes[:worst], found.modes[worst], found.modes[worst + 1 :]
+        axis = errors[worst] == errors[worst].max()
+        mode = halved(mode, axis, target.log_density, edge, accuracy.most_cells, before, level)
+        after = tuple(each.without(mode) for each in after)
+        found = Found((*before, mode, *(each for each in after if each.logs.max() > -np.inf)))
 
 
 def _grown(
@@ -193,23 +204,25 @@ def _grown(
     accuracy: Accuracy,
     others: tuple[Lattice, ...],
     level: float,
-) -> tuple[Lattice, Array]:
-    """A mode's first lattice, and its steps along each axis as shares of what is usual, (n,).
+) -> Lattice:
+    """A mode's first lattice.
 
-    They are doubled where it takes too many cells: where they were cut, until they are whole, and for what is
+    Its steps are doubled where it takes too many cells: where they were cut, until they are whole; where it is
     but a lobe, far below other modes, any time.
+
+    Raises:
+        TooManyCells: If a mode that is no lobe fills more cells than allowed.
     """
     space, spacing, edge = target.sensor.space, accuracy.spacing, accuracy.edge(len(peak))
     axes, shares = _axes(target, peak, information)
     start = ball(space.size, RADIUS / spacing)
+    many = int(MANY * len(ball(space.size, 1 + np.sqrt(2 * edge) / spacing)))
     lobe = target.log_density(peak[None])[0] < level + accuracy.margin - LOBE
     while True:
         basis, usual = spacing * axes * shares, not lobe and (shares >= 1).all()
-        most = accuracy.most_cells if usual else min(FIRST, accuracy.most_cells)
+        most = accuracy.most_cells if usual else min(many, accuracy.most_cells)
         try:
-            return grow(
-                space, target.log_density, peak, basis, start, edge, most, others, level=level
-            ), shares
+            return grow(space, target.log_density, peak, basis, start, edge, most, others, level=level)
         except TooManyCells:
             if usual or shares.min() > COARSEST:
                 raise
@@ -236,29 +249,3 @@ def _axes(target: Target, peak: Array, information: Array) -> tuple[Array, Array
     inside = logs[0] - logs[1:].reshape(CUTS, 2, -1).max(axis=1) < FALLEN
     inside[-1] = True
     return axes, shares[inside.argmax(axis=0)]
-
-
-def _resolved(
-    target: Target,
-    mode: Lattice,
-    shares: Array,
-    accuracy: Accuracy,
-    others: tuple[Lattice, ...],
-    level: float,
-) -> Lattice:
-    """A mode with its spacing halved until its error is small enough.
-
-    Raises:
-        TooManyCells: If that would take more than allowed, with steps wider than usual.
-    """
-    edge = accuracy.edge(mode.space.size)
-    while True:
-        error = Found((*others, mode)).errors()[-1]
-        room = int(np.log2(accuracy.most_cells / len(mode.keys)))  # how many axes can be halved: the worst
-        axes = (error > accuracy.error) & (error >= np.sort(error)[::-1][: max(room, 1)].min())
-        if not axes.any() or (room == 0 and (shares <= 1).all()):
-            return mode
-        if room == 0:
-            raise too_many(accuracy.most_cells)
-        mode = halved(mode, axes, target.log_density, edge, accuracy.most_cells, others, level)
-        shares = np.where(axes, shares / 2, shares)
