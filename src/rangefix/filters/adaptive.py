@@ -59,7 +59,7 @@ class AdaptivePointMassFilter:
     Args:
         problem: The problem; its sensor must be a `Rangefinder` with no `max_incidence`.
         accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances and of
-            each mode's probability, as the lattice's own halves show it.
+            probabilities, as the lattices' own halves show it.
         drop: Density, relative to the greatest, below which no mode is looked at.
         table_rays: About how many rays to spend on the table.
         most_cells: The most cells of one mode.

@@ -207,7 +207,7 @@ def _grown(
 ) -> Lattice:
     """A mode's first lattice.
 
-    Its steps are doubled where it takes too many cells: where they were cut, until they are whole; where it is
+    Its steps are doubled where it takes too many cells: where they were cut, until they are whole; if it is
     but a lobe, far below other modes, any time.
 
     Raises:
