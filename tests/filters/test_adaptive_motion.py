@@ -19,11 +19,10 @@ from rangefix.filters import (
     build,
     pose_space,
     position_space,
-    predicted,
 )
-from rangefix.filters.adaptive import AdaptivePointMassFilter
+from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
+from rangefix.filters.adaptive.kernel_sum import log_reached, log_sum, reached
 from rangefix.filters.confined import is_clear
-from rangefix.filters.kernel_sum import log_reached, log_sum, reached
 from rangefix.filters.space import TURN
 from rangefix.maps import FloorPlan
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rangefix.filters import pose_space, position_space
-from rangefix.filters.lattice import TooManyCells, ball, grow, halved
-from rangefix.filters.smoothing import draws, smoothed
+from rangefix.filters.adaptive.lattice import TooManyCells, ball, grow, halved
+from rangefix.filters.adaptive.smoothing import draws, smoothed
 
 SPACE = position_space()
 MEAN = np.array([1.0, -2.0])

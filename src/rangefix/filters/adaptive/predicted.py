@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..confined import Confined
+from ..motion import Stationary
+from ..problem import Motion, RangeMap
+from ..space import TURN, Array, BoolArray, StateSpace
 from .climb import looked_at
-from .confined import Confined
 from .kernel_sum import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
-from .motion import Stationary
-from .problem import Motion, RangeMap
 from .smoothing import COARSEST, KEPT, TOGETHER, Kernels, smoothed
-from .space import TURN, Array, BoolArray, StateSpace
 from .target import Target
 
 MOST = 20_000  # points that are moved

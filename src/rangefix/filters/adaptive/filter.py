@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
+from ..estimator import Estimate
+from ..motion import Stationary
+from ..problem import Prior, Problem
+from ..space import Array
 from .climb import FEW, STEPS, Peaks, climb, looked_at
-from .estimator import Estimate
 from .modes import Accuracy, Found, Quadrature, assembled, integrate
-from .motion import Stationary
 from .predicted import Predicted, predicted
-from .problem import Prior, Problem
 from .search import SearchTable, build_table, shortfalls
 from .smoothing import draws
-from .space import Array
 from .target import Target
 
 STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowhere are looked for more widely

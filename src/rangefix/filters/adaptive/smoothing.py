@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from ..space import Array
 from .lattice import Lattice
-from .space import Array
 
 WIDTH = 0.6  # steps of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
 TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as one; of 2 components, of more

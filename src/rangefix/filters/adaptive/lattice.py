@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .space import Array, BoolArray, StateSpace
+from ..space import Array, BoolArray, StateSpace
 
 Indices = NDArray[np.int64]
 

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import njit, prange
-from .problem import Prior, Sensor
-from .space import TURN, Array, BoolArray
+from ..compiled import njit, prange
+from ..problem import Prior, Sensor
+from ..space import TURN, Array, BoolArray
 from .target import CAP, room_of
 
 QUANTUM = 0.01  # m; the table's unit of range

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, lambertw
 
+from ..space import Array, BoolArray
 from .climb import Peaks
 from .lattice import Lattice, TooManyCells, ball, grow, halved
-from .space import Array, BoolArray
 from .target import Target
 
 SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short

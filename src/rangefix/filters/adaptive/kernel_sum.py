@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .compiled import njit, prange
-from .space import TURN, Array, BoolArray
+from ..compiled import njit, prange
+from ..space import TURN, Array, BoolArray
 
 NEGLIGIBLE = 40.0  # nats below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .problem import Sensor
-from .space import Array
+from ..problem import Sensor
+from ..space import Array
 
 BATCH = 2_000_000  # ranges cast at once
 CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off

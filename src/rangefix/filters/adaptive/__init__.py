@@ -1,0 +1,5 @@
+"""The adaptive point-mass filter: a search for the modes of a posterior, and a lattice for each."""
+
+from .filter import AdaptiveBelief, AdaptivePointMassFilter
+
+__all__ = ["AdaptiveBelief", "AdaptivePointMassFilter"]
