@@ -10,7 +10,7 @@ from numpy.random import Generator
 from ..estimator import Estimate
 from ..motion import Stationary
 from ..problem import Prior, Problem
-from ..space import Array
+from ..space import TURN, Array
 from .climb import FEW, STEPS, Peaks, climb, looked_at
 from .modes import Accuracy, Found, Quadrature, assembled, integrate
 from .predicted import Predicted, predicted
@@ -24,6 +24,7 @@ BLUR = 3.0  # nats by which those that are left then are drawn by lot
 GUESSES = 2000  # boxes that are followed at once
 ROUNDS = (STEPS, STEPS, 0, STEPS, 0)  # steps of guesses; without steps, those that lead elsewhere count too
 MISSED = 0.25  # of the accuracy: how much boxes may count that are not followed
+LOOKED_UP = ("x1", "x2", "heading")  # components that boxes have
 SEEDS = 32  # points of a predicted mode that are followed
 
 
@@ -262,7 +263,7 @@ class AdaptivePointMassFilter:
         if len(kept) > MOST_BOXES:
             lots = BLUR * np.random.default_rng(0).gumbel(size=len(kept))
             kept = kept[np.argpartition(bounds.ravel()[kept] - lots, MOST_BOXES)[:MOST_BOXES]]
-        cells, headings = np.unravel_index(kept, bounds.shape)
+        cells, headings = np.divmod(kept, bounds.shape[1])
         quarter = np.array([(-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)]) * table.size[:2]
         whole = table.whole[cells]
         centres = np.concatenate(
@@ -270,11 +271,13 @@ class AdaptivePointMassFilter:
         )
         states = np.tile(self.problem.prior.mean, (len(centres), 1))
         states[:, space.position_indices] = centres
+        wide = TURN * np.diagonal(self.problem.prior.covariance)  # velocities, as wide as their prior
+        volume = np.sqrt(np.prod([wide[i] for i, name in enumerate(space.names) if name not in LOOKED_UP]))
         if "heading" in space.names:
             angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
             states[:, space.names.index("heading")] = angles
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
-        volume = np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
+        volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))
 
 
