@@ -12,8 +12,9 @@ import platform
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -84,22 +85,26 @@ def _identity(thing: object) -> str:
         return f"unpicklable {id(thing)} {datetime.datetime.now().isoformat()}"
 
 
-def plugin_source(builder: Builder) -> str:
-    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours."""
+def plugin_source(builder: Builder, of_module: Callable[[str], str] | None = None) -> str:
+    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours.
+
+    `of_module` digests the package of a module; several builders of one package may share one that remembers.
+    """
+    of_module = of_module or _module_source
     target: Any = builder
     if isinstance(builder, Named):
         where = builder.name.rpartition(":")[0]
         if where.endswith(".py"):
             path = Path(where)
             return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-        return _module_source(module_of(builder.name))
+        return of_module(module_of(builder.name))
     module = inspect.getmodule(target)
     file = getattr(module, "__file__", None)
     if module is None or file is None:
         return ""
     if module.__name__ == "__main__":
         return sha256(Path(file).read_bytes()).hexdigest()
-    return _module_source(module.__name__)
+    return of_module(module.__name__)
 
 
 def _module_source(module: str) -> str:
@@ -132,11 +137,11 @@ def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
         source_digest(PACKAGE, NUMERIC),
         {name: version_of(name) for name in LIBRARIES},
     )
-    trials = {}
+    trials, of_module = {}, cache(_module_source)
     for label, builder in experiment.estimators.items():
         who = [builder.name, dict(builder.options)] if isinstance(builder, Named) else _identity(builder)
         try:
-            source = plugin_source(builder)
+            source = plugin_source(builder, of_module)
         except Exception:  # its trials will say what is wrong
             source = "not found"
         trials[label] = digest(world, who, source, experiment.limit(label), experiment.beliefs)
