@@ -226,11 +226,13 @@ def test_a_belief_too_wide_to_be_moved_is_refused(monkeypatch):
         estimator.predict(estimator.init(problem.prior, [RNG]), STEP, [RNG])
 
 
-def test_sums_of_kernels_are_sums():
-    """Against scipy, headings across the cut included, to 1e-12."""
+@pytest.mark.parametrize(("spread", "turned"), [(1.0, np.pi), (0.1, 0.0), (0.1, np.pi), (0.1, 3.0)])
+def test_sums_of_kernels_are_sums(spread, turned):
+    """Against scipy, headings near by, across the cut and half a turn away, to 1e-12."""
     rng = np.random.default_rng(1)
     states, centres = rng.normal(size=(40, 3)), rng.normal(size=(25, 3))
-    states[:, 2] += np.pi
+    states[:, 2] = turned + spread * states[:, 2]
+    centres[:, 2] *= spread
     root = rng.normal(size=(25, 3, 3))
     precision, log_scale = root @ np.swapaxes(root, 1, 2) + np.eye(3), rng.normal(size=25)
     away = POSE.difference(states[:, None], centres)
