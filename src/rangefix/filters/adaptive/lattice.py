@@ -77,27 +77,22 @@ class Lattice:
     def errors(self) -> Array:
         """What twice the spacing along each axis would cost, (n,): the greatest of three errors.
 
-        Of the probability, as a share; of the mean, in standard deviations; of the covariance, in variances.
-        What shows across several axes is counted for that one of them that is worst: halving it is enough.
+        Of the probability, as a share; of the mean, in standard deviations; of the covariance, in variances,
+        in the direction in which it is greatest. What shows across several axes is counted for that one of
+        them that is worst: halving it is enough.
         """
         weights = self._weights()
         mean, covariance = self.moments
         # whitened: a sum over one point alone has no width, and shows as an error of the covariance
         values, vectors = np.linalg.eigh(covariance)
         white = (self.index - mean) @ (vectors / np.sqrt(np.maximum(values, 1 / 12)))
-        size = white.shape[1]
-        terms = np.column_stack(
-            [
-                np.ones(len(white)),
-                white,
-                *(white[:, i] * white[:, j] for i in range(size) for j in range(i + 1)),
-            ]
-        )
         odd = self.index % 2
-        found = np.zeros(size)
-        for kind in sorted(product((0, 1), repeat=size), key=sum)[1:]:
+        found = np.zeros(white.shape[1])
+        for kind in sorted(product((0, 1), repeat=len(found)), key=sum)[1:]:
             axes = np.flatnonzero(kind)
-            cost = np.abs((weights * (1 - 2 * (odd[:, axes].sum(axis=1) % 2))) @ terms).max()
+            signed = weights * (1 - 2 * (odd[:, axes].sum(axis=1) % 2))
+            spread = np.linalg.eigvalsh((white * signed[:, None]).T @ white)
+            cost = max(abs(signed.sum()), np.linalg.norm(signed @ white), np.abs(spread).max())
             worst = axes[found[axes].argmax()]
             found[worst] = max(found[worst], cost)
         return found
