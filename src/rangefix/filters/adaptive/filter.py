@@ -25,7 +25,7 @@ GUESSES = 2000  # boxes that are followed at once
 ROUNDS = (STEPS, STEPS, 0, STEPS, 0)  # steps of guesses; without steps, those that lead elsewhere count too
 MISSED = 0.25  # of the accuracy: how much boxes may count that are not followed
 LOOKED_UP = ("x1", "x2", "heading")  # components that boxes have
-SEEDS = 32  # points of a predicted mode that are followed
+SEEDS = 24  # points of a predicted mode that are followed
 
 
 @dataclass(frozen=True)
