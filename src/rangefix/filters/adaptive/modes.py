@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, lambertw
 
 from ..space import Array, BoolArray
@@ -55,7 +54,7 @@ class Quadrature(NamedTuple):
     """A posterior as weighted points.
 
     modes: The lattices, as they were found. states: Their points, (K, n). log_mass: Log probabilities, (K,).
-    mode: Which lattice each point is of, (K,). log_integral: Log of the integral of the density.
+    log_integral: Log of the integral of the density.
     peak, level: The point of greatest density, (n,), and its log density.
     error: What halving the spacing would show, as `Accuracy.error`: the root of the modes' sum of squares.
     """
@@ -63,7 +62,6 @@ class Quadrature(NamedTuple):
     modes: tuple[Lattice, ...]
     states: Array
     log_mass: Array
-    mode: NDArray[np.int64]
     log_integral: float
     peak: Array
     level: float
@@ -167,11 +165,10 @@ def assembled(found: Found) -> Quadrature | None:
         return None
     total = found.moments()[0]
     logs = np.concatenate([mode.logs + np.linalg.slogdet(mode.basis)[1] for mode in modes]) - total
-    label = np.repeat(np.arange(len(modes)), [len(mode.keys) for mode in modes])
     some = logs > -np.inf
     states = np.concatenate([mode.states for mode in modes])
     peak = states[np.concatenate([mode.logs for mode in modes]).argmax()]
-    return Quadrature(modes, states[some], logs[some], label[some], total, peak, found.level, found.error)
+    return Quadrature(modes, states[some], logs[some], total, peak, found.level, found.error)
 
 
 def _refined(target: Target, found: Found, accuracy: Accuracy) -> Found:
