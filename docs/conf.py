@@ -33,7 +33,7 @@ nitpick_ignore_regex = [
         r"py:.*",
         r"(NDArray|ArrayLike|Array|BoolArray|Builder|Factory|Belief|FieldInfo|MinLen|NoneType|_\w+)",
     ),
-    (r"py:.*", r"rangefix\.(maps|filters|evaluation)(\.[a-z_]+)+\.\w+"),
+    (r"py:.*", r"rangefix\.(maps|filters|evaluation)(\.[a-z_0-9]+)+\.\w+"),
 ]
 
 # Markdown

@@ -16,8 +16,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from rangefix.evaluation import load_study, paper, run
-from rangefix.evaluation.plots import draw
+from rangefix.evaluation import load_study, run
+from rangefix.evaluation.drawing import draw
+from rangefix.evaluation.paper import table1
 
 HERE = Path(__file__).parent
 INTRO = """# Gallery
@@ -49,7 +50,7 @@ def lay_out(
 def the_paper(out: Path, draws: int) -> list[str]:
     """The paper's own figures."""
     folder = out / "results" / "table1"
-    paper.save(paper.solve(draws, 0), folder)
+    table1.save(table1.solve(draws, 0), folder)
     draw(folder)
     text = "Figs. 2 and 3 of Stepanov and Mansour, for measurements without noise."
     commands = [f"rangefix paper --draws {draws} --out results/paper"]

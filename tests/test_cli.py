@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from rangefix import __version__
-from rangefix.arguments import gather_bearings
 from rangefix.cli import main
+from rangefix.cli.arguments import gather_bearings
 
 STUDY = """
 runs = 12
@@ -131,7 +131,7 @@ def test_a_narrow_terminal_keeps_names_and_verdicts(
     rangefix: Callable[..., Said], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At 80 columns every estimator has its name and its verdict; labels are no markup."""
-    monkeypatch.setattr("rangefix.tables.WIDTH", 80)
+    monkeypatch.setattr("rangefix.cli.tables.WIDTH", 80)
     text = STUDY.replace('name = "ekf"', 'name = "ekf"\nlabel = "[/x] :smile:"')
     said = rangefix("run", write(tmp_path / "s.toml", text), "--runs", "60", "--out", "r")
     assert said.code == 0

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.filters.scan_kernels import scan_misfits
+from rangefix.filters.point_mass.turning_kernels import scan_misfits
 
 from . import full_scan
 from .race import race

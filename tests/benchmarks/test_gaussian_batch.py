@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from rangefix.filters import EachRun, Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
-from rangefix.filters.gaussian_batch import BatchExtendedKalmanFilter, BatchUnscentedKalmanFilter
-from rangefix.filters.kalman import ExtendedKalmanFilter, UnscentedKalmanFilter
+from rangefix.filters.kalman import (
+    BatchExtendedKalmanFilter,
+    BatchUnscentedKalmanFilter,
+    ExtendedKalmanFilter,
+    UnscentedKalmanFilter,
+)
 from rangefix.maps import RectangularRoom
 
 RUNS, UPDATES, FEW = 10_000, 3, 500

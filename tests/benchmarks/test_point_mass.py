@@ -18,7 +18,8 @@ import numba
 import numpy as np
 import pytest
 
-from rangefix.filters import build, cell_ranges
+from rangefix.filters import build
+from rangefix.filters.point_mass import cell_ranges
 
 from . import peers
 from .race import race

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from rangefix.cli import main
-from rangefix.evaluation import Experiment, Named, Results, guard, looks, parse_study, run
-from rangefix.evaluation.checked import check_apart
+from rangefix.evaluation import Experiment, Named, Results, parse_study, run
+from rangefix.evaluation.isolation import look
+from rangefix.evaluation.isolation.checks import check_apart
+from rangefix.evaluation.monte_carlo import guard
 from rangefix.filters.checks import check_names
 
 from .conftest import make_problem
@@ -179,7 +181,7 @@ def test_a_study_warns_of_plug_ins_and_runs(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """One line for each before anything runs, with key and line of the file; exit code 1; JSON unspoilt."""
-    monkeypatch.setattr(looks, "PATIENCE", 1.0)
+    monkeypatch.setattr(look, "PATIENCE", 1.0)
     monkeypatch.setattr(guard, "BUILD", 0.5)
     names = [f"{folder}/{name}" for name in ("hangs.py:make", "bad.py:ExitsWhenBuilt", "bad.py:Prints")]
     text = STUDY + "".join(f'[[estimators]]\nname = "{name}"\n' for name in names)

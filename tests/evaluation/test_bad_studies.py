@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rangefix.evaluation.study import StudyError, parse_study
+from rangefix.evaluation import StudyError, parse_study
 
 STUDY = """\
 runs = 12

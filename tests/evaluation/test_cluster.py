@@ -11,8 +11,10 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, cluster, run
-from rangefix.evaluation.simulate import Simulation
+from rangefix.evaluation import Experiment, Named, ResultsError, run
+from rangefix.evaluation.isolation import process as process_module
+from rangefix.evaluation.monte_carlo import backends, keys, worker
+from rangefix.evaluation.monte_carlo.simulate import Simulation
 
 from .conftest import make_problem
 
@@ -92,7 +94,7 @@ def test_without_dask(monkeypatch, tmp_path):
     def missing(name):
         raise ModuleNotFoundError(name)
 
-    monkeypatch.setattr(cluster.importlib, "import_module", missing)
+    monkeypatch.setattr(backends.importlib, "import_module", missing)
     with pytest.raises(ResultsError, match=r"pip install 'rangefix\[dask\]'"):
         run(Experiment(make_problem(), {"ekf": Named("ekf")}, runs=3), tmp_path, cluster="tcp://127.0.0.1:1")
 
@@ -100,17 +102,19 @@ def test_without_dask(monkeypatch, tmp_path):
 def test_other_code_is_refused():
     """A worker whose source, libraries or plug-ins are not the caller's computes nothing."""
     experiment = Experiment(make_problem(), {"ekf": Named("ekf")}, runs=3)
-    content, prints = cluster.pickled(experiment), cluster.fingerprint(experiment)
-    assert cluster._crew(content, tuple(prints.items())).experiment.runs == 3
+    content, prints = process_module.pickled(experiment), keys.fingerprint(experiment)
+    assert backends._crew_on_cluster(content, tuple(prints.items())).experiment.runs == 3
     with pytest.raises(ResultsError, match="another numpy"):
-        cluster._crew(content, tuple((prints | {"numpy": "1.0"}).items()))
+        backends._crew_on_cluster(content, tuple((prints | {"numpy": "1.0"}).items()))
 
 
 def test_blocks_reach_the_workers_with_their_measurements(tmp_path):
     """What a worker is sent is what it needs: it reads no file of the caller."""
     experiment = Experiment(make_problem(), {"ekf": Named("ekf")}, runs=20, block=10)
-    payload = cluster.pickled(experiment), cluster.fingerprint(experiment)
+    payload = process_module.pickled(experiment), keys.fingerprint(experiment)
     results = run(experiment, tmp_path, timing=False)
-    task = cluster.Task("ekf", 0, 10, 20)
-    _, part = cluster._work(payload, task, Simulation(results.truth[10:], results.measurement[10:]))
+    task = worker.Task("ekf", 0, 10, 20)
+    _, part = backends._work_on_cluster(
+        payload, task, Simulation(results.truth[10:], results.measurement[10:])
+    )
     np.testing.assert_array_equal(part["mean"], results.get("ekf").mean[10:])

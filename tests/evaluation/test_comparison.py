@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, load_study, run, summarise
-from rangefix.evaluation.simulate import evidence_floor
-from rangefix.evaluation.trial import Trial
+from rangefix.evaluation.monte_carlo.evidence_floor import evidence_floor
+from rangefix.evaluation.monte_carlo.trial import Trial
 
 from .conftest import PriorOnly, make_problem
 

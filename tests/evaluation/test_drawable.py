@@ -11,8 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from rangefix.evaluation import Experiment, Named, run
-from rangefix.evaluation.drawable import LONGEST, drawable
-from rangefix.evaluation.plots import draw, study_figures
+from rangefix.evaluation.drawing import draw
+from rangefix.evaluation.figures import study_figures
+from rangefix.evaluation.figures.labels import LONGEST, drawable
 
 from .conftest import make_problem
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rangefix.evaluation import StudyError, parse_study
-from rangefix.evaluation.schema import EstimatorSection
+from rangefix.evaluation.study import EstimatorSection
 
 STUDY = """
 timeout_s = 5.0

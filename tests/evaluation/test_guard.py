@@ -13,11 +13,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from rangefix.evaluation import STATUSES, Experiment, Named, experiment, guard, run
-from rangefix.evaluation.contestant import Contestant
-from rangefix.evaluation.guard import Guard
-from rangefix.evaluation.outcome import is_covariance
-from rangefix.evaluation.trial import Trial
+from rangefix.evaluation import STATUSES, Experiment, Named, experiment, run
+from rangefix.evaluation.monte_carlo import guard
+from rangefix.evaluation.monte_carlo.built_estimator import Contestant
+from rangefix.evaluation.monte_carlo.guard import Guard
+from rangefix.evaluation.monte_carlo.trial import Trial
+from rangefix.evaluation.results.outcome import is_covariance
 
 from .conftest import PriorOnly, make_problem
 

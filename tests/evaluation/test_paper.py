@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.evaluation import paper
-from rangefix.evaluation.paper import Paper, cut_off_interval, only
+from rangefix.evaluation.paper import Paper, table1
+from rangefix.evaluation.paper.table1 import cut_off_interval, only
 
 CONVERGED = {  # standard deviations for noise-free measurements, m
     "1": (0.6460, 0.9695),
@@ -23,7 +23,7 @@ CONVERGED = {  # standard deviations for noise-free measurements, m
 
 @pytest.fixture(scope="module")
 def solved() -> Paper:
-    return paper.solve(draws=200)
+    return table1.solve(draws=200)
 
 
 @pytest.mark.parametrize("beams", CONVERGED)
@@ -64,7 +64,7 @@ def test_the_printed_figures_lie_in_their_bands(solved: Paper) -> None:
 def test_a_wrong_figure_would_lie_outside(solved: Paper) -> None:
     """Negative control: 0.70 m for beam 1 is in no draw's reach."""
     row = solved.row("1")
-    wrong = paper.Row(row.beams, row.std, row.mean, ("0.70", "0.96"), row.band, row.percentile)
+    wrong = table1.Row(row.beams, row.std, row.mean, ("0.70", "0.96"), row.band, row.percentile)
     assert wrong.in_band() == [False, True]
 
 
@@ -82,8 +82,8 @@ def test_only_the_chosen_beams_are_measured() -> None:
 
 def test_saved_and_loaded(solved: Paper, tmp_path: Path) -> None:
     """What is loaded says the same; densities are kept in single precision."""
-    paper.save(solved, tmp_path)
-    loaded = paper.load(tmp_path)
+    table1.save(solved, tmp_path)
+    loaded = table1.load(tmp_path)
     assert loaded.to_json() == solved.to_json()
     np.testing.assert_allclose(loaded.densities["1+3"], solved.densities["1+3"], rtol=1e-6, atol=1e-30)
     assert set(loaded.scene) == set(solved.scene)
@@ -91,5 +91,5 @@ def test_saved_and_loaded(solved: Paper, tmp_path: Path) -> None:
 
 def test_the_same_seed_gives_the_same_bands(solved: Paper) -> None:
     """Noise draws come from the seed's streams; another seed gives other bands."""
-    assert paper.solve(draws=200).to_json() == solved.to_json()
-    assert paper.solve(draws=200, seed=1).to_json() != solved.to_json()
+    assert table1.solve(draws=200).to_json() == solved.to_json()
+    assert table1.solve(draws=200, seed=1).to_json() != solved.to_json()

@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rangefix.cli.tables import comparison, console
 from rangefix.evaluation import load, load_study, parse_study, run, summarise
-from rangefix.evaluation.parts import whole
-from rangefix.evaluation.pictures import FILE, load_pictures
-from rangefix.evaluation.plots import study_figures
-from rangefix.evaluation.plots.style import styled, write
-from rangefix.evaluation.units import factor, unit
-from rangefix.tables import comparison, console
+from rangefix.evaluation.consistency import factor, unit
+from rangefix.evaluation.figures import study_figures, styled, write
+from rangefix.evaluation.results import FILE, load_pictures, whole
 
 TWO_MODES = """
 runs = 6

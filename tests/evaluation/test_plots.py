@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rangefix.evaluation import paper
-from rangefix.evaluation.experiment import Experiment, Named
-from rangefix.evaluation.plots import draw
-from rangefix.evaluation.plots.style import COLOURS, INK, styled
-from rangefix.evaluation.runner import run
-from rangefix.evaluation.store import ResultsError
+from rangefix.evaluation import Experiment, Named, ResultsError, run
+from rangefix.evaluation.drawing import draw
+from rangefix.evaluation.figures import INK, styled
+from rangefix.evaluation.figures.style import COLOURS
+from rangefix.evaluation.paper import table1
 
 STUDY = {"map", "covariance", "anees", "errors", "runs", "time"}
 PAPER = {"figure2_maps", "figure2_surfaces", "figure3_map", "figure3_surface"}
@@ -27,7 +26,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a small study of two estimators."""
     folder = tmp_path_factory.mktemp("study")
     estimators = {"point-mass": Named("point-mass", {"cell": 0.1}), "ekf": Named("ekf")}
-    run(Experiment(paper.example(), estimators, runs=40, beam_sets=[[1], [1, 2, 3]]), folder)
+    run(Experiment(table1.example(), estimators, runs=40, beam_sets=[[1], [1, 2, 3]]), folder)
     return folder
 
 
@@ -35,7 +34,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The paper's example as saved."""
     folder = tmp_path_factory.mktemp("paper")
-    paper.save(paper.solve(draws=20), folder)
+    table1.save(table1.solve(draws=20), folder)
     return folder
 
 
@@ -102,7 +101,7 @@ def test_runs_that_all_failed_are_drawn(study: Path, tmp_path: Path) -> None:
     source = tmp_path / "failing.py"
     source.write_text("def build(problem):\n    return Never()\n" + NEVER, encoding="utf-8")
     estimators = {"never": Named(f"{source}:build"), "ekf": Named("ekf")}
-    run(Experiment(paper.example(), estimators, runs=10), tmp_path / "out")
+    run(Experiment(table1.example(), estimators, runs=10), tmp_path / "out")
     assert len(draw(tmp_path / "out")) >= 10
 
 

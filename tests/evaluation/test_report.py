@@ -15,15 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, load, run
-from rangefix.evaluation.parts import Plan, trials_path
-from rangefix.evaluation.report import render, write_report
-from rangefix.evaluation.report_charts import Scale
-from rangefix.evaluation.report_html import VOID, Html, tag, text
-from rangefix.evaluation.scores_belief import DRAWS, measure
-from rangefix.evaluation.scores_parts import belief_arrays
-from rangefix.evaluation.store import read_json, read_part, write_json, write_part
-from rangefix.evaluation.verdict_gates import parse_gates
+from rangefix.evaluation import Experiment, Named, ResultsError, load, parse_gates, run, write_report
+from rangefix.evaluation.consistency import DRAWS, belief_arrays
+from rangefix.evaluation.consistency.belief_scores import measure
+from rangefix.evaluation.report.charts import Scale
+from rangefix.evaluation.report.html import VOID, Html, tag, text
+from rangefix.evaluation.report.report import render
+from rangefix.evaluation.results import Plan, read_part, trials_path, write_json, write_part
+from rangefix.evaluation.results.files import read_json
 from rangefix.filters import RandomWalk
 
 from .browser import LOW_CONTRAST, OVERFLOWING, SIZES, Browser, browser, missing
@@ -189,7 +188,9 @@ def test_the_same_results_give_the_same_page(study: Path, page: str, tmp_path: P
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves out the pictures, which take a second or two."""
-    monkeypatch.setattr("rangefix.evaluation.report.pictures", lambda results: tag("section", id="pictures"))
+    monkeypatch.setattr(
+        "rangefix.evaluation.report.report.pictures", lambda results: tag("section", id="pictures")
+    )
 
 
 @pytest.mark.usefixtures("undrawn")

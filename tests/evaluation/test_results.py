@@ -8,8 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, frames, load, results, run, summarise
-from rangefix.evaluation.intervals import Moments, mean_interval
+from rangefix.evaluation import Experiment, Named, ResultsError, load, mean_interval, run, summarise
+from rangefix.evaluation.consistency.intervals import Moments
+from rangefix.evaluation.results import dataframes, results
 
 from .conftest import PriorOnly, make_problem
 
@@ -85,7 +86,7 @@ def test_a_missing_library_is_one_line(study, monkeypatch):
     def missing(name):
         raise ModuleNotFoundError(name)
 
-    monkeypatch.setattr(frames, "import_module", missing)
+    monkeypatch.setattr(dataframes, "import_module", missing)
     with pytest.raises(ResultsError, match=r"needs pandas: pip install 'rangefix\[frames\]'"):
         load(study).to_dataframe()
     with pytest.raises(ResultsError, match="needs xarray"):

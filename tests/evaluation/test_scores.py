@@ -7,18 +7,15 @@ import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
 from rangefix.evaluation import credibility, nees
-from rangefix.evaluation.scores import (
-    DIRECTIONS,
+from rangefix.evaluation.consistency import (
     coverage_curve,
-    crps,
-    energy_score,
     histogram,
-    log_score,
     pit,
     reliability,
     uniform_band,
     uniform_p_value,
 )
+from rangefix.evaluation.consistency.scores import DIRECTIONS, crps, energy_score, log_score
 
 P = np.array([[0.5, 0.3], [0.3, 0.4]])
 

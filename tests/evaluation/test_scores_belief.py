@@ -9,18 +9,24 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from rangefix.evaluation import Experiment, Named, load, run
-from rangefix.evaluation.parts import Plan, trials_path
-from rangefix.evaluation.plots.credibility import CLAIMED
-from rangefix.evaluation.plots.ranks import OUTSIDE, ranks_figure
-from rangefix.evaluation.scores import crps, energy_score, histogram, pit, uniform_p_value
-from rangefix.evaluation.scores_belief import DRAWS, main_mode, measure, rank_histogram
-from rangefix.evaluation.scores_parts import belief_arrays, judge_belief
-from rangefix.evaluation.seeds import streams
-from rangefix.evaluation.simulate import simulate
-from rangefix.evaluation.store import read_part, write_part
+from rangefix.evaluation import Experiment, Named, load, run, streams, summarise
+from rangefix.evaluation.consistency import (
+    DRAWS,
+    belief_arrays,
+    histogram,
+    judge_belief,
+    pit,
+    rank_histogram,
+    uniform_p_value,
+)
+from rangefix.evaluation.consistency.belief_scores import main_mode, measure
+from rangefix.evaluation.consistency.scores import crps, energy_score
+from rangefix.evaluation.figures.ranks import OUTSIDE, ranks_figure
+from rangefix.evaluation.figures.style import CLAIMED
+from rangefix.evaluation.monte_carlo.simulate import simulate
+from rangefix.evaluation.results import Plan, read_part, trials_path, write_part
 from rangefix.filters import EachRun, build, pose_space, position_space
-from rangefix.filters.draws import CanSample, draw
+from rangefix.filters.estimator import CanSample, draw
 
 from .conftest import PriorOnly, make_problem
 
@@ -155,7 +161,7 @@ def test_beliefs_survive_in_parts(tmp_path):
     """What a runner adds to a part is read again, (M, T, ...); a study without it has none."""
     results = run(Experiment(make_problem(), {"prior": PriorOnly}, runs=6, block=4), tmp_path, timing=False)
     assert results.trials[0].belief(0) is None
-    assert results.rows[0].beliefs is None
+    assert summarise(results)[0].beliefs is None
     plan = Plan.read(results.manifest)
     for first, end in plan.blocks():
         path = trials_path(tmp_path, "prior", "all", first, end)
@@ -169,7 +175,7 @@ def test_beliefs_survive_in_parts(tmp_path):
     assert found.ranks.shape == (6, 2)
     assert found.mode_covariance.shape == (6, 2, 2)
     assert np.isfinite(found.energy).all()
-    beliefs = again.rows[0].beliefs
+    beliefs = summarise(again)[0].beliefs
     assert beliefs is not None
     assert beliefs.energy.value == pytest.approx(found.energy.mean())
     assert beliefs.whole[1].value == pytest.approx(found.spread[:, 1, 1].mean())
@@ -326,7 +332,7 @@ def test_ranks_come_from_a_study_to_rows_summary_and_figure(tmp_path):
     estimators = {"exact": Named("point-mass", {"cell": 0.1}), "prior": PriorOnly}
     experiment = Experiment(make_problem(), estimators, runs=200, beliefs=True, beam_sets=[[2]])
     results = run(experiment, tmp_path / "one", timing=False)
-    exact, prior = results.rows
+    exact, prior = summarise(results)
     assert prior.beliefs is None
     assert exact.beliefs is not None
     assert exact.beliefs.ranks.sum(1).tolist() == [200.0] * 3
@@ -339,9 +345,9 @@ def test_ranks_come_from_a_study_to_rows_summary_and_figure(tmp_path):
     assert second.split(",")[header.split(",").index("belief_crps_x2")] == "nan"
     assert first.count("nan") < second.count("nan")
     told = Experiment(make_problem(), {"sure": Named("ekf")}, runs=200, beliefs=True, assumed=sure)
-    wrong = run(told, timing=False).rows
+    wrong = summarise(run(told, timing=False))
     assert wrong[0].flat()["belief_rank_p_x2"] < 1e-6
-    figure = ranks_figure(results.rows, "2", "ranks")
+    figure = ranks_figure(summarise(results), "2", "ranks")
     assert figure is not None
     assert len(figure.axes) == 3
     bars = [bar.get_facecolor() for axes in figure.axes for bar in axes.patches[:10]]

@@ -11,8 +11,9 @@ import pytest
 from scipy.stats import chi2
 
 from rangefix.evaluation import Experiment, parse_study, stream, streams
+from rangefix.evaluation.monte_carlo.evidence_floor import ALLOWANCE, evidence_floor
+from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.seeds import Streams
-from rangefix.evaluation.simulate import ALLOWANCE, evidence_floor, simulate
 from rangefix.filters import BeamMixture, Gaussian, Quantised, Rangefinder, RangeProportional, StudentT
 
 from .conftest import PriorOnly, make_problem

@@ -10,9 +10,9 @@ import pytest
 from pydantic import BaseModel
 
 from rangefix.evaluation import Study, parse_study, study_names
-from rangefix.evaluation.mistakes import _kinds
-from rangefix.evaluation.sections import KINDS
-from rangefix.evaluation.sensor_sections import SensorSection
+from rangefix.evaluation.study.mistakes import _kinds
+from rangefix.evaluation.study.read import KINDS
+from rangefix.evaluation.study.sections import SensorSection
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 if not PAGE.is_file():  # a source distribution has it, an installed package has not

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Study, StudyError, load_study, parse_study, run, study_names
-from rangefix.evaluation.schema import EstimatorSection, RectangleMap, TruthSection
-from rangefix.evaluation.sensor_sections import SensorSection
-from rangefix.evaluation.toml_lines import key_lines
+from rangefix.evaluation.study import EstimatorSection
+from rangefix.evaluation.study.sections import RectangleMap, SensorSection, TruthSection
+from rangefix.evaluation.study.toml_lines import key_lines
 
 GOOD = """\
 runs = 20

@@ -22,9 +22,9 @@ from rangefix.filters import (
     Stationary,
     StudentT,
     Uniform,
+    WithHeading,
     WithVelocity,
 )
-from rangefix.filters.heading_prior import WithHeading
 
 ROOM = '[map]\nkind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0\n'
 SENSOR = "[sensor]\nbearings_deg = [0, 90, 180, 270]\nstd_m = 0.05\n"

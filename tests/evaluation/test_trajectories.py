@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rangefix.evaluation.seeds import streams
-from rangefix.evaluation.trajectories import Drive, follow, random_drive, waypoint_drive
+from rangefix.evaluation import streams
+from rangefix.evaluation.monte_carlo.simulate import follow
+from rangefix.evaluation.study.sections import Drive
+from rangefix.evaluation.study.sections.drives import random_drive, waypoint_drive
 from rangefix.filters import (
     Confined,
     GaussianPrior,

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import STATUSES, stream
-from rangefix.evaluation.trial import Trial, batch_size, nbytes, seconds_per_update
+from rangefix.evaluation.monte_carlo.batch_size import batch_size, nbytes
+from rangefix.evaluation.monte_carlo.timing import seconds_per_update
+from rangefix.evaluation.monte_carlo.trial import Trial
 from rangefix.filters import EachRun, Estimate
 
 from .conftest import PriorOnly, make_problem

@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from rangefix.evaluation import Experiment, credibility, run, summarise
-from rangefix.evaluation.covariance import judge
-from rangefix.evaluation.verdict import ALARMS, BY_ANEES, MUCH, decide, decide_overall, overconfident, verdict
-from rangefix.evaluation.verdict_evidence import p_value
+from rangefix.evaluation import Experiment, credibility, decide, run, summarise
+from rangefix.evaluation.consistency import ALARMS, MUCH, decide_overall, overconfident
+from rangefix.evaluation.consistency.from_arrays import judge
+from rangefix.evaluation.consistency.intervals import p_value
+from rangefix.evaluation.consistency.verdict import BY_ANEES, verdict
 from rangefix.filters import Estimate, Estimator, Problem, Rangefinder, StudentT, build
 
 from .conftest import PriorOnly, make_problem

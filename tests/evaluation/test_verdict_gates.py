@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from rangefix.evaluation import credibility
-from rangefix.evaluation.summary import Row
-from rangefix.evaluation.verdict_gates import check_gates, need_sound, parse_gates
+from rangefix.evaluation import Row, check_gates, credibility, parse_gates
+from rangefix.evaluation.consistency import need_sound
 
 
 @pytest.fixture(scope="module")

@@ -22,9 +22,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rangefix.filters import Problem
-from rangefix.filters.confined import Confined
-from rangefix.filters.problem import Motion
+from rangefix.filters import Confined, Motion, Problem
 from rangefix.filters.space import TURN, Array, wrap
 
 SMALL = 1e-8  # steps that are less probable than this share of the most probable are left out

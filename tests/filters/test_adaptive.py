@@ -7,8 +7,10 @@ import pytest
 
 from rangefix.filters import (
     Gaussian,
+    Noise,
     Problem,
     Rangefinder,
+    StateSpace,
     Stationary,
     StudentT,
     Uniform,
@@ -16,8 +18,7 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.problem import Noise
-from rangefix.filters.space import Array, StateSpace
+from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)

@@ -17,12 +17,12 @@ from rangefix.filters import (
     Rangefinder,
     Uniform,
     build,
+    is_clear,
     pose_space,
     position_space,
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
-from rangefix.filters.adaptive.kernel_sum import log_reached, log_sum, reached
-from rangefix.filters.confined import is_clear
+from rangefix.filters.adaptive.gaussian_sums import log_reached, log_sum, reached
 from rangefix.filters.space import TURN
 from rangefix.maps import FloorPlan
 

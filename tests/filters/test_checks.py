@@ -13,7 +13,6 @@ import pytest
 from numpy.random import Generator
 
 from rangefix.filters import Estimate, Problem, available
-from rangefix.filters import checks_problems as problems
 from rangefix.filters.checks import (
     Check,
     CheckFailure,
@@ -21,10 +20,11 @@ from rangefix.filters.checks import (
     checks_for,
     conforms,
     parametrize_with_checks,
+    problems,
     render,
     run_checks,
 )
-from rangefix.filters.checks_problems import Hall, kalman, position_problem, readings
+from rangefix.filters.checks.problems import Hall, kalman, position_problem, readings
 from rangefix.filters.space import TURN, Array
 from rangefix.maps import RectangularRoom
 

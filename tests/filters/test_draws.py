@@ -19,8 +19,8 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.checks_problems import pose_problem
-from rangefix.filters.draws import cell_draws, gaussian_draws, weighted_draws
+from rangefix.filters.checks.problems import pose_problem
+from rangefix.filters.sampling import cell_draws, gaussian_draws, weighted_draws
 from rangefix.filters.space import Array
 from rangefix.maps import RectangularRoom
 

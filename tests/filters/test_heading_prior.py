@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rangefix.filters import GaussianPrior, Uniform, pose_space, position_space, velocity_space
-from rangefix.filters.heading_prior import WithHeading
+from rangefix.filters import GaussianPrior, Uniform, WithHeading, pose_space, position_space, velocity_space
 from rangefix.maps import RectangularRoom
 
 ROOM = RectangularRoom(4.0, 6.0)

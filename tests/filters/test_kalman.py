@@ -11,15 +11,21 @@ from rangefix.filters import (
     EachRun,
     Gaussian,
     Problem,
+    RandomWalk,
     Rangefinder,
     Stationary,
     Uniform,
     pose_space,
     position_space,
 )
-from rangefix.filters.gaussian_batch import BatchExtendedKalmanFilter, BatchUnscentedKalmanFilter, cubature
-from rangefix.filters.kalman import ExtendedKalmanFilter, GaussianBelief, UnscentedKalmanFilter
-from rangefix.filters.motion import RandomWalk
+from rangefix.filters.kalman import (
+    BatchExtendedKalmanFilter,
+    BatchUnscentedKalmanFilter,
+    ExtendedKalmanFilter,
+    GaussianBelief,
+    UnscentedKalmanFilter,
+    cubature,
+)
 from rangefix.maps import RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -200,5 +206,5 @@ def test_bad_options_are_refused(make, options):
 
 
 def test_filterpy_is_imported_only_when_used():
-    code = "import sys, rangefix.filters.gaussian_batch; print('filterpy' in sys.modules)"
+    code = "import sys, rangefix.filters.kalman.unscented; print('filterpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"

@@ -13,11 +13,11 @@ from rangefix.filters import (
     Rangefinder,
     pose_space,
     position_space,
+    sample_runs,
 )
-from rangefix.filters.confined import sample_runs
-from rangefix.filters.last_step import LastStep
-from rangefix.filters.moves import best_width, spread_alike
 from rangefix.filters.particle import ParticleFilter
+from rangefix.filters.particle.last_step import LastStep
+from rangefix.filters.particle.metropolis import best_width, spread_alike
 from rangefix.maps import FloorPlan
 
 from .brute_motion import recursion

@@ -9,8 +9,8 @@ import pytest
 
 from rangefix.filters import pose_space, position_space
 from rangefix.filters.adaptive.lattice import TooManyCells, _Keys, ball, grow, halved
+from rangefix.filters.adaptive.mode_gaussians import draws, smoothed
 from rangefix.filters.adaptive.modes import Accuracy
-from rangefix.filters.adaptive.smoothing import draws, smoothed
 
 SPACE = position_space()
 MEAN = np.array([1.0, -2.0])

@@ -10,21 +10,19 @@ import pytest
 
 from rangefix.filters import (
     Gaussian,
+    Noise,
     Problem,
     Rangefinder,
     Stationary,
     StudentT,
     Uniform,
-    cell_ranges,
-    full_scan,
     pose_space,
     position_space,
     sweep,
 )
-from rangefix.filters.lattice_error import add_error, missed, missed_about
-from rangefix.filters.neighbourhood import PICKS, pick
-from rangefix.filters.noise import Noise
-from rangefix.filters.point_mass import PointMassFilter
+from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
+from rangefix.filters.point_mass.cell_error import add_error, missed, missed_about
+from rangefix.filters.point_mass.mode_shape import PICKS, pick
 from rangefix.filters.space import Array
 from rangefix.maps import RectangularRoom
 
@@ -140,7 +138,7 @@ def test_two_modes_narrower_than_cells_are_claimed_across_their_line() -> None:
 
 def test_two_modes_need_the_term(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: the sum's covariance alone is next to nothing in some direction in most runs."""
-    monkeypatch.setattr(full_scan, "add_error", lambda *args: None)
+    monkeypatch.setattr(turning_ranges, "add_error", lambda *args: None)
     estimator, _, readings = sharp_scans()
     singular = np.linalg.eigvalsh(scaled(estimator, claims(estimator, readings)))[:, 0] < 1e-4
     assert singular.mean() > 0.5
@@ -172,7 +170,7 @@ def test_nothing_is_added_where_cells_are_fine(heading: bool, monkeypatch: pytes
     """Cells of half a deviation or less: no variance changes by more than 1e-3, for 20 runs."""
     if heading:
         estimator, _, readings = scans(Gaussian(1.0), 0.1, 4.0, 20)
-        module = full_scan
+        module = turning_ranges
     else:
         space = position_space()
         sensor = Rangefinder(ROOM, np.deg2rad([326.3, 0.0, 33.7]), Gaussian(0.05), space)

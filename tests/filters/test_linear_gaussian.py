@@ -19,19 +19,25 @@ from rangefix.filters import (
     Problem,
     RandomWalk,
     Rangefinder,
+    StateSpace,
     Stationary,
     build,
     pose_space,
     position_space,
     velocity_space,
 )
-from rangefix.filters.checks_problems import BEARINGS, STDS, GaussianPrior, Hall
-from rangefix.filters.ensemble import EnsembleKalmanFilter
-from rangefix.filters.gaussian_batch import BatchExtendedKalmanFilter, BatchUnscentedKalmanFilter, cubature
-from rangefix.filters.kalman import ExtendedKalmanFilter, UnscentedKalmanFilter
+from rangefix.filters.checks.problems import BEARINGS, STDS, GaussianPrior, Hall
+from rangefix.filters.kalman import (
+    BatchExtendedKalmanFilter,
+    BatchUnscentedKalmanFilter,
+    EnsembleKalmanFilter,
+    ExtendedKalmanFilter,
+    UnscentedKalmanFilter,
+    cubature,
+)
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.registry import BUILT_IN
-from rangefix.filters.space import Array, StateSpace
+from rangefix.filters.space import Array
 
 SPACE = position_space()
 RUNS = 4

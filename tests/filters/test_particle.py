@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from rangefix.filters import (
+    Confined,
     Gaussian,
     Problem,
+    RandomWalk,
     Rangefinder,
     Stationary,
     Uniform,
@@ -13,11 +15,9 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.confined import Confined
-from rangefix.filters.motion import RandomWalk
-from rangefix.filters.moves import Posterior, kernel_step, metropolis, root_of
 from rangefix.filters.particle import ParticleFilter
-from rangefix.filters.weights import effective_number, equal, longest_stage
+from rangefix.filters.particle.metropolis import Posterior, kernel_step, metropolis, root_of
+from rangefix.filters.particle.weights import effective_number, equal, longest_stage
 from rangefix.maps import RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from rangefix.evaluation import Experiment, summarise
+from rangefix.evaluation import Experiment, decide, summarise
 from rangefix.evaluation import run as run_experiment
-from rangefix.evaluation.verdict import decide
 from rangefix.filters import (
     Gaussian,
     Problem,
@@ -20,11 +19,10 @@ from rangefix.filters import (
     StudentT,
     Uniform,
     build,
-    cell_ranges,
     pose_space,
     position_space,
 )
-from rangefix.filters.point_mass import PointMassFilter
+from rangefix.filters.point_mass import PointMassFilter, cell_ranges
 from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 

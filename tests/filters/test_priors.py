@@ -16,7 +16,7 @@ from rangefix.filters import (
     position_space,
     velocity_space,
 )
-from rangefix.filters.compound_priors import SpacedPrior
+from rangefix.filters.problem import SpacedPrior
 from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 

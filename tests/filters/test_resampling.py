@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rangefix.filters.resampling import SCHEMES, systematic
+from rangefix.filters.particle.resampling import SCHEMES, systematic
 
 WEIGHTS = np.array([0.02, 0.0, 0.31, 0.07, 0.25, 0.11, 0.0, 0.24])
 DRAWS = 20_000

@@ -1,18 +1,30 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
-from .covariance import anees_band, coverage, credibility, is_positive, nees, noncredibility
+from .consistency import (
+    Interval,
+    Row,
+    Verdict,
+    anees_band,
+    check_gates,
+    coverage,
+    credibility,
+    decide,
+    is_positive,
+    mean_interval,
+    nees,
+    noncredibility,
+    parse_gates,
+    ratio_interval,
+    share_interval,
+    to_csv,
+)
+from .consistency.summarise import summarise
 from .experiment import Experiment, Named
-from .intervals import Interval, mean_interval, ratio_interval, share_interval
-from .mistakes import StudyError
+from .monte_carlo import Progress, run
 from .report import write_report
-from .results import Results, Trials, load, summarise
-from .runner import Progress, run
+from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
-from .store import ResultsError
-from .study import Study, load_study, parse_study, study_names
-from .summary import STATUSES, Row, to_csv
-from .verdict import Verdict, decide
-from .verdict_gates import check_gates, parse_gates
+from .study import Study, StudyError, load_study, parse_study, study_names
 
 __all__ = [
     "STATUSES",

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..filters.estimator import Estimator
-from ..filters.problem import Problem
+from ..filters import Estimator, Problem
 from ..filters.space import Array, BoolArray
 
 Builder = Callable[[Problem], Estimator[Any]]
-
 SPELT_OUT = 8  # sets of more beams are labelled by ranges
 PATIENCE = 60.0  # s for a trial of a plug-in, unless the study says otherwise
 
@@ -71,7 +69,7 @@ class Experiment:
             limit. None: PATIENCE for plug-ins that are known by name, none for our own estimators and for
             builders that are Python objects.
         beliefs: Whether to judge the beliefs themselves, of estimators that can sample them: ranks of the
-            truth, energy score, main mode (`scores_belief.py`). It takes about a millisecond a run and step.
+            truth, energy score, main mode (`belief_scores.py`). It takes about a millisecond a run and step.
 
     Raises:
         ValueError: If any of these does not fit.

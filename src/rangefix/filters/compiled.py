@@ -5,13 +5,13 @@ threads spin after each loop unless told otherwise, and then a call costs 5 ms w
 second core, and 0.03 ms if they sleep; see docs/decisions/0001. A setting of your own is kept.
 """
 
-import os
+from __future__ import annotations
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
+import os
 
 import numba
 from numba import njit, prange
 
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
 setattr(numba.config, "THREADING_LAYER_PRIORITY", ["omp", "workqueue", "tbb"])  # noqa: B010 (it has no stub)
-
 __all__ = ["njit", "prange"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
@@ -13,6 +13,7 @@ from .problem import Prior
 from .space import Array
 
 Belief = TypeVar("Belief")
+Sampled = TypeVar("Sampled", contravariant=True)
 
 
 class Estimate(NamedTuple):
@@ -100,3 +101,35 @@ class EachRun(Generic[Belief]):
         """The runs' estimates, stacked along the first axis."""
         means, covariances, evidences = zip(*map(self.single.estimate, belief), strict=True)
         return Estimate(np.stack(means), np.stack(covariances), np.array(evidences, dtype=float))
+
+
+@runtime_checkable
+class CanSample(Protocol[Sampled]):
+    """The optional method of an estimator."""
+
+    def sample(self, belief: Sampled, size: int, rngs: Sequence[Generator]) -> Array:
+        """Independent draws from the belief, (M, size, n); run m draws from rngs[m] alone."""
+        ...
+
+
+def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
+    """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
+
+    A plug-in for single runs, lifted by `EachRun`, is asked run by run.
+
+    Raises:
+        ValueError: If the draws have another shape or are not finite.
+    """
+    single = getattr(estimator, "single", None)
+    if isinstance(estimator, CanSample):
+        draws = np.asarray(estimator.sample(belief, size, rngs), dtype=float)
+    elif single is not None and callable(getattr(single, "sample", None)):
+        pairs = zip(belief, rngs, strict=True)
+        draws = np.stack([np.asarray(single.sample(each, size, rng), dtype=float) for each, rng in pairs])
+    else:
+        return None
+    if draws.ndim != 3 or draws.shape[:2] != (len(rngs), size):
+        raise ValueError(f"sample() gave shape {draws.shape}, not ({len(rngs)}, {size}, n)")
+    if not np.isfinite(draws).all():
+        raise ValueError("sample() gave numbers that are not finite")
+    return draws

@@ -155,3 +155,12 @@ class Problem:
     motion: Motion
     sensor: Sensor
     prior: Prior
+
+
+class SpacedPrior(Prior, Protocol):
+    """A prior that knows its state space, as those of this package do."""
+
+    @property
+    def space(self) -> StateSpace:
+        """The state space."""
+        ...

@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from .estimator import EachRun, Estimator
-from .located import located
+from .plugin_line import located
 from .problem import Problem
 
 GROUP = "rangefix.estimators"
@@ -23,10 +23,10 @@ BUILT_IN = {
     "point-mass": "rangefix.filters.point_mass:PointMassFilter",
     "adaptive-point-mass": "rangefix.filters.adaptive:AdaptivePointMassFilter",
     "particle": "rangefix.filters.particle:ParticleFilter",
-    "ekf": "rangefix.filters.gaussian_batch:BatchExtendedKalmanFilter",
-    "ukf": "rangefix.filters.gaussian_batch:BatchUnscentedKalmanFilter",
-    "ckf": "rangefix.filters.gaussian_batch:cubature",
-    "enkf": "rangefix.filters.ensemble:EnsembleKalmanFilter",
+    "ekf": "rangefix.filters.kalman:BatchExtendedKalmanFilter",
+    "ukf": "rangefix.filters.kalman:BatchUnscentedKalmanFilter",
+    "ckf": "rangefix.filters.kalman:cubature",
+    "enkf": "rangefix.filters.kalman:EnsembleKalmanFilter",
     "filterpy-ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
     "filterpy-ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",
 }

@@ -1,10 +1,10 @@
 """What a rangefinder would measure, anywhere: rooms, floor plans and meshes."""
 
 from .base import Hits, MapError
-from .files import load, save
 from .floor_plan import FloorPlan
 from .free_space import FreeSpace
 from .mesh import MeshRoom
+from .readers import load, save
 from .rectangle import RectangularRoom
 
 __all__ = ["FloorPlan", "FreeSpace", "Hits", "MapError", "MeshRoom", "RectangularRoom", "load", "save"]

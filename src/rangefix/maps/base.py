@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
 PARALLEL = 1e-15  # below this a sine or cosine is rounding: right angles are exact
 EDGE_ON = 1e-12  # below this |v.d| a wall is met edge-on, and its range has no derivative
 

@@ -22,7 +22,6 @@ BLOCKED, FREE, MIXED = 0, 1, 2
 STEP = 0.25  # m that the floor may differ from its level: thresholds and carpets are floor, furniture is not
 MOST_CELLS = 30_000_000
 BESIDE = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
-
 Drop = Callable[
     [Array], Array
 ]  # height of the first surface below points (N, 2) at sensor height; -inf = none

@@ -17,7 +17,6 @@ from ._open3d import open3d
 from .base import Array, MapError
 
 MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
-
 PathLike = str | os.PathLike[str]
 
 

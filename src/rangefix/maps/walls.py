@@ -19,7 +19,6 @@ from ._open3d import open3d
 from .base import Array, Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
 Indices = NDArray[np.int64]
-
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
 OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.random import Generator
 
 from ..estimator import Estimate
-from ..motion import Stationary
+from ..models import Stationary
 from ..problem import Prior, Problem
 from ..space import TURN, Array
-from .climb import FEW, STEPS, Peaks, climb, looked_at
+from .gauss_newton import FEW, STEPS, Peaks, climb, looked_at
+from .mode_gaussians import draws
 from .modes import Accuracy, Found, Quadrature, assembled, integrate
 from .predicted import Predicted, predicted
-from .search import SearchTable, build_table, shortfalls
-from .smoothing import draws
+from .range_bounds import SearchTable, build_table, shortfalls
 from .target import Target
 
 STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowhere are looked for more widely

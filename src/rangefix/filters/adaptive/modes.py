@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri, lambertw
 
 from ..space import Array, BoolArray
-from .climb import Peaks
+from .gauss_newton import Peaks
 from .lattice import Lattice, TooManyCells, ball, grow, halved
 from .target import Target
 

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..confined import Confined
-from ..motion import Stationary
+from ..models import Confined, Stationary
 from ..problem import Motion, RangeMap
 from ..space import TURN, Array, BoolArray, StateSpace
-from .climb import looked_at
-from .kernel_sum import log_reached, log_sum, reached
+from .gauss_newton import looked_at
+from .gaussian_sums import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
-from .smoothing import COARSEST, KEPT, TOGETHER, Kernels, smoothed
+from .mode_gaussians import COARSEST, KEPT, TOGETHER, Kernels, smoothed
 from .target import Target
 
 MOST = 20_000  # points that are moved

@@ -1,0 +1,58 @@
+"""The commands after a run: plot, report, compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import Json, print_json
+
+
+def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
+    """Draw the figures of a folder of results anew."""
+    from ..evaluation.drawing import draw
+
+    paths = draw(folder)
+    if as_json:
+        print_json({"figures": [str(path) for path in paths]})
+        return
+    for path in paths:
+        typer.echo(path)
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(help="Folder of results.")],
+    out: Annotated[Path | None, typer.Option(help="The page; DIR/report.html unless given.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Write one self-contained page about a folder of results."""
+    from ..evaluation import write_report
+
+    path = write_report(folder, out)
+    if as_json:
+        print_json({"report": str(path)})
+    else:
+        typer.echo(path)
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    as_json: Json = False,
+) -> None:
+    """What differs between two results, in config, versions and numbers, and what of it may be chance."""
+    from ..evaluation import load
+    from ..evaluation.consistency.compare import compare as compared
+
+    comparison = compared(load(a), load(b))
+    if as_json:
+        print_json({"a": str(a), "b": str(b)} | comparison.to_json())
+        return
+    from .tables import console, differences, preamble
+
+    screen = console()
+    for line in preamble(comparison, str(a), str(b)):
+        screen.print(line, markup=False, soft_wrap=True)
+    screen.print(differences(comparison))

@@ -1,0 +1,248 @@
+"""Every table on the terminal."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from ..evaluation import Interval, Results, Row
+from ..evaluation.consistency import (
+    Comparison,
+    Difference,
+    factor,
+    name_beams,
+    overconfident,
+    short,
+    uniform_p_value,
+    unit,
+)
+from ..evaluation.consistency.verdict import verdict
+from ..evaluation.paper import BAND, CELLS, Paper
+
+NARROW = 130  # columns; below, the table of a study has fewer
+WIDTH = 150  # where the output is not a terminal
+SHOWN = 40  # lines of a config's diff
+
+
+def console() -> Console:
+    """Standard output; as wide as the terminal, or WIDTH. Labels and titles are shown as they are."""
+    width = None if sys.stdout.isatty() else WIDTH
+    return Console(width=width, highlight=False, markup=False, emoji=False)
+
+
+def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
+    """An empty table whose first `left` columns stand left and the others right."""
+    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold", padding=(0, 1))
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < left else "right", no_wrap=i >= left)
+    return table
+
+
+def table1(paper: Paper) -> Table:
+    """The paper's Table 1: noise-free values beside the printed ones, with the band over noise draws."""
+    low, high = BAND
+    title = (
+        f"Table 1: conditional standard deviations, m (cells of {CELLS[-1]:g} m, {paper.draws} noise draws)"
+    )
+    columns = (
+        "beams",
+        "",
+        "noise-free",
+        "paper prints",
+        f"{low:g}-{high:g} % of draws",
+        "paper's percentile",
+    )
+    table = new_table(title, columns, left=2)
+    for row in paper.rows:
+        for i, inside in enumerate(row.in_band()):
+            first, last = row.percentile[i]
+            table.add_row(
+                row.beams if i == 0 else "",
+                ("x1", "x2")[i],
+                f"{row.std[i]:.4f}",
+                row.printed[i],
+                f"{row.band[i, 0]:.4f} - {row.band[i, 1]:.4f}",
+                f"{first:.0f} - {last:.0f}" + ("" if inside else " outside"),
+                end_section=i == 1,
+            )
+    return table
+
+
+def table1_notes(paper: Paper) -> list[str]:
+    """What must be said with Table 1."""
+    agreeing = round(paper.agreeing * paper.draws)
+    outside = sum(not inside for row in paper.rows for inside in row.in_band())
+    if outside:
+        inside = f"All printed figures but {outside} lie in their bands."
+    else:
+        inside = "Every printed figure lies in its band."
+    return [
+        "The paper prints one unstated draw of the noise and cuts off: 0.64 is anything from 0.64 to 0.65,"
+        " hence a range of percentiles.",
+        f"{inside} All 14 at once come out for {agreeing} of {paper.draws} draws"
+        + ("." if agreeing else ": the rows hardly come from a single draw."),
+    ]
+
+
+def _interval(interval: Interval) -> str:
+    if not math.isfinite(interval.value):
+        return short(interval.value)
+    return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
+
+
+def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
+    """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
+
+    Of many measurements it shows the last. On a narrow screen the verdict stands below the figures, and
+    intervals, energy scores and times are left out: they are in `summary.csv`.
+    """
+    names, planned, narrow = rows[0].names, rows[0].planned, width < NARROW
+    deviations = [f"{name} std, {unit(name)}\ntrue / claimed" for name in names]
+    columns = ["\nestimator", f"ok of\n{planned}", *deviations]
+    columns += ["\nANEES/n"] if narrow else ["ANEES/n\n[95 %]", "energy\nscore, m", "ms per\nupdate"]
+    table = new_table(title, columns)
+    if not narrow:
+        table.add_column("\nverdict", justify="left", min_width=24)
+    end = max(row.step for row in rows)
+    sets = list(dict.fromkeys((row.beams, row.step) for row in rows if row.step == end))
+    for beams, step in sets:
+        last = f", after the last of {end + 1} measurements" if end else ""
+        table.add_row(f"{name_beams(beams)}{last}", style="bold")
+        for row in rows:
+            if (row.beams, row.step) == (beams, step):
+                style = "bold red" if overconfident(row) else ""
+                table.add_row(*_cells(row, narrow), style=style)
+                if narrow:
+                    table.add_row(f"  {verdict(row)}", style=style)
+        table.add_section()
+    return table
+
+
+def _cells(row: Row, narrow: bool) -> list[str]:
+    triples = zip(row.g, row.p, map(factor, row.names), strict=True)
+    cells = [
+        f"  {row.estimator}",
+        str(row.ok),
+        *(f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" for g, p, k in triples),
+    ]
+    if narrow:
+        return [*cells, short(row.anees.value)]
+    return [
+        *cells,
+        _interval(row.anees),
+        short(row.scores.energy.value) if row.ok else "-",
+        short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
+        verdict(row),
+    ]
+
+
+def beliefs(rows: Sequence[Row]) -> Table | None:
+    """What samples of the beliefs say, after the last measurement; None where none were sampled."""
+    end, names = max(row.step for row in rows), rows[0].names
+    sampled = [row for row in rows if row.step == end and row.beliefs is not None]
+    if not sampled:
+        return None
+    deviations = [f"{name} std, {unit(name)}\nwhole / main mode" for name in names]
+    columns = [
+        "\nestimator",
+        *deviations,
+        "share of\nmain mode",
+        "energy score, m\nclaim / belief",
+        "\nranks, p",
+    ]
+    table = new_table("Beliefs: 99 samples of each", columns)
+    for beams in dict.fromkeys(row.beams for row in sampled):
+        table.add_row(name_beams(beams), style="bold")
+        for row in (row for row in sampled if row.beams == beams):
+            table.add_row(*_belief_cells(row))
+        table.add_section()
+    return table
+
+
+def _belief_cells(row: Row) -> list[str]:
+    found = row.beliefs
+    assert found is not None
+    triples = zip(found.whole, found.mode, map(factor, row.names), strict=True)
+    return [
+        f"  {row.estimator}",
+        *(f"{short(k * whole.sqrt().value)} / {short(k * mode.sqrt().value)}" for whole, mode, k in triples),
+        f"{100 * found.share.value:.3g} %",
+        f"{short(row.scores.energy.value)} / {short(found.energy.value)}",
+        short(uniform_p_value(found.ranks[-1])),
+    ]
+
+
+def failures(results: Results) -> list[str]:
+    """A line for each estimator and set of beams of which runs failed: how many, and why the first did."""
+    lines = []
+    for estimator, beams in product(results.estimators, results.beam_sets):
+        first, counts = "", Counter[str]()
+        for block in results.blocks():
+            trials = results.source.trials(estimator, beams, *block)
+            counts.update(trials.failures)
+            if not first and trials.reasons:
+                run = min(trials.reasons)
+                first = f"run {run}: {trials.reasons[run]}"
+        if counts:
+            told = ", ".join(f"{count} {status}" for status, count in counts.items())
+            lines.append(f"{estimator}, {name_beams(beams)}: {told}; {first}")
+    return lines
+
+
+def preamble(comparison: Comparison, a: str, b: str) -> list[str]:
+    """What differs beside the numbers."""
+    lines = [f"A: {a}", f"B: {b}", ""]
+    lines += [
+        f"{name}: {_brief(one)} -> {_brief(other)}" for name, (one, other) in comparison.settings.items()
+    ]
+    config = comparison.config
+    lines += ["config:", *(f"  {line}" for line in config[:SHOWN])] if config else ["config: the same"]
+    if len(config) > SHOWN:
+        lines.append(f"  ... and {len(config) - SHOWN} lines more")
+    for name, only in (("A", comparison.only_a), ("B", comparison.only_b)):
+        lines += [f"only in {name}: {estimator}, {name_beams(beams)}" for estimator, beams in only]
+    same = "the same" if comparison.same_truths else "other"
+    return [*lines, f"truths: {same}; runs are paired by number", ""]
+
+
+def differences(comparison: Comparison) -> Table:
+    """A line for each figure; standard deviations are roots of mean squares."""
+    columns = ("estimator", "beams", "figure", "runs", "A", "B", "B / A", "p (Holm)")
+    table = new_table("", columns, left=3)
+    table.add_column("", justify="left")
+    last = max((each.step for each in comparison.differences), default=0)
+    for each in comparison.differences:
+        if each.step in (-1, last):
+            table.add_row(*_difference_cells(each), style="bold" if each.significant else "")
+    return table
+
+
+def _difference_cells(each: Difference) -> Iterator[str]:
+    root = each.figure.startswith(("mse_", "claimed_"))
+    a, b = (math.sqrt(value) if root and value >= 0 else value for value in (each.a, each.b))
+    yield from (each.estimator, each.beams, _named(each.figure), str(each.runs), short(a), short(b))
+    yield f"{b / a:.3g}" if a and math.isfinite(a) and math.isfinite(b) else "-"
+    yield "-" if each.adjusted != each.adjusted else f"{each.adjusted:.2g}"
+    if each.change.value == 0 and each.p == 1.0:
+        yield "the same"
+    else:
+        yield ("B is larger" if b > a else "B is smaller") if each.significant else "no difference seen"
+
+
+def _named(figure: str) -> str:
+    kind, _, name = figure.partition("_")
+    return {"mse": f"{name} true std", "claimed": f"{name} claimed std", "anees": "ANEES/n"}.get(
+        kind, "share ok"
+    )
+
+
+def _brief(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,217 @@
+"""Two results side by side: what differs in config, versions and numbers, and what of it may be chance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import unified_diff
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy.special import bdtr
+
+from ...filters.space import Array, BoolArray
+from ..results import Results, Trials
+from .intervals import Interval, Moments
+from .normalised import nees
+
+LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One figure of one estimator on one set of beams at one step, in A and in B.
+
+    Attributes:
+        estimator, beams, step: Whose.
+        figure: "mse_NAME" (mean squared error, m^2 or rad^2), "claimed_NAME" (mean claimed variance),
+            "anees" (NEES / n), or "ok" (share of runs that went well).
+        runs: Pairs of runs that went well in both; for "ok", all that both have.
+        a, b: The figure in each, over these runs.
+        change: b - a with its 95 % interval.
+        p: Two-sided p-value of "no difference", runs paired by number; NaN where the runs do not say.
+        adjusted: The same after Holm's correction over all differences.
+    """
+
+    estimator: str
+    beams: str
+    step: int
+    figure: str
+    runs: int
+    a: float
+    b: float
+    change: Interval
+    p: float
+    adjusted: float = np.nan
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than chance."""
+        return self.adjusted < LEVEL
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What differs between A and B.
+
+    Attributes:
+        config: Lines of a unified diff of the studies' texts; empty if they are the same.
+        settings: Name -> (A, B), of what differs in seed, runs, versions, machine, code, threads, estimators.
+        same_truths: Whether run m had the same true states in both; if not, pairing gains little.
+        only_a, only_b: (estimator, beams) that the other has not.
+        differences: Of what both have.
+    """
+
+    config: tuple[str, ...]
+    settings: Mapping[str, tuple[Any, Any]]
+    same_truths: bool
+    only_a: tuple[tuple[str, str], ...]
+    only_b: tuple[tuple[str, str], ...]
+    differences: tuple[Difference, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, as plain values."""
+        return {
+            "config": list(self.config),
+            "settings": {name: list(pair) for name, pair in self.settings.items()},
+            "same_truths": self.same_truths,
+            "only_a": [list(pair) for pair in self.only_a],
+            "only_b": [list(pair) for pair in self.only_b],
+            "differences": [
+                vars(each) | {"change": list(each.change), "significant": each.significant}
+                for each in self.differences
+            ],
+        }
+
+
+def compare(a: Results, b: Results) -> Comparison:
+    """Compare two results, run m of one with run m of the other.
+
+    Raises:
+        ValueError: If their states have different components.
+    """
+    if a.space.names != b.space.names:
+        raise ValueError(f"A estimates {', '.join(a.space.names)}, B {', '.join(b.space.names)}")
+    mine, others = (list(product(each.estimators, each.beam_sets)) for each in (a, b))
+    found = [row for pair in mine if pair in others for row in _differences(a, b, *pair)]
+    return Comparison(
+        config=tuple(_config_diff(a.manifest.get("config", ""), b.manifest.get("config", ""))),
+        settings=_settings(a.manifest, b.manifest),
+        same_truths=_same_truths(a, b),
+        only_a=tuple(pair for pair in mine if pair not in others),
+        only_b=tuple(pair for pair in others if pair not in mine),
+        differences=tuple(_corrected(found)),
+    )
+
+
+def _blocks(a: Results, b: Results) -> Iterator[tuple[int, int]]:
+    """The runs that both have, in the blocks of either."""
+    runs = min(a.runs, b.runs)
+    return ((first, min(end, runs)) for first, end in a.blocks() if first < runs)
+
+
+def _same_truths(a: Results, b: Results) -> bool:
+    def same(block: tuple[int, int]) -> bool:
+        one, other = (each.source.world(*block)[0] for each in (a, b))
+        return one.shape == other.shape and bool((one == other).all())
+
+    return all(same(block) for block in _blocks(a, b))
+
+
+def _config_diff(a: str, b: str) -> list[str]:
+    lines = unified_diff(a.splitlines(), b.splitlines(), "A", "B", lineterm="", n=0)
+    return [line for line in lines if not line.startswith(("---", "+++", "@@"))]
+
+
+def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """What differs in the manifests, by dotted name."""
+
+    def flat(manifest: Mapping[str, Any]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key in ("seed", "runs", "versions", "git", "machine", "threads", "estimators", "beam_sets"):
+            value = manifest.get(key)
+            if isinstance(value, dict):
+                found |= {f"{key}.{name}": each for name, each in value.items()}
+            else:
+                found[key] = value
+        return found
+
+    one, other = flat(a), flat(b)
+    names = [*one, *(name for name in other if name not in one)]
+    return {name: (one.get(name), other.get(name)) for name in names if one.get(name) != other.get(name)}
+
+
+class _Pairs:
+    """Means of a figure in A and B and moments of their difference, block by block."""
+
+    def __init__(self) -> None:
+        self.count, self.a, self.b, self.apart = 0, 0.0, 0.0, Moments()
+
+    def add(self, a: Array, b: Array) -> None:
+        self.count += len(a)
+        self.a += float(a.sum())
+        self.b += float(b.sum())
+        with np.errstate(invalid="ignore"):
+            self.apart.add(np.where(a == b, 0.0, b - a))
+
+    def difference(self, estimator: str, beams: str, step: int, figure: str) -> Difference:
+        count, moments = self.count, self.apart
+        means = (self.a / count, self.b / count) if count else (np.nan, np.nan)
+        change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
+        p = moments.doubt(0.0)
+        return Difference(estimator, beams, step, figure, count, *means, change, p)
+
+
+def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator[Difference]:
+    """The figures of one estimator on one set of beams, step by step."""
+    pairs: dict[tuple[int, str], _Pairs] = {}
+    counts = np.zeros((2, 2), dtype=int)  # by ok in A, ok in B
+    for block in _blocks(a, b):
+        one, other = (each.source.trials(estimator, beams, *block) for each in (a, b))
+        np.add.at(counts, (one.ok.astype(int), other.ok.astype(int)), 1)
+        both = one.ok & other.ok
+        figures_a, figures_b = (
+            _figures(results, trials, both, block) for results, trials in ((a, one), (b, other))
+        )
+        for key in figures_a.keys() & figures_b.keys():
+            pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
+    total, (lost, gained) = int(counts.sum()), (int(counts[1, 0]), int(counts[0, 1]))
+    shares = (float(counts[1].sum()) / total, float(counts[:, 1].sum()) / total)
+    change = Interval(shares[1] - shares[0], np.nan, np.nan)
+    yield Difference(estimator, beams, -1, "ok", total, *shares, change, _sign_test(lost, gained))
+    for (step, figure), pair in sorted(pairs.items()):
+        yield pair.difference(estimator, beams, step, figure)
+
+
+def _figures(
+    results: Results, trials: Trials, both: BoolArray, block: tuple[int, int]
+) -> dict[tuple[int, str], Array]:
+    errors = results.space.difference(results.source.world(*block)[0], trials.mean)[both]
+    covariance = trials.covariance[both]
+    figures: dict[tuple[int, str], Array] = {}
+    for step in range(errors.shape[1]):
+        for i, name in enumerate(results.space.names):
+            figures[step, f"mse_{name}"] = errors[:, step, i] ** 2
+            figures[step, f"claimed_{name}"] = covariance[:, step, i, i]
+        figures[step, "anees"] = nees(errors[:, step], covariance[:, step]) / errors.shape[-1]
+    return figures
+
+
+def _sign_test(lost: int, gained: int) -> float:
+    """McNemar's exact test: of the runs that went well in one only, as many in the one as in the other."""
+    if lost + gained == 0:
+        return 1.0
+    return float(min(1.0, 2 * bdtr(min(lost, gained), lost + gained, 0.5)))
+
+
+def _corrected(found: list[Difference]) -> Iterator[Difference]:
+    """With Holm's p-values (S. Holm, Scand. J. Statist. 6, 1979)."""
+    known = sorted((i for i, each in enumerate(found) if each.p == each.p), key=lambda i: found[i].p)
+    adjusted = np.full(len(found), np.nan)
+    worst = 0.0
+    for rank, i in enumerate(known):
+        worst = max(worst, min(1.0, (len(known) - rank) * found[i].p))
+        adjusted[i] = worst
+    for each, p in zip(found, adjusted, strict=True):
+        yield Difference(**(vars(each) | {"adjusted": float(p)}))

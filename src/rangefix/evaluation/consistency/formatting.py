@@ -1,0 +1,77 @@
+"""Numbers, units and beams in words: headings in degrees, all else as computed."""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+
+from .intervals import Interval
+
+HARMLESS = "\n\t\u200d"  # of the characters that cannot be seen
+
+
+def unit(name: str) -> str:
+    """The unit in which a component is shown."""
+    return {"heading": "deg", "v1": "m/s", "v2": "m/s"}.get(name, "m")
+
+
+def factor(name: str) -> float:
+    """By how much a figure of a component, in m, m/s or rad, is multiplied to be shown."""
+    return math.degrees(1.0) if name == "heading" else 1.0
+
+
+def percent(share: float) -> str:
+    """A share in per cent, to two digits."""
+    return f"{times(100 * share)} %"
+
+
+def times(value: float) -> str:
+    """A factor to two digits, or to three from 100."""
+    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
+
+
+def name_beams(label: str) -> str:
+    """The label of a set of beams in words: "1" -> "beam 1", "1+2" -> "beams 1 + 2"."""
+    if label == "all":
+        return "all beams"
+    several = "+" in label or "-" in label
+    return f"beam{'s' * several} {label.replace('+', ' + ')}"
+
+
+def short(value: float) -> str:
+    """Three digits, and no powers of ten below a million."""
+    return f"{value:.0f}" if 100 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+def visible(value: object) -> str:
+    """Anything as text; what could turn, hide or end other text is shown as a replacement character."""
+    return "".join(
+        "\ufffd" if unicodedata.category(each) in ("Cc", "Cf", "Cs") and each not in HARMLESS else each
+        for each in str(value)
+    )
+
+
+def measured(interval: Interval) -> str:
+    """A figure with its interval."""
+    if not math.isfinite(interval.value):
+        return "\u221e" if interval.value == math.inf else "-"
+    if not math.isfinite(interval.low + interval.high):
+        return short(interval.value)
+    return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
+
+
+def scaled(interval: Interval, by: float) -> Interval:
+    """The interval in another unit."""
+    return Interval(*(by * end for end in interval))
+
+
+def capital(sentence: str) -> str:
+    """The sentence with a capital, and a full stop."""
+    return sentence[:1].upper() + sentence[1:] + ("" if sentence.endswith((".", ":")) else ".")
+
+
+def percent_interval(share: Interval) -> str:
+    """A share with its interval, in per cent."""
+    if math.isnan(share.value):
+        return "-"
+    return f"{100 * share.value:.3g} % [{100 * share.low:.3g}, {100 * share.high:.3g}]"

@@ -1,0 +1,128 @@
+"""Whether a claimed covariance means anything: unconditional G against conditional P, with intervals.
+
+Every function takes plain arrays: errors x - x^ (M, n) and claimed covariances P (M, n, n) of M runs. The
+letters are those of Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation
+(2001), section 5.4, and of Li and Zhao, "Measuring estimator's credibility: noncredibility index" (2006).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import chdtri
+
+from ...filters.space import Array, wrap
+from .accumulator import Chunk, Judgement
+from .intervals import LEVEL, Interval, share_interval
+from .normalised import anees_band, is_positive, nees
+from .row import Row
+
+__all__ = ["anees_band", "coverage", "credibility", "is_positive", "judge", "nees", "noncredibility"]
+
+
+def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tuple[Interval, Interval]:
+    """Noncredibility index and inclination index of Li and Zhao (2006), in decibels.
+
+    With rho_m = (e' P_m^-1 e) / (e' G^-1 e) for the error e of run m, NCI = 10/M sum |log10 rho_m| and
+    inclination = 10/M sum log10 rho_m; positive inclination = overconfident. Both are 0 where every P_m is
+    G. An honest P that rightly varies from run to run has NCI > 0: read it against the exact filter's. The
+    interval counts the error of G itself, by its influence on the mean.
+
+    Returns:
+        (NCI, inclination); inf where a P is not positive definite, NaN where G is singular.
+    """
+    judgement = Judgement(_names(np.shape(errors)[-1]))
+    judgement.add_all([Chunk(np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float))])
+    return judgement.noncredibility(level)
+
+
+def coverage(errors: Array, covariance: Array, level: float) -> Interval:
+    """Share of runs whose true state lies in the Gaussian ellipse of the given level, with Wilson interval.
+
+    The ellipse is e' P^-1 e <= chi-square quantile (n). Only a Gaussian posterior covers exactly its level.
+    """
+    values = nees(errors, covariance)
+    inside = values <= chdtri(np.shape(errors)[-1], 1 - level)
+    return share_interval(int(inside.sum()), len(values))
+
+
+def credibility(
+    truth: Array,
+    mean: Array,
+    covariance: Array,
+    *,
+    angles: Sequence[bool] | None = None,
+    names: Sequence[str] | None = None,
+    label: str = "",
+) -> Row:
+    """Whether the covariances that an estimator claims mean anything, from your own runs.
+
+    Args:
+        truth: True states, (M, n), or (n,) where it was the same in all runs.
+        mean: Estimates, (M, n).
+        covariance: Claimed covariances, (M, n, n), or (n, n) for all runs.
+        angles: Which components are angles (rad), whose errors are taken the short way round.
+        names: Names of the components; x1, x2, ... unless given.
+        label: Name of the estimator in the row.
+
+    Returns:
+        One row. Runs with a number that is not finite are left out and counted as failed ("nan").
+
+    Raises:
+        ValueError: If the shapes do not fit.
+    """
+    mean = np.asarray(mean, dtype=float)
+    if mean.ndim != 2:
+        raise ValueError(f"mean must have shape (M, n), got {mean.shape}")
+    runs, size = mean.shape
+    try:
+        truth = np.broadcast_to(np.asarray(truth, dtype=float), (runs, size))
+        covariance = np.broadcast_to(np.asarray(covariance, dtype=float), (runs, size, size))
+        turning = np.broadcast_to(np.asarray(False if angles is None else angles, dtype=bool), (size,))
+    except ValueError:
+        raise ValueError(
+            f"mean is {(runs, size)}: truth must be (M, n), covariance (M, n, n), angles (n,); "
+            f"got {np.shape(truth)}, {np.shape(covariance)}, {angles}"
+        ) from None
+    names = tuple(names) if names is not None else _names(size)
+    if len(names) != size:
+        raise ValueError(f"{size} components have {len(names)} names")
+    errors = np.where(turning, wrap(truth - mean), truth - mean)
+    sound = np.isfinite(errors).all(-1) & np.isfinite(covariance).all((-2, -1))
+    failures = {"nan": int((~sound).sum())} if not sound.all() else {}
+    return judge(errors[sound], covariance[sound], names, planned=runs, failures=failures, estimator=label)
+
+
+def _names(size: int) -> tuple[str, ...]:
+    """x1, x2, ..."""
+    return tuple(f"x{i + 1}" for i in range(size))
+
+
+def judge(
+    errors: Array,
+    covariance: Array,
+    names: tuple[str, ...],
+    *,
+    planned: int,
+    failures: dict[str, int],
+    improbable: int = 0,
+    estimator: str = "",
+    beams: str = "",
+    step: int = 0,
+    seconds: float = np.nan,
+    one_truth: bool = False,
+) -> Row:
+    """The row of the runs that went well, errors (M, n) and covariances (M, n, n), out of those planned."""
+    judgement = Judgement(names)
+    judgement.add_all([Chunk(errors, covariance)])
+    return judgement.row(
+        planned=planned,
+        failures=failures,
+        improbable=improbable,
+        estimator=estimator,
+        beams=beams,
+        step=step,
+        seconds=seconds,
+        one_truth=one_truth,
+    )

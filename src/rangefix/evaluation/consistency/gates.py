@@ -1,0 +1,191 @@
+"""Gates: conditions on the rows of a study that make it a test, such as `anees=0.8:1.25`.
+
+How the command line uses them (exit code 4 where a line did not pass):
+
+    gates = parse_gates(["point-mass", "anees=0.8:1.25", "particle:ratio_x1=:1.5"])
+    lines = check_gates(gates, rows)
+    failed = not all(line.passed for line in lines)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from .formatting import name_beams, short
+from .from_arrays import credibility
+from .intervals import UNKNOWN
+from .row import Beliefs, Row
+from .verdict import decide, overconfident
+
+LABELS = ("estimator", "beams")  # columns of a row that are no figures
+FORM = "ESTIMATOR, FIGURE=LOW:HIGH or ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25"
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+BAND = re.compile(rf"(?P<left>.*)=\s*(?P<low>{NUMBER})?\s*:\s*(?P<high>{NUMBER})?")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One condition.
+
+    Attributes:
+        text: As it was written.
+        estimator: Whose rows; None = of all estimators.
+        figure: A column of the summary (anees, ratio_x1, coverage_90, ...), or None: not overconfident.
+        low, high: Between which the figure must lie, ends included.
+    """
+
+    text: str
+    estimator: str | None
+    figure: str | None
+    low: float = -math.inf
+    high: float = math.inf
+
+
+@dataclass(frozen=True)
+class GateLine:
+    """What a gate made of one row.
+
+    Attributes:
+        gate: The gate.
+        row: The row.
+        passed: Whether the figure itself lies in the band. A figure that is not a number does not pass.
+        settled: Whether its whole 95 % interval lies on the same side; more runs settle what is not.
+        text: One line for the reader.
+    """
+
+    gate: Gate
+    row: Row
+    passed: bool
+    settled: bool
+    text: str
+
+
+def parse_gates(texts: Iterable[str]) -> list[Gate]:
+    """Gates as they are written on the command line.
+
+    `FIGURE=LOW:HIGH` holds for the rows of all estimators, `ESTIMATOR:FIGURE=LOW:HIGH` for those of one; an
+    end may be left out (`anees=:1.25`). `ESTIMATOR` alone asks that it be not overconfident. Labels may hold
+    colons and equal signs: the last ones count, and what does not end in two numbers is a label.
+
+    Raises:
+        ValueError: If a band is empty or upside down, or its figure is not named.
+    """
+    return [_parse(text) for text in texts]
+
+
+def _parse(text: str) -> Gate:
+    found = BAND.fullmatch(text.strip())
+    if not found or not (found["low"] or found["high"]):
+        if not text.strip() or text.strip().endswith(("=", "=:")):
+            raise ValueError(f"gate {text!r} has no band: write {FORM}")
+        return Gate(text, text.strip(), None)
+    owner, _, figure = (part.strip() for part in found["left"].rpartition(":"))
+    low, high = float(found["low"] or -math.inf), float(found["high"] or math.inf)
+    if not low <= high:
+        raise ValueError(f"gate {text!r}: the lower end {low:g} is above the upper end {high:g}")
+    if not figure:
+        raise ValueError(f"gate {text!r} names no figure: write {FORM}")
+    return Gate(text, owner or None, figure, low, high)
+
+
+def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, ...], beliefs: bool) -> None:
+    """Say before anything runs what would be said after it.
+
+    Args:
+        gates: What will be asked.
+        labels: Labels of the estimators.
+        names: Components of the state.
+        beliefs: Whether beliefs will be judged.
+
+    Raises:
+        ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
+    """
+    every = figures(names, beliefs=True)
+    known = every if beliefs else figures(names, beliefs=False)
+    for gate in gates:
+        if gate.estimator is not None and gate.estimator not in labels:
+            if gate.figure is None and gate.text.strip() in every:
+                raise ValueError(f"gate {gate.text!r} has no band: write {FORM}")
+            if gate.figure is None and "=" in gate.text:
+                band = gate.text.rpartition("=")[2].strip()
+                raise ValueError(f"gate {gate.text!r}: {band!r} is no band LOW:HIGH: write {FORM}")
+            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+        if gate.figure is not None and gate.figure not in known:
+            if gate.figure in every:
+                raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
+            raise ValueError(_no_figure(gate, known))
+
+
+def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
+    """Names of the figures that a row has, for components of the state."""
+    size = len(names)
+    row = credibility(np.zeros(size), np.zeros((2, size)), np.eye(size), names=names)
+    if beliefs:
+        each = (UNKNOWN,) * size
+        row = replace(row, beliefs=Beliefs(UNKNOWN, each, each, each, UNKNOWN, np.ones((size + 1, 2))))
+    return tuple(name for name in row.flat() if name not in LABELS)
+
+
+def _there(labels: Iterable[str], gate: Gate) -> str:
+    close = get_close_matches(gate.estimator or "", list(labels), n=1)
+    return f"did you mean {close[0]}?" if close else f"there are {', '.join(labels)}; or write {FORM}"
+
+
+def _no_figure(gate: Gate, known: Iterable[str]) -> str:
+    plain = [name for name in known if not name.endswith(("_low", "_high"))]
+    close = get_close_matches(gate.figure or "", plain, n=1)
+    return f"gate {gate.text!r}: no figure {gate.figure!r}; " + (
+        f"did you mean {close[0]}?" if close else f"there are {', '.join(plain)}"
+    )
+
+
+def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
+    """One line for each gate and row that it holds for: all sets of beams, all steps.
+
+    Raises:
+        ValueError: If a gate names an estimator or figure that is not there; it lists those there are.
+    """
+    labels = list(dict.fromkeys(row.estimator for row in rows))
+    lines = []
+    for gate in gates:
+        if gate.estimator is not None and gate.estimator not in labels:
+            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+        known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
+        if gate.figure is not None and gate.figure not in known:
+            raise ValueError(_no_figure(gate, known))
+        mine = [row for row in rows if gate.estimator in (None, row.estimator)]
+        lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in mine]
+    return lines
+
+
+def _where(row: Row) -> str:
+    beams = f", {name_beams(row.beams)}" if row.beams else ""
+    return f"{row.estimator}{beams}, measurement {row.step + 1}"
+
+
+def _verdict_line(gate: Gate, row: Row) -> GateLine:
+    found = decide(row)
+    passed = bool(row.ok) and not overconfident(row)
+    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {found.words}"
+    return GateLine(gate, row, passed, found.kind != "unsure", text)
+
+
+def _line(gate: Gate, row: Row) -> GateLine:
+    columns = row.flat()
+    value = float(columns.get(gate.figure or "", math.nan))  # of one that cannot sample its beliefs
+    low, high = (float(columns.get(f"{gate.figure}_{end}", value)) for end in ("low", "high"))
+    passed = gate.low <= value <= gate.high
+    inside, meets = gate.low <= low and high <= gate.high, high >= gate.low and low <= gate.high
+    settled = inside if passed else not meets
+    band = f"[{gate.low:g}, {gate.high:g}]"
+    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {gate.figure} = {short(value)}"
+    text += f" [{short(low)}, {short(high)}]" if (low, high) != (value, value) else ""
+    text += f" is {'in' if passed else 'not in'} {band}"
+    text += "" if settled else f"; {row.ok} runs do not settle it"
+    return GateLine(gate, row, passed, settled, text)

@@ -1,0 +1,204 @@
+"""Intervals for what Monte Carlo runs average: means of skewed samples, ratios of means, shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc, stdtr, stdtrit
+
+from ...filters.space import Array
+
+LEVEL = 0.95  # of every interval in the tables and figures
+HUGE = 1e100  # counts as infinite: its square would overflow
+
+
+class Interval(NamedTuple):
+    """A figure and its two-sided confidence interval; NaN where the runs do not suffice to say."""
+
+    value: float
+    low: float
+    high: float
+
+    def sqrt(self) -> Interval:
+        """The interval of the square root; a negative lower end becomes 0."""
+        return Interval(*(float(np.sqrt(max(end, 0.0))) if end == end else end for end in self))
+
+
+UNKNOWN = Interval(np.nan, np.nan, np.nan)
+
+
+@dataclass
+class Moments:
+    """Count, mean and central moments of samples that come in chunks (Pebay, SAND2008-6212).
+
+    Chunks in the same order give the same bits. Samples beyond HUGE are counted, and are in no moment.
+    """
+
+    count: int = 0
+    mean: float = 0.0
+    square: float = 0.0
+    cube: float = 0.0
+    least: float = np.inf
+    huge: int = 0
+    unknown: bool = False
+
+    def add(self, samples: Array) -> None:
+        """Take in a chunk (M,)."""
+        finite = np.abs(samples) < HUGE
+        if not finite.all():
+            self.unknown |= bool(np.isnan(samples).any())
+            self.huge += int((~finite).sum())
+            samples = samples[finite]
+        size = samples.size
+        if not size:
+            return
+        mean = float(samples.mean())
+        deviations = samples - mean
+        squares = deviations**2
+        square, cube = float(squares.sum()), float((squares * deviations).sum())
+        self.least = min(self.least, float(samples.min()))
+        if not self.count:
+            self.count, self.mean, self.square, self.cube = size, mean, square, cube
+            return
+        a, b, total, gap = self.count, size, self.count + size, mean - self.mean
+        self.cube += cube + gap**3 * (a * b * (a - b) / total**2)
+        self.cube += 3 * gap * (a * square - b * self.square) / total
+        self.square += square + gap**2 * (a * b / total)
+        self.mean += gap * b / total
+        self.count = total
+
+    def interval(self, level: float = LEVEL) -> Interval:
+        """The interval of `mean_interval`."""
+        if self.unknown or not self.count + self.huge:
+            return UNKNOWN
+        if self.huge:
+            return Interval(np.inf, replace(self, huge=0).interval(level).low, np.inf)
+        return self.around(self.mean, level, 0.0 if self.least >= 0 else -np.inf)
+
+    def around(self, value: float, level: float = LEVEL, bound: float = -np.inf) -> Interval:
+        """Hall's interval, cut at a lower bound, for a value that varies as the mean of the samples does."""
+        if self.count < 2:
+            return Interval(value, np.nan, np.nan)
+        spread = float(np.sqrt(self.square / (self.count - 1)))
+        if spread == 0.0:
+            return Interval(value, value, value)
+        root = float(np.sqrt(self.count))
+        c = self.cube / self.count / spread**3 / root
+        tail = float(stdtrit(self.count - 1, 0.5 + level / 2))
+        low, high = (value - spread / root * _unskew(t, c) for t in (tail, -tail))
+        return Interval(value, max(float(low), bound), float(high))
+
+    def p_value(self, value: float, honest: float) -> float:
+        """Two-sided p-value of "the true figure is `honest`", for a value that varies as the mean does.
+
+        It inverts `around`: below 0.05 exactly where the 95 % interval leaves out the honest value. NaN with
+        fewer than two samples; where all are equal, 1 if the value is `honest`, else 0.
+        """
+        if self.count < 2 or not np.isfinite(value):
+            return float("nan")
+        spread = float(np.sqrt(self.square / (self.count - 1)))
+        if spread == 0.0:
+            return float(value == honest)
+        root = float(np.sqrt(self.count))
+        c = self.cube / self.count / spread**3 / root
+        t, a = (value - honest) / (spread / root), c / 3
+        corrected = t + a * t**2 + a**2 * t**3 / 3 + c / 6
+        return float(2 * stdtr(self.count - 1, -abs(corrected)))
+
+    def doubt(self, honest: float) -> float:
+        """The p-value of the mean; 0 where it is infinite."""
+        if self.unknown or self.huge:
+            return float("nan") if self.unknown else 0.0
+        return self.p_value(self.mean, honest)
+
+
+def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
+    """The mean of independent samples and its interval, corrected for skewness.
+
+    Squared errors and NEES of a diverging filter have long tails, for which the symmetric interval is too
+    short above. Student's T = (mean - mu) / se is therefore transformed to
+    g(T) = T + a T^2 + a^2 T^3 / 3 + c / 6, a = c / 3, c = skewness / sqrt(M), whose distribution is free of
+    skewness to order 1/M, and inverted in closed form (P. Hall, "On the removal of skewness by
+    transformation", J. R. Statist. Soc. B 54, 1992). It needs three moments only, so runs can be streamed.
+
+    Args:
+        samples: (M,).
+        level: Confidence level.
+
+    Returns:
+        The interval of samples that are nowhere negative is cut at 0. With a single sample the ends are NaN;
+        with an infinite sample the value is infinite and the lower end is that of the finite samples.
+    """
+    moments = Moments()
+    moments.add(np.asarray(samples, dtype=float))
+    return moments.interval(level)
+
+
+def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
+    """The ratio R of the means of paired samples, and its interval.
+
+    By linearisation: R varies as the mean of (a - R b) / mean(b) does (the delta method; Cochran, Sampling
+    Techniques, 1977, section 6.4), to which the interval for a skewed mean is applied.
+
+    Args:
+        numerators: a, (M,).
+        denominators: b, (M,), with a positive mean.
+        level: Confidence level.
+    """
+    a, b = Moments(), Moments()
+    a.add(np.asarray(numerators, dtype=float))
+    b.add(np.asarray(denominators, dtype=float))
+    if not can_divide(a, b):
+        return UNKNOWN
+    slope = Moments()
+    slope.add((numerators - a.mean / b.mean * denominators) / b.mean)
+    return slope.around(a.mean / b.mean, level, 0.0 if a.least >= 0 else -np.inf)
+
+
+def can_divide(numerators: Moments, denominators: Moments) -> bool:
+    """Whether the ratio of two means is a number."""
+    sound = not (numerators.huge or denominators.huge or numerators.unknown or denominators.unknown)
+    return sound and 0 < denominators.mean < HUGE
+
+
+def _unskew(t: float, c: float) -> float:
+    """Inverse of Hall's g."""
+    if abs(c) < 1e-9:
+        return t
+    return float((np.cbrt(1.0 + c * (t - c / 6.0)) - 1.0) * 3.0 / c)
+
+
+def share_interval(hits: int, total: int, level: float = LEVEL) -> Interval:
+    """A share of independent trials and its Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
+    if not total:
+        return UNKNOWN
+    share, z = hits / total, float(stdtrit(np.inf, 0.5 + level / 2))
+    centre = (share + z**2 / (2 * total)) / (1 + z**2 / total)
+    half = z / (1 + z**2 / total) * (share * (1 - share) / total + z**2 / (4 * total**2)) ** 0.5
+    return Interval(share, max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half)))
+
+
+def uniform_p_value(counts: Array) -> float:
+    """P-value of equal bins by Pearson's chi-square; NaN below five expected in a bin."""
+    expected = counts.sum() / len(counts)
+    if expected < 5:
+        return float("nan")
+    return float(chdtrc(len(counts) - 1, ((counts - expected) ** 2).sum() / expected))
+
+
+def p_value(value: float, deviations: Array, honest: float) -> float:
+    """Two-sided p-value of "the true figure is `honest`", for a value that varies as a mean of deviations.
+
+    Args:
+        value: The figure.
+        deviations: What each run adds to it, about zero, (M,).
+        honest: What an honest estimator has.
+
+    Returns:
+        NaN with fewer than two runs; where all runs agree, 1 if they agree with `honest`, else 0.
+    """
+    moments = Moments()
+    moments.add(deviations)
+    return moments.p_value(value, honest)

@@ -1,0 +1,196 @@
+"""What estimators claim against what is true: covariances, normalised errors, errors run by run, time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..consistency import Interval, Row, factor, name_beams, short, unit
+from .style import CLAIMED, COLOURS, MARKERS, TRUE, plain_numbers, symbol
+
+CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
+DECADES = 1e3  # a longer logarithmic axis has no room to label more than its powers of ten
+
+
+def last_step(rows: Sequence[Row]) -> list[Row]:
+    """The rows after the last measurement, all estimators of a beam set together."""
+    end = max(row.step for row in rows)
+    sets = list(dict.fromkeys(row.beams for row in rows))
+    return sorted((row for row in rows if row.step == end), key=lambda row: sets.index(row.beams))
+
+
+def _places(rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, str]]]:
+    """Heights of the rows in a list from the top, one step apart, and of the headings above each beam set."""
+    heights, heads, y = [], [], 0.0
+    beams = None
+    for row in rows:
+        if row.beams != beams:
+            y -= 0.5 if beams is None else 0.9
+            beams = row.beams
+            heads.append((y, name_beams(beams)))
+            y -= 0.9
+        heights.append(y)
+        y -= 1.0
+    return heights, heads
+
+
+def _list_axes(
+    axes: Axes, rows: Sequence[Row], heights: Sequence[float], heads: Sequence[tuple[float, str]]
+) -> None:
+    """Estimators down the side, each beam set under its heading."""
+    axes.set_yticks(
+        [*heights, *(y for y, _ in heads)], [*(row.estimator for row in rows), *(t for _, t in heads)]
+    )
+    for label in axes.get_yticklabels()[len(heights) :]:
+        label.set_fontweight("bold")
+    for y, _ in heads[1:]:
+        axes.axhline(y + 0.55, color="0.75", linewidth=0.6)
+    axes.set_ylim(heights[-1] - 0.7, heads[0][0] + 0.5)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", which="major")
+    plain_numbers(axes.xaxis)
+
+
+def _bar(axes: Axes, interval: Interval, y: float, **style: object) -> None:
+    """A value with its interval across; an infinite one stands at the edge as an arrow."""
+    value, low, high = interval
+    if not np.isfinite(value):
+        text = "not finite" if np.isinf(value) else "none ok"
+        axes.annotate(
+            text, (0.98, y), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=8
+        )
+        return
+    reach = np.nan_to_num([[value - low], [high - value]], nan=0.0, posinf=0.0)
+    axes.errorbar([value], [y], xerr=np.maximum(reach, 0.0), linestyle="none", capsize=2.5, **style)  # type: ignore[arg-type]
+
+
+def _times(interval: Interval, by: float) -> Interval:
+    return Interval(*(by * end for end in interval))
+
+
+def covariance_figure(rows: Sequence[Row], title: str) -> Figure:
+    """Standard deviations: what each estimator claims (root mean P) beside what is true (root G)."""
+    rows = last_step(rows)
+    names = rows[0].names
+    heights, heads = _places(rows)
+    figure = Figure(figsize=(1.6 + 3.4 * len(names), 1.7 + 0.24 * -heights[-1]), layout="constrained")
+    panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
+        for row, y in zip(rows, heights, strict=True):
+            claimed, true = (_times(each.sqrt(), factor(name)) for each in (row.p[i], row.g[i]))
+            axes.plot([claimed.value, true.value], [y, y], color="0.6", linewidth=2.5, zorder=1)
+            _bar(
+                axes,
+                claimed,
+                y,
+                fmt="o",
+                markersize=7.5,
+                markerfacecolor="white",
+                color=CLAIMED,
+                markeredgewidth=1.5,
+                label="claimed: root mean P",
+                zorder=2,
+            )
+            _bar(axes, true, y, fmt="D", markersize=3.8, color=TRUE, label="true: root G", zorder=3)
+        axes.set_xscale("log")
+        _list_axes(axes, rows, heights, heads)
+        axes.set_xlabel(f"standard deviation of {symbol(name)}, {unit(name)}")
+    handles, labels = panels[0].get_legend_handles_labels()
+    chosen = dict(zip(labels, handles, strict=True))
+    figure.legend(list(chosen.values()), list(chosen), loc="outside lower center", ncols=2)
+    figure.suptitle(title, fontsize=10.5)
+    return figure
+
+
+def anees_figure(rows: Sequence[Row], title: str) -> Figure:
+    """ANEES / n with intervals; the band for Gaussian posteriors is a labelled reference and no more."""
+    rows = last_step(rows)
+    heights, heads = _places(rows)
+    figure = Figure(figsize=(7.2, 1.7 + 0.24 * -heights[-1]), layout="constrained")
+    axes = figure.subplots()
+    values = [end for row in rows for end in row.anees if np.isfinite(end) and end > 0]
+    axes.set_xscale("log")
+    axes.axvline(1.0, color="black", linewidth=1.0, linestyle="--", label="honest: 1")
+    for row, y in zip(rows, heights, strict=True):
+        low, high = row.anees_band
+        axes.fill_betweenx(
+            [y - 0.42, y + 0.42],
+            low,
+            high,
+            facecolor="#F0C060",
+            edgecolor="0.35",
+            hatch="////",
+            linewidth=0.4,
+            label=CHI_SQUARE,
+        )
+        _bar(
+            axes,
+            row.anees,
+            y,
+            fmt="D",
+            markersize=4.5,
+            color=TRUE,
+            label="ANEES / n with 95 % interval",
+            zorder=3,
+        )
+        if np.isfinite(row.anees.value):
+            axes.annotate(
+                short(row.anees.value),
+                (max(row.anees.value, np.nan_to_num(row.anees.high), high), y),
+                xytext=(5, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+            )
+    axes.set_xlim(min(0.5, *values) / 1.4, max(2.0, *values) * 2.2)
+    _list_axes(axes, rows, heights, heads)
+    axes.set_xlabel(r"ANEES / n, no unit: left of 1 claims too much error, right of 1 too little")
+    handles, labels = axes.get_legend_handles_labels()
+    chosen = dict(zip(labels, handles, strict=True))
+    figure.legend(list(chosen.values()), list(chosen), loc="outside lower center", ncols=1)
+    figure.suptitle(title, fontsize=10.5)
+    return figure
+
+
+def time_figure(rows: Sequence[Row], title: str) -> Figure | None:
+    """Accuracy against time per update; None where nothing was timed."""
+    rows = [row for row in last_step(rows) if np.isfinite(row.seconds) and np.isfinite(row.g[0].value)]
+    if not rows:
+        return None
+    sets = list(dict.fromkeys(row.beams for row in rows))[-1:]
+    figure = Figure(figsize=(6.4, 4.3), layout="constrained")
+    axes = figure.subplots()
+    where = [i for i, name in enumerate(rows[0].names) if name in ("x1", "x2")]
+    for k, row in enumerate(row for row in rows if row.beams in sets):
+        true = np.sqrt(sum(row.g[i].value for i in where))
+        claimed = np.sqrt(sum(row.p[i].value for i in where))
+        milliseconds = 1e3 * row.seconds
+        colour = COLOURS[k % len(COLOURS)]
+        axes.plot([milliseconds] * 2, [claimed, true], color=colour, linewidth=1.0, linestyle=":")
+        axes.plot(
+            milliseconds,
+            claimed,
+            MARKERS[k % len(MARKERS)],
+            markersize=7,
+            markerfacecolor="white",
+            markeredgecolor=colour,
+            markeredgewidth=1.4,
+        )
+        axes.plot(
+            milliseconds, true, MARKERS[k % len(MARKERS)], markersize=8, color=colour, label=row.estimator
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(0.12)
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        plain_numbers(axis, (1.0, 2.0, 5.0) if high < DECADES * low else (1.0,))
+    axes.grid(which="major")
+    axes.set_xlabel("time per update and run, ms")
+    axes.set_ylabel("root mean square position error, m")
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), title="filled: true\nhollow: claimed")
+    figure.suptitle(title, fontsize=10.5)
+    return figure

@@ -1,0 +1,101 @@
+"""Drives: how errors grow and shrink from measurement to measurement, and the ways that were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..consistency import Interval, Row, factor, unit
+from ..results import Array, Results
+from .errors import ellipse
+from .room import draw_walls
+from .style import CLAIMED, COLOURS, MARKERS, label_positions, panel_title, plain_numbers, symbol
+
+MOST = 6  # estimators side by side
+ELLIPSES = 6  # along a way
+STEEP = 1e3  # ANEES / n beyond which the axis ends
+
+
+def steps_figure(rows: Sequence[Row], beams: str, title: str) -> Figure:
+    """True (root G) and claimed (root mean P) standard deviations, and ANEES / n, after each measurement."""
+    rows = [row for row in rows if row.beams == beams]
+    names = rows[0].names
+    estimators = list(dict.fromkeys(row.estimator for row in rows))
+    figure = Figure(figsize=(7.6, 1.2 + 1.75 * (len(names) + 1)), layout="constrained")
+    panels = figure.subplots(len(names) + 1, 1, sharex=True)
+    for k, estimator in enumerate(estimators):
+        mine = sorted((row for row in rows if row.estimator == estimator), key=lambda row: row.step)
+        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        place = np.array([row.step for row in mine], dtype=float)
+        style = {"color": colour, "marker": marker, "markersize": 3.5, "markevery": max(1, len(place) // 10)}
+        for i, name in enumerate(names):
+            true, claimed = (
+                [factor(name) * each[i].sqrt().value for each in pair]
+                for pair in ([row.g for row in mine], [row.p for row in mine])
+            )
+            panels[i].plot(place, true, **style, label=f"{estimator}: true")
+            panels[i].plot(place, claimed, linestyle="--", linewidth=1.1, **style, markerfacecolor="white",
+                           label=f"{estimator}: claimed")  # fmt: skip
+        _credibility(panels[-1], place, [row.anees for row in mine], style)
+    for axes, name in zip(panels, names, strict=False):
+        axes.set_yscale("log")
+        axes.set_ylabel(f"std of {symbol(name)}, {unit(name)}")
+    panels[-1].set_yscale("log")
+    panels[-1].axhline(1.0, color="black", linewidth=1.0, linestyle="--")
+    low, high = panels[-1].get_ylim()
+    panels[-1].set_ylim(max(low, 0.1), min(max(high, 2.0), STEEP))
+    panels[-1].set_ylabel("ANEES / n, 95 %\n(1: honest)")
+    panels[-1].set_xlabel("moves before the measurement")
+    for axes in panels:
+        axes.grid(axis="y", which="major")
+        plain_numbers(axes.yaxis)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(estimators)))
+    figure.suptitle(title, fontsize=10.5)
+    return figure
+
+
+def _credibility(axes: Axes, place: Array, figures: Sequence[Interval], style: dict[str, object]) -> None:
+    value, low, high = np.array(figures, dtype=float).T
+    axes.fill_between(place, low, high, facecolor=str(style["color"]), alpha=0.25, linewidth=0)
+    axes.plot(place, value, **style)  # type: ignore[arg-type]
+
+
+def ways_figure(results: Results, beams: str, title: str) -> Figure:
+    """The true way of the first run beside the way that each estimator believes, with ellipses along it."""
+    estimators = results.estimators[:MOST]
+    left, right, lower, upper = results.scene["extent"]
+    columns = min(3, len(estimators))
+    count = -(-len(estimators) // columns)
+    wide = 3.4
+    height = wide * (upper - lower) / (right - left)
+    figure = Figure(figsize=(0.6 + wide * columns, 0.9 + (height + 0.6) * count), layout="constrained")
+    panels = figure.subplots(count, columns, squeeze=False)
+    where = results.space.position_indices
+    truth = results.truth[0][:, where]
+    for axes, estimator in zip(panels.flat, estimators, strict=False):
+        trials = results.get(estimator, beams)
+        mean, covariance = trials.mean[0][:, where], trials.covariance[0][:, where][:, :, where]
+        draw_walls(axes, results.scene)
+        axes.plot(*truth.T, color="black", linewidth=2.2, label="true way of the first run", zorder=3)
+        axes.plot(*truth[0], "*", markersize=10, markerfacecolor="white", markeredgecolor="black",
+                  linestyle="none", label="its start", zorder=6)  # fmt: skip
+        axes.plot(*mean.T, color=CLAIMED, linewidth=1.2, marker="o", markersize=2.5, zorder=5,
+                  label="what the estimator believes, with 95 % ellipses")  # fmt: skip
+        for step in np.unique(np.linspace(0, len(truth) - 1, ELLIPSES).astype(int)):
+            if np.isfinite(mean[step]).all() and np.isfinite(covariance[step]).all():
+                axes.add_patch(ellipse(covariance[step], tuple(mean[step]), edgecolor=CLAIMED, zorder=4))
+        panel_title(axes, estimator)
+        label_positions(axes)
+        margin = 0.03 * max(right - left, upper - lower)
+        axes.set_xlim(left - margin, right + margin)
+        axes.set_ylim(lower - margin, upper + margin)
+        axes.spines[:].set_visible(False)
+    for axes in panels.flat[len(estimators) :]:
+        axes.set_visible(False)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.suptitle(title, fontsize=10.5)
+    return figure

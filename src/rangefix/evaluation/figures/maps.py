@@ -1,0 +1,94 @@
+"""The map of a study: walls, free space, the prior's box, the true positions and the beams of one run."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from ..results import Array, Results, Scene
+from .room import draw_beams, draw_truth, draw_walls
+from .style import label_positions
+
+SOLID = "#c9c9c9"
+FREE = ListedColormap([SOLID, "#ffffff"])
+MOST_TRUTHS = 1000  # drawn
+WAYS = 30  # of moving objects
+
+
+def _frame(axes: Axes, low: Array, high: Array) -> None:
+    """Axes of a map from one corner to the other; what lies outside the map is grey."""
+    label_positions(axes)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_facecolor(SOLID)
+    axes.spines[:].set_visible(False)
+
+
+def _free_space(axes: Axes, scene: Scene) -> None:
+    axes.imshow(scene["free"], origin="lower", extent=tuple(scene["extent"]), cmap=FREE, vmin=0, vmax=1,
+                interpolation="nearest", zorder=0)  # fmt: skip
+
+
+def _box(axes: Axes, scene: Scene) -> None:
+    """The prior's box, where it is not the whole map."""
+    lower, upper = scene["prior_lower"], scene["prior_upper"]
+    if np.allclose(np.array([lower, upper]).T.ravel(), scene["extent"], atol=0.02):
+        return
+    axes.add_patch(Rectangle(tuple(lower), *(upper - lower), fill=False, edgecolor="#0072B2", linewidth=1.8,
+                             linestyle="--", zorder=4, label="box of the prior"))  # fmt: skip
+
+
+def _ways(axes: Axes, ways: Array) -> None:
+    """The ways of moving objects, (M, T, 2)."""
+    for way in ways[1:WAYS]:
+        axes.plot(*way.T, color="#7F7F7F", linewidth=0.5, alpha=0.7, zorder=2)
+    label = f"true ways of {len(ways[:WAYS])} runs, dark: the first"
+    axes.plot(*ways[0].T, color="black", linewidth=1.4, zorder=3, label=label)
+
+
+def map_figure(results: Results, title: str) -> Figure:
+    """The whole map and, where the prior covers a part of it only, that part beside it."""
+    scene = results.scene
+    corners = scene["segments"].reshape(-1, 2)
+    limits = np.array([scene["extent"][::2], scene["extent"][1::2]])
+    low, high = np.min([limits[0], *corners], axis=0), np.max([limits[1], *corners], axis=0)
+    size = high - low
+    box = scene["prior_lower"], scene["prior_upper"]
+    part = np.prod(box[1] - box[0]) < 0.6 * size.prod()
+    height = min(7.5, max(4.2, 4.4 * size[1] / size[0]))
+    figure = Figure(figsize=(4.4 + (5.6 if part else 2.0), height), layout="constrained")
+    panels = figure.subplots(1, 2 if part else 1, squeeze=False, width_ratios=(1, 1.35) if part else None)[0]
+    whole, near = panels[0], panels[-1]
+    _frame(whole, low - 0.02 * size.max(), high + 0.02 * size.max())
+    if part:
+        whole.set_title("The map: white is free space")
+        margin = 0.15 * (box[1] - box[0])
+        _frame(near, box[0] - margin, box[1] + margin)
+        near.set_title("Where the object may be, and the beams of the first run")
+    for axes, width in zip(panels, (0.7, 1.5) if part else (1.6,), strict=True):
+        _free_space(axes, scene)
+        draw_walls(axes, scene, width)
+        _box(axes, scene)
+    ways = results.truth[:MOST_TRUTHS][..., results.space.position_indices]
+    near.plot(
+        *ways[:, 0].T,
+        ".",
+        markersize=2.5,
+        color="#7F7F7F",
+        zorder=2,
+        label=f"true positions, {len(ways)} runs",
+    )
+    if (ways != ways[:, :1]).any():
+        _ways(whole, ways)
+    draw_beams(near, scene, range(1, len(scene["bearings"]) + 1), named=len(scene["bearings"]) <= 12)
+    draw_truth(near, scene, label="true position and beams of the first run")
+    handles: dict[str, Artist] = {}
+    for axes in panels:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
+    figure.suptitle(title, fontsize=10.5)
+    return figure

@@ -1,0 +1,51 @@
+"""Where the truth ranks among samples of what is believed: flat for the honest, whatever they believe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..consistency import Row, uniform_band
+from .claims import last_step
+from .style import CLAIMED, symbol
+
+MOST = 8  # estimators under each other
+OUTSIDE = "#D55E00"
+
+
+def ranks_figure(rows: Sequence[Row], beams: str, title: str) -> Figure | None:
+    """A row of rank histograms for each estimator after the last measurement; None where none was sampled.
+
+    A histogram for each component, and one for the distance from the middle of the belief. The band holds all
+    ten bars of an honest one in 95 % of studies; bars outside it are coloured.
+    """
+    sampled = [(row, row.beliefs.ranks) for row in last_step(rows) if row.beams == beams and row.beliefs]
+    if not sampled:
+        return None
+    sampled = sampled[:MOST]
+    names = sampled[0][0].names
+    columns = [*(f"rank of {symbol(name)}" for name in names), "rank of the distance"]
+    size = (1.0 + 1.9 * len(columns), 1.2 + 1.25 * len(sampled))
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(len(sampled), len(columns), squeeze=False, sharex=True)
+    for line, (row, histograms) in zip(panels, sampled, strict=True):
+        for axes, counts in zip(line, histograms, strict=True):
+            total, bins = counts.sum(), len(counts)
+            band = [100 * end / total for end in uniform_band(int(total), bins)]
+            shares = 100 * counts / total
+            wrong = (shares < band[0]) | (shares > band[1])
+            places = (np.arange(bins) + 0.5) * 100 / bins
+            colours = [OUTSIDE if each else CLAIMED for each in wrong]
+            axes.bar(places, shares, width=88 / bins, color=colours)
+            axes.axhspan(*band, color="0.5", alpha=0.25, linewidth=0, zorder=3)
+            axes.set_xlim(0, 100)
+            axes.set_ylim(0, 1.1 * max(shares.max(), band[1]))
+            axes.set_xticks([0, 50, 100])
+        line[0].set_title(row.estimator)
+        line[0].set_ylabel("runs, %")
+    for axes, name in zip(panels[-1], columns, strict=True):
+        axes.set_xlabel(f"{name}, %")
+    figure.suptitle(title, fontsize=10.5)
+    return figure

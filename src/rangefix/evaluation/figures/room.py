@@ -1,0 +1,70 @@
+"""What every map shows: walls, beams and the true position, from a saved scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from ..results import Array, Scene
+
+BEAM = "#B03A00"
+
+
+def draw_walls(axes: Axes, scene: Scene, width: float = 1.6) -> None:
+    """The walls at sensor height, black."""
+    ends = scene["segments"].reshape(-1, 2, 2)
+    axes.add_collection(LineCollection(list(ends), colors="black", linewidths=width, capstyle="projecting"))
+
+
+def draw_beams(axes: Axes, scene: Scene, numbers: Iterable[int], named: bool = True) -> None:
+    """Beams (from 1) from the true position to the walls that they meet, dashed, with their numbers.
+
+    Set the limits of the axes first: numbers keep inside them.
+    """
+    heading, start = scene["truth"][2], scene["truth"][:2]
+    for number in numbers:
+        angle, reach = heading + scene["bearings"][number - 1], scene["ranges"][number - 1]
+        if not np.isfinite(reach):
+            continue
+        step = np.array([np.sin(angle), np.cos(angle)])
+        line = np.stack([start, start + reach * step])
+        axes.plot(*line.T, color=BEAM, linewidth=1.1, linestyle=(0, (5, 2)))
+        if named:
+            where = start + _label_distance(axes, start, step, reach) * step
+            axes.text(
+                where[0],
+                where[1],
+                str(number),
+                color=BEAM,
+                fontsize=8,
+                ha="center",
+                va="center",
+                bbox={"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none"},
+            )
+
+
+def _label_distance(axes: Axes, start: Array, step: Array, reach: float) -> float:
+    """How far along a beam its number stands: clear of the start, within the view."""
+    limits = np.array([axes.get_xlim(), axes.get_ylim()])
+    ahead = np.where(step > 0, limits[:, 1], limits[:, 0]) - start
+    border = np.min(ahead / np.where(step == 0, 1.0, step), where=step != 0, initial=np.inf)
+    view = float(np.ptp(limits, axis=1).min())
+    return float(np.clip(0.62 * reach, 0.055 * view, max(border - 0.03 * view, 0.055 * view)))
+
+
+def draw_truth(axes: Axes, scene: Scene, size: float = 11.0, label: str = "true position") -> None:
+    """The true position: a white star with a black edge."""
+    axes.plot(
+        *scene["truth"][:2],
+        "*",
+        markersize=size,
+        markerfacecolor="white",
+        markeredgecolor="black",
+        linestyle="none",
+        markeredgewidth=1.0,
+        zorder=7,
+        label=label,
+    )

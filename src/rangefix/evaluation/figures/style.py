@@ -1,0 +1,107 @@
+"""How every figure looks, and how it is written so that the same results give the same bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from ..results import write_bytes
+
+SETTINGS: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # ships with matplotlib: the same letters on every machine
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": False,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "lines.linewidth": 1.4,
+    "figure.dpi": 100.0,
+    "savefig.dpi": 160.0,
+    "hatch.linewidth": 0.6,
+    "svg.hashsalt": "rangefix",
+    "svg.fonttype": "path",
+    "path.simplify": True,
+}
+# Okabe and Ito's colours in an order that alternates dark and light, so that they also differ in grey.
+COLOURS = ("#0072B2", "#E69F00", "#000000", "#CC79A7", "#009E73", "#D55E00", "#56B4E9", "#7F7F7F")
+# White where nothing is likely, darker and darker towards the peak: in grey too.
+INK = LinearSegmentedColormap.from_list("ink", ["#ffffff", "#b5d4ea", "#4f94c4", "#1b4f8a", "#08183a"])
+PANEL = 26  # letters over a narrow panel
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+CLAIMED, TRUE = "#0072B2", "#000000"
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Our settings on matplotlib's own defaults, whatever the caller has set; given back at the end."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        settings: Any = matplotlib.rcParams  # its keys are literal types that change with the version
+        settings.update(SETTINGS)
+        yield
+
+
+def write(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Save a figure as NAME.png and NAME.svg, each whole or not at all; returns the two paths.
+
+    Raises:
+        ResultsError: If one cannot be written.
+    """
+    paths = []
+    for suffix, canvas, metadata in (
+        ("png", FigureCanvasAgg, {"Software": None}),
+        ("svg", FigureCanvasSVG, {"Date": None, "Creator": "rangefix"}),
+    ):
+        content = io.BytesIO()
+        canvas(figure)
+        figure.savefig(content, format=suffix, metadata=metadata)
+        paths.append(folder / f"{name}.{suffix}")
+        write_bytes(paths[-1], content.getvalue())
+    return paths
+
+
+def panel_title(axes: Axes, label: str, *more: str) -> None:
+    """A label above a narrow panel, on as many lines as it needs, and further lines."""
+    lines = wrap(label.replace(r"\$", "$"), PANEL)  # a broken line must not part the two
+    axes.set_title("\n".join([*(line.replace("$", r"\$") for line in lines), *more]))
+
+
+def label_positions(axes: Axes) -> None:
+    """Name the horizontal axes of a map, with units, and give both the same scale."""
+    axes.set_xlabel("$x_1$, m")
+    axes.set_ylabel("$x_2$, m")
+    axes.set_aspect("equal")
+
+
+def symbol(name: str) -> str:
+    """A state component as it stands in labels."""
+    return f"${name[0]}_{name[1:]}$" if name in ("x1", "x2", "v1", "v2") else name
+
+
+def plain_numbers(axis: Axis, subdivisions: Sequence[float] = (1.0,)) -> None:
+    """Ticks of a logarithmic axis as 0.01, 0.1, 1, 10 and, if asked for, multiples of those."""
+    axis.set_major_locator(LogLocator(subs=subdivisions))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,98 @@
+"""The conformance suite in a process of its own, for a plug-in that hangs or ends the process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ...filters.checks import Check, CheckResult, checks_for
+from ...filters.registry import resolve
+from .marks import At, silent
+from .process import Child, Refused, Stopped
+
+LIMIT = 60.0  # s for each check
+MEND = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
+IN_A_ROW = 2  # checks lost one after the other: the rest is not tried
+
+
+def check_apart(
+    target: str,
+    options: Mapping[str, Any],
+    expected_failures: Mapping[str, str] | None = None,
+    limit: float = LIMIT,
+) -> Iterator[CheckResult]:
+    """The checks of one estimator, as they are done.
+
+    Where it cannot be imported or built, the first check says why and the others are skipped. A check that
+    takes too long, or ends the process, has failed; the others go on in a new one, but after IN_A_ROW of them
+    they are skipped.
+
+    Args:
+        target: What `build` takes.
+        options: The estimator's options.
+        expected_failures: Check name -> why it fails.
+        limit: Longest that importing it, and each check, may take, s.
+
+    Raises:
+        KeyError: If there is no such estimator.
+        ValueError: If an expected failure names no check or gives no reason.
+    """
+    expected = dict(expected_failures or {})
+    checks = checks_for(target, expected_failures=expected, **options)
+    child, lost, why = Child(), 0, ""
+    try:
+        try:
+            child.ask("call", (_find, target), lambda count: limit, where=True)
+        except Refused as refused:
+            if refused.kind == "KeyError":
+                raise KeyError(refused.text) from None
+        except Stopped as stopped:
+            yield _lost(checks[0], str(stopped))
+            why = "it was not imported"
+        for check in checks[1 if why else 0 :]:
+            if why:
+                yield _skipped(check, why)
+                continue
+            question = (_result, target, dict(options), expected, check.name)
+            try:
+                result: CheckResult = child.ask("call", question, lambda count: limit, where=True)
+                lost = 0
+            except Refused as refused:
+                result = _lost(check, str(refused))
+            except Stopped as stopped:
+                result, lost, child = _lost(check, str(stopped)), lost + 1, Child()
+            yield result
+            if check is checks[0] and result.outcome in ("failed", "expected_failure"):
+                why = "it was not built"
+            elif lost == IN_A_ROW:
+                why = f"not tried: {IN_A_ROW} checks in a row were lost"
+    finally:
+        child.kill()
+
+
+def _find(target: str, at: At) -> None:
+    """In the process of its own: import it."""
+    at("importing it", 0)
+    resolve(target)
+
+
+def _result(
+    target: str, options: dict[str, Any], expected: dict[str, str], name: str, at: At = silent
+) -> CheckResult:
+    """In the process of its own: the result of one check."""
+    checks = checks_for(target, expected_failures=expected, **options)
+    if name == checks[0].name:
+        at("building it", 0)
+    return next(check for check in checks if check.name == name).result()
+
+
+def _lost(check: Check, detail: str) -> CheckResult:
+    claim = check.claim
+    if check.expected:
+        text = f"{check.expected} ({detail})"
+        return CheckResult(claim.name, "expected_failure", claim.meaning, MEND, text)
+    return CheckResult(claim.name, "failed", claim.meaning, MEND, detail)
+
+
+def _skipped(check: Check, detail: str) -> CheckResult:
+    return CheckResult(check.name, "skipped", check.claim.meaning, check.claim.mend, detail)

@@ -1,0 +1,53 @@
+"""Below which evidence a measurement is improbable."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtri
+
+from ...filters import Gaussian, RangeProportional, Sensor
+from ...filters.space import Array, BoolArray
+
+DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
+LONG = 10.0  # m
+RARE = 1e-9  # share of honest measurements that the best pose explains worse than the floor
+ALLOWANCE = 30.0  # nats for how much wider the prior is than the posterior
+
+
+def evidence_floor(sensor: Sensor, measurement: Array) -> Array:
+    """Log evidence below which the measurements so far are flagged as improbable; nats, (M, T, B) -> (M, T).
+
+    The density that readings would have at a pose that explains them perfectly, less what 1 in 10^9 honest
+    series of measurements fall short of it, less 30 nats by which a prior may be wider than the posterior.
+    For Gaussian noise that is ln p(y | y) - chi2.isf(1e-9, B) / 2 - 30, sums and B over all readings up to
+    the step. For other noise the chi-square law gives way to the gamma law of the same mean and variance
+    of an honest reading's shortfall.
+    """
+    mean, variance, counted = _shortfall(sensor, measurement)
+    best = np.cumsum(sensor.log_density(measurement, measurement), axis=1)
+    readings = np.cumsum(counted.sum(-1), axis=1)
+    degrees = 2 * readings * mean**2 / variance
+    quantile = np.where(readings > 0, chdtri(np.where(readings > 0, degrees, 1.0), RARE), 0.0)
+    return np.asarray(best - 0.5 * variance / mean * quantile - ALLOWANCE)
+
+
+def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolArray]:
+    """Mean and variance of ln p(y | y) - ln p(y | rho) of an honest reading, and which readings count.
+
+    1/2 and 1/2 for Gaussian noise, where a missing return costs next to nothing; of other noise from draws
+    of a fixed stream at all ranges up to 10 m or the maximum range.
+    """
+    read = getattr(sensor, "read", None)
+    if read is None or isinstance(sensor.noise, Gaussian | RangeProportional):
+        return 0.5, 0.5, np.isfinite(measurement)
+    rng = np.random.default_rng(0)
+    beams = len(sensor.bearings)
+    longest = min(getattr(sensor, "max_range", LONG), LONG)
+    expected = rng.uniform(0.0, longest, (-(-DRAWS // beams), beams))
+    drawn = read(expected, rng)
+    short = sensor.beam_log_density(drawn, drawn) - sensor.beam_log_density(drawn, expected)
+    short = short[~np.isnan(drawn)]
+    mean, variance = float(short.mean()), float(short.var())
+    if not (0 < mean < np.inf and 0 < variance < np.inf):
+        return 0.5, 0.5, np.isfinite(measurement)
+    return mean, variance, ~np.isnan(measurement)

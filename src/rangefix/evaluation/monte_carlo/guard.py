@@ -1,0 +1,173 @@
+"""Trials in a process of their own, so that one that hangs, or ends the process, costs itself alone."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...filters.space import Array
+from ..experiment import Builder
+from ..isolation import Child, Refused, Stopped, pickled
+from ..results import Outcome, blank, joined
+from .built_estimator import Contestant, Probe
+from .trial import Trial
+
+BUILD = 60.0  # s for building an estimator, beyond the time of a trial
+GRACE = 20.0  # s for the first runs in a new process, which compile and import
+SLACK = 20  # a batch may last as many times what its runs took by two
+IN_A_ROW = 5  # trials lost one after the other: the rest of the part is not tried
+
+
+@dataclass
+class Guard:
+    """An estimator in a child process; a child that was killed is replaced.
+
+    Args:
+        content: The pickled trial and builder.
+        size: Components of the state.
+        timeout: Longest that a trial may take, s.
+    """
+
+    content: bytes
+    size: int
+    timeout: float
+    _child: Child | None = None
+    _unbuilt: Refused | Stopped | None = None
+    _ends: int = 0
+    _fresh: bool = True
+    _probes: dict[bytes, Probe | None] = field(default_factory=dict)
+
+    @classmethod
+    def over(cls, trial: Trial, builder: Builder, timeout: float) -> Guard:
+        """A guard over the estimator that a builder makes; whatever pickling them raises comes out."""
+        return cls(pickled((trial, builder)), trial.problem.space.size, timeout)
+
+    def start(self) -> None:
+        """Have the estimator built, if it is not.
+
+        One that cannot be built is not tried again, but for one that ended the process: that may have been
+        killed from outside, and is tried twice.
+
+        Raises:
+            Refused: If importing or building it raises.
+            Stopped: If that takes too long, or ends the process.
+        """
+        if self._unbuilt is not None:
+            raise self._unbuilt
+        if self._child is None:
+            child = Child()
+            try:
+                child.ask("build", (Contestant.of, self.content), lambda count: BUILD + self.timeout)
+            except (Refused, Stopped) as error:
+                child.kill()
+                self._ends += isinstance(error, Stopped) and error.status == "error"
+                if self._ends == 1:
+                    return self.start()
+                self._unbuilt = error
+                raise
+            self._child, self._fresh = child, True
+
+    def close(self) -> None:
+        """End the child, if there is one."""
+        if self._child is not None:
+            self._child.kill()
+            self._child = None
+
+    def _ask(self, verb: str, arguments: tuple[Any, ...], allowed: Callable[[int], float]) -> Any:
+        self.start()
+        assert self._child is not None
+        try:
+            return self._child.ask(verb, arguments, allowed)
+        except Stopped:
+            self._child = None
+            raise
+
+    def probe(self, first_two: Array) -> Probe | None:
+        """Runs that fit a batch and seconds for one, from runs 0 and 1; None if they do not end in time.
+
+        It also has a new child do what takes longer the first time.
+        """
+        self.start()
+        known = first_two.tobytes()
+        if known not in self._probes or (self._fresh and self._probes[known] is not None):
+            limit = GRACE + 4 * self.timeout
+            try:
+                found = self._ask("probe", (first_two,), lambda count: limit)
+            except Stopped:
+                found = None
+            self._probes.setdefault(known, found)
+            self._fresh = False
+        return self._probes[known]
+
+    def time(self, measurement: Array) -> dict[str, Any]:
+        """What `Contestant.time` gives, or seconds None if that takes too long."""
+        try:
+            limit = GRACE + 20 * self.timeout
+            answer: dict[str, Any] = self._ask("time", (measurement,), lambda count: limit)
+        except (Stopped, Refused):
+            return {"seconds": None}
+        return answer
+
+    def run(self, measurement: Array, first: int, first_two: Array, truth: Array | None = None) -> Outcome:
+        """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
+
+        A batch may last as long as a trial, or SLACK times what two runs took for each of its runs. A batch
+        that hangs is done again run by run; one that ended the process is first done again as it was, for
+        the process may have been killed from outside.
+
+        Raises:
+            Refused, Stopped: If the estimator cannot be built.
+        """
+        runs, probe = len(measurement), self.probe(first_two)
+        step = runs if probe is None else max(1, probe.size)
+        at_once = 1 if probe is None else step
+        todo = [(start, min(start + step, runs), at_once) for start in range(0, runs, step)][::-1]
+        done: dict[int, Outcome] = {}
+        lost: set[int] = set()
+        deaths: Counter[tuple[int, int]] = Counter()
+        while todo:
+            start, end, at_once = todo.pop()
+            try:
+                true = None if truth is None else truth[start:end]
+                piece = (measurement[start:end], first + start, at_once, true)
+                done[start] = self._piece(piece, first_two)
+                continue
+            except Refused as refused:  # not by the estimator's verbs: by something in our own way to it
+                done[start] = self._blank(measurement[start:end], "error", str(refused))
+                continue
+            except Stopped as stopped:
+                stop = stopped
+            where, count = start + stop.place, max(1, stop.count)
+            after = where + count
+            if after < end:
+                todo.append((after, end, at_once))
+            deaths[where, count] += stop.status == "error"
+            if deaths[where, count] == 1 and stop.status == "error":
+                todo.append((where, after, count))
+            elif count > 1:
+                todo.append((where, after, 1))
+            else:
+                done[where] = self._blank(measurement[where:after], stop.status, stop.reason)
+                lost.add(where)
+                if after < runs and lost.issuperset(range(after - IN_A_ROW, after)):
+                    reason = f"not tried: {IN_A_ROW} trials in a row were lost before it ({stop.reason})"
+                    done[after] = self._blank(measurement[after:], "skipped", reason)
+                    todo.clear()
+            if where > start:  # they went well, and were lost with the process
+                todo.append((start, where, at_once))
+        return joined([done[place] for place in sorted(done)])
+
+    def _piece(self, piece: tuple[Array, int, int, Array | None], first_two: Array) -> Outcome:
+        probe = self.probe(first_two)
+        each = 0.0 if probe is None else probe.seconds
+
+        def allowed(count: int) -> float:
+            return max(self.timeout, min(count * self.timeout, SLACK * count * each))
+
+        outcome: Outcome = self._ask("run", piece, allowed)
+        return outcome
+
+    def _blank(self, measurement: Array, status: str, reason: str) -> Outcome:
+        return blank(measurement.shape, self.size, status, reason)

@@ -1,0 +1,218 @@
+"""Runs an experiment part by part: here, on workers or on a cluster, resumable, with the same numbers."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from ..consistency import to_csv
+from ..consistency.summarise import summarise
+from ..experiment import Experiment
+from ..results import (
+    MANIFEST,
+    TIMING,
+    Plan,
+    Results,
+    digest,
+    load,
+    read_part,
+    read_timing,
+    sweep,
+    trials_path,
+    whole,
+    world_path,
+    write_bytes,
+    write_json,
+    write_npz,
+    write_part,
+)
+from .backends import _here, on_cluster, on_workers
+from .environment import surroundings
+from .keys import keys
+from .record_beliefs import save_pictures
+from .simulate import Simulation, simulate
+from .worker import Crew, Task
+
+TIMED = 128  # runs timed at once, at most
+KEPT = 20  # blocks of truths and measurements held in memory
+
+
+class Progress(NamedTuple):
+    """Trials of one estimator, over all its sets of beams: how many of how many are done, and failed."""
+
+    estimator: str
+    done: int
+    total: int
+    failed: int
+
+
+class Describes(Protocol):
+    """What can be run as well as an experiment: a study."""
+
+    def experiment(self) -> Experiment:
+        """The experiment that it describes."""
+        ...
+
+
+def run(
+    study: Experiment | Describes,
+    out: Path | str | None = None,
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    command_line: Sequence[str] | None = None,
+    resume: bool = True,
+    timing: bool = True,
+) -> Results:
+    """Run an experiment or study and save its results.
+
+    Parts are saved as they are finished. When it is run again, parts are taken as they are whose checksum is
+    right and whose key (config, seed, source, libraries) is the same; the results are then bit for bit those
+    of an unbroken run. Interrupting it loses at most the parts in hand.
+
+    Args:
+        study: What to run.
+        out: Folder for the results, made if need be; without it nothing is kept but what is returned.
+        workers: Processes. They change no number.
+        cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either.
+        progress: Called with how far each estimator has come.
+        command_line: For the manifest.
+        resume: Whether parts that are there may be taken.
+        timing: Whether to time the updates, in a serial pass of its own with one thread.
+
+    Returns:
+        The results, as `load` reads them from the folder.
+
+    Raises:
+        ResultsError: If the folder cannot be written, or the workers or the cluster fail.
+        StudyError: If the study is not sound.
+        ValueError: If there is no worker.
+    """
+    if workers < 1:
+        raise ValueError(f"need at least one worker, got {workers}")
+    experiment = study if isinstance(study, Experiment) else study.experiment()
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="rangefix-") as kept:
+            results = run(
+                experiment,
+                kept,
+                workers=workers,
+                cluster=cluster,
+                progress=progress,
+                command_line=command_line,
+                timing=timing,
+            )
+            return results.in_memory()
+    folder = Path(out)
+    plan = Plan.of(experiment, *keys(experiment))
+    manifest = plan.manifest(experiment, surroundings(), list(command_line or ()))
+    write_json(folder / MANIFEST, manifest | {"state": "running"})
+    sweep(folder / "parts")  # what a run left that was killed while writing
+    _simulate_all(experiment, plan, folder, resume)
+    with closing(Crew(experiment)) as crew:
+        _work_all(crew, plan, folder, workers, cluster, progress, resume)
+        if timing:
+            _time_all(crew, plan, folder, resume)
+    _save_scene(experiment, folder)
+    save_pictures(experiment, folder, digest(dict(plan.trials), plan.beams[-1]))
+    write_json(folder / MANIFEST, manifest | {"state": "complete"})
+    results = load(folder)
+    write_bytes(folder / "summary.csv", to_csv(summarise(results)).encode())
+    return results
+
+
+def _simulate_all(experiment: Experiment, plan: Plan, folder: Path, resume: bool) -> None:
+    for first, end in experiment.blocks():
+        path = world_path(folder, first, end)
+        if not resume or whole(path, plan.world) is None:
+            write_part(path, simulate(experiment, first, end)._asdict(), plan.world)
+
+
+def _work_all(
+    crew: Crew,
+    plan: Plan,
+    folder: Path,
+    workers: int,
+    cluster: str | None,
+    progress: Callable[[Progress], None] | None,
+    resume: bool,
+) -> None:
+    experiment = crew.experiment
+    total = experiment.runs * len(experiment.beam_sets)
+    counts = {label: [0, 0] for label in experiment.estimators}
+
+    def tell(label: str, trials: int, failed: int, begun: int = 0) -> None:
+        counts[label][0] += trials
+        counts[label][1] += failed
+        if progress:
+            progress(Progress(label, counts[label][0] + begun, total, counts[label][1]))
+
+    def path(task: Task) -> Path:
+        return trials_path(folder, task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
+
+    @lru_cache(maxsize=KEPT)
+    def block(first: int, end: int) -> Simulation:
+        return Simulation(**read_part(world_path(folder, first, end), plan.world))
+
+    def world(task: Task) -> Simulation:
+        return block(task.first, task.end)
+
+    def key(task: Task) -> str:
+        return plan.key(task.estimator, experiment.beam_labels[task.beams])
+
+    tasks = []
+    for label in experiment.estimators:
+        tell(label, 0, 0)
+        for beams in range(len(experiment.beam_labels)):
+            for first, end in experiment.blocks():
+                task = Task(label, beams, first, end)
+                saved = whole(path(task), key(task)) if resume else None
+                if saved is None:
+                    tasks.append(task)
+                else:
+                    tell(label, end - first, len(saved["failed"]))
+    if not tasks:
+        return
+    if cluster is not None:
+        parts = on_cluster(experiment, tasks, world, cluster)
+    elif workers == 1 or len(tasks) == 1:
+        parts = _here(crew, tasks, world, lambda task, begun: tell(task.estimator, 0, 0, begun))
+    else:
+        parts = on_workers(experiment, tasks, world, workers)
+    for task, part in parts:
+        write_part(path(task), part, key(task))
+        tell(task.estimator, task.end - task.first, len(part["failed"]))
+
+
+def _time_all(crew: Crew, plan: Plan, folder: Path, resume: bool) -> None:
+    """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
+    path, experiment = folder / TIMING, crew.experiment
+    before = read_timing(path) if resume else {}
+    first, end = experiment.blocks()[0]
+    measurement = read_part(world_path(folder, first, end), plan.world)["measurement"]
+    rows = {}
+    for label in experiment.estimators:
+        for beams, beam_label in enumerate(experiment.beam_labels):
+            key = digest(plan.key(label, beam_label), TIMED, min(TIMED, experiment.runs))
+            part = read_part(trials_path(folder, label, beam_label, first, end))
+            some = measurement[part["status"] == 0][:TIMED]
+            rows[key] = before.get(key) or crew.time(label, beams, some)
+    write_json(path, rows)
+
+
+def _save_scene(experiment: Experiment, folder: Path) -> None:
+    """What pictures need of the map; a map or sensor that is not ours may not have it."""
+    from ..results import scene
+
+    truth = simulate(experiment, 0, 1).truth[0, 0]
+    try:
+        arrays = scene(experiment.truth.sensor, experiment.told.prior, truth)  # type: ignore[arg-type]
+    except (AttributeError, TypeError):
+        (folder / "scene.npz").unlink(missing_ok=True)
+        return
+    write_npz(folder / "scene.npz", arrays)

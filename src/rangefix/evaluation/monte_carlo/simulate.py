@@ -1,0 +1,82 @@
+"""Truths and measurements of runs, each from its own streams."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from ...filters import Motion, Sensor, sample_runs
+from ...filters.space import Array
+from ..experiment import Experiment
+from ..seeds import streams
+
+MOST = 1 << 20  # ranges cast at once
+
+
+class Simulation(NamedTuple):
+    """True states (M, T, n) and readings of all beams (M, T, B), m."""
+
+    truth: Array
+    measurement: Array
+
+
+def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
+    """Runs first to end - 1. A run's numbers do not depend on which others are asked for.
+
+    Its streams are "truth" for the first state, "motion" for the moves and "measurement" for the readings.
+    """
+    problem, moves, seed = experiment.truth, experiment.moves, experiment.seed
+    runs = range(first, end)
+    if experiment.start is None:
+        starts = np.concatenate([problem.prior.sample(1, rng) for rng in streams(seed, "truth", runs)])
+    else:
+        starts = np.tile(np.asarray(experiment.start, dtype=float), (len(runs), 1))
+    truth = starts[:, None]
+    if len(moves):
+        truth = follow(problem.motion, starts, moves, streams(seed, "motion", runs))
+    measurement = np.empty((*truth.shape[:2], len(problem.sensor.bearings)))
+    read = getattr(problem.sensor, "read", None)
+    size = max(1, MOST // measurement[0].size)
+    for place in range(0, len(runs), size):
+        part = slice(place, place + size)
+        expected = _expected(problem.sensor, truth[part]) if read else None
+        for row, rng in enumerate(streams(seed, "measurement", runs[part]), start=place):
+            for step in range(experiment.steps):
+                if read is not None and expected is not None:
+                    measurement[row, step] = read(expected[row - place, step], rng)
+                else:
+                    measurement[row, step] = problem.sensor.sample(truth[row, step], rng)
+    return Simulation(truth, measurement)
+
+
+def _expected(sensor: Sensor, states: Array) -> Array:
+    """Ranges without noise, (M, T, n) -> (M, T, B), each the same whichever others are asked for.
+
+    Maps may go another way, with another rounding, where all headings are the same, as they are for a single
+    state: so a state with another heading goes along.
+    """
+    along = states[:1].copy()
+    along[..., sensor.space.is_angle] += 1.0
+    return np.asarray(sensor.expected(np.concatenate([states, along]))[:-1])
+
+
+def follow(motion: Motion, starts: Array, controls: Array, rngs: Sequence[Generator]) -> Array:
+    """The states that objects pass when they take the controls, noise and walls as the motion has them.
+
+    Args:
+        motion: The true motion; `Confined` keeps it out of walls.
+        starts: First states, (M, n).
+        controls: (T, k) shared by the runs, or (M, T, k).
+        rngs: One for each run; run m draws from rngs[m] alone.
+
+    Returns:
+        States, (M, T + 1, n).
+    """
+    starts, controls = np.asarray(starts, dtype=float), np.asarray(controls, dtype=float)
+    states = [starts]
+    for t in range(controls.shape[-2]):
+        states.append(sample_runs(motion, states[-1], controls[..., t, :], rngs))
+    return np.stack(states, axis=1)

@@ -1,0 +1,160 @@
+"""What does the trials of an experiment, part by part; one to a process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import one_line
+from ...filters.plugin_line import located
+from ...filters.space import Array
+from ..experiment import Experiment, Named
+from ..isolation import Note, Refused, Stopped, silent
+from ..results import Outcome, blank, part_arrays
+from .batch_size import batch_size
+from .built_estimator import Contestant
+from .evidence_floor import evidence_floor
+from .guard import Guard
+from .simulate import Simulation, simulate
+from .trial import Trial
+
+
+class Task(NamedTuple):
+    """One estimator on one set of beams over one block of runs."""
+
+    estimator: str
+    beams: int
+    first: int
+    end: int
+
+
+class Unbuilt(Exception):
+    """Why there is no estimator: the status of its trials, and the reason."""
+
+    def __init__(self, reason: str, status: str = "error") -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+@dataclass
+class Crew:
+    """Builds what tasks share, once in each process: the experiment's estimators and their batch sizes."""
+
+    experiment: Experiment
+    built: dict[str, Contestant | Unbuilt] = field(default_factory=dict)
+    guards: dict[str, Guard] = field(default_factory=dict)
+    sizes: dict[tuple[str, int], int] = field(default_factory=dict)
+    first: Array | None = None
+
+    @property
+    def trial(self) -> Trial:
+        """What all estimators are put to."""
+        moves = self.experiment.moves.copy()
+        moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
+        return Trial(self.experiment.told, moves, self.experiment.seed)
+
+    def contestant(self, label: str) -> Contestant:
+        """The estimator, in this process.
+
+        Raises:
+            Unbuilt: With what its builder raised.
+        """
+        if label not in self.built:
+            try:
+                self.built[label] = Contestant.of(self.trial, self.experiment.estimators[label])
+            except (Exception, SystemExit) as error:  # a plug-in may raise anything
+                text = one_line(error) + located(error.__traceback__)
+                self.built[label] = self._unbuilt(label, Refused(type(error).__name__, text))
+        found = self.built[label]
+        if isinstance(found, Unbuilt):
+            raise found
+        return found
+
+    def guard(self, label: str, limit: float) -> Guard:
+        """The estimator in a process of its own; those of other estimators are ended.
+
+        Raises:
+            Unbuilt: If it cannot be sent, or built, there.
+        """
+        for other in self.guards.keys() - {label}:
+            self.guards[other].close()
+        if label not in self.guards:
+            try:
+                self.guards[label] = Guard.over(self.trial, self.experiment.estimators[label], limit)
+            except Exception as error:  # whatever refuses to be pickled
+                text = f"it cannot be sent to a process of its own: {type(error).__name__}: {one_line(error)}"
+                raise Unbuilt(f"{text}; timeout 0 runs it in this one") from None
+        try:
+            self.guards[label].start()
+        except (Refused, Stopped) as error:
+            raise self._unbuilt(label, error) from None
+        return self.guards[label]
+
+    def _unbuilt(self, label: str, error: Refused | Stopped) -> Unbuilt:
+        """Names the plug-in and the stage."""
+        builder = self.experiment.estimators[label]
+        name = f"estimator {(builder.name if isinstance(builder, Named) else label)!r}"
+        if isinstance(error, Stopped):
+            return Unbuilt(f"{name}: {error}", error.status)
+        return Unbuilt(error.text if error.kind == "ImportError" else f"building {name} failed: {error}")
+
+    def close(self) -> None:
+        """End the processes of guarded estimators."""
+        for guard in self.guards.values():
+            guard.close()
+
+    def seen(self, beams: int, measurement: Array) -> Array:
+        """Measurements as a set of beams shows them: NaN for the others."""
+        return np.where(self.experiment.masks()[beams], measurement, np.nan)
+
+    def first_two(self, beams: int) -> Array:
+        """Measurements of runs 0 and 1, which size batches the same way in all processes."""
+        if self.first is None:
+            self.first = simulate(self.experiment, 0, 2).measurement
+        return self.seen(beams, self.first)
+
+    def work(self, task: Task, world: Simulation, note: Note = silent) -> dict[str, NDArray[Any]]:
+        """The part of a task whose runs are given; `note` hears what is about to be done."""
+        seen = self.seen(task.beams, world.measurement)
+        truth = world.truth if self.experiment.beliefs else None
+        size = self.experiment.told.space.size
+        try:
+            outcome = self._outcome(task, seen, truth, note)
+        except Unbuilt as unbuilt:
+            outcome = blank(seen.shape, size, unbuilt.status, str(unbuilt))
+        except (Refused, Stopped) as error:  # it was built, and cannot be built again
+            again = self._unbuilt(task.estimator, error)
+            outcome = blank(seen.shape, size, again.status, str(again))
+        return part_arrays(outcome, evidence_floor(self.experiment.told.sensor, seen))
+
+    def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:
+        label, beams = task.estimator, task.beams
+        limit = self.experiment.limit(label)
+        if limit is not None:
+            return self.guard(label, limit).run(seen, task.first, self.first_two(beams), truth)
+        contestant = self.contestant(label)
+        if (label, beams) not in self.sizes:
+            size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
+            self.sizes[label, beams] = size
+        return contestant.run(seen, task.first, self.sizes[label, beams], truth, note)
+
+    def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
+        """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
+        row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
+        seen, limit = self.seen(beams, measurement), self.experiment.limit(label)
+        if not len(seen):
+            return row
+        try:
+            if limit is None:
+                contestant = self.contestant(label)
+                size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
+                return row | contestant.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
+            guard = self.guard(label, limit)
+            probe = guard.probe(self.first_two(beams))
+            size = 1 if probe is None else probe.size
+            return row | guard.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
+        except (Unbuilt, Refused, Stopped):
+            return row

@@ -1,0 +1,96 @@
+"""Posterior densities of the paper's Figs. 2 and 3 as maps of the room."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from ..consistency import name_beams
+from ..figures import INK, draw_beams, draw_truth, draw_walls, label_positions
+from .table1 import Paper, Row
+
+
+def _numbers(beams: str) -> list[int]:
+    return [int(number) for number in beams.split("+")]
+
+
+def _density_image(axes: Axes, paper: Paper, row: Row, star: float = 11.0) -> Any:
+    density = paper.densities[row.beams]
+    image = axes.imshow(
+        density / density.max(),
+        origin="lower",
+        extent=tuple(paper.scene["extent"]),
+        cmap=INK,
+        norm=PowerNorm(0.5, 0.0, 1.0),
+        interpolation="nearest",
+    )
+    draw_truth(axes, paper.scene, size=star)
+    bars = axes.errorbar(
+        row.mean[0],
+        row.mean[1],
+        xerr=row.std[0],
+        yerr=row.std[1],
+        fmt="o",
+        markersize=4.5,
+        color="black",
+        markerfacecolor="white",
+        elinewidth=1.0,
+        capsize=2.5,
+        zorder=6,
+        label=r"posterior mean $\pm$ 1 standard deviation",
+    )
+    for artist in bars.get_children()[1:]:
+        artist.set_path_effects([withStroke(linewidth=2.6, foreground="white")])
+    return image
+
+
+def _map_panel(axes: Axes, paper: Paper, row: Row) -> Any:
+    left, right, lower, upper = paper.scene["extent"]
+    image = _density_image(axes, paper, row)
+    axes.set_xlim(left - 0.12, right + 0.12)
+    axes.set_ylim(lower - 0.12, upper + 0.12)
+    draw_walls(axes, paper.scene)
+    draw_beams(axes, paper.scene, _numbers(row.beams))
+    label_positions(axes)
+    axes.set_xticks(range(int(right) + 1))
+    axes.set_yticks(range(int(upper) + 1))
+    axes.spines[:].set_visible(False)
+    stds = rf"$\sigma_1$ = {row.std[0]:.3f} m, $\sigma_2$ = {row.std[1]:.3f} m"
+    axes.set_title(f"{name_beams(row.beams).capitalize()}\n{stds}")
+    return image
+
+
+def _close_up(axes: Axes, paper: Paper, row: Row) -> None:
+    """The surroundings of the true position once more, in the empty lower part of the room."""
+    x1, x2 = paper.scene["truth"][:2]
+    inset = axes.inset_axes((x1 - 1.15, 0.35, 2.3, 2.0), transform=axes.transData)
+    _density_image(inset, paper, row, star=9.0)
+    inset.set_xlim(x1 - 0.23, x1 + 0.23)
+    inset.set_ylim(x2 - 0.2, x2 + 0.2)
+    inset.tick_params(labelsize=7)
+    inset.spines[:].set_visible(True)
+    axes.indicate_inset_zoom(inset, edgecolor="0.3", alpha=1.0)
+
+
+def posterior_maps(paper: Paper, beam_sets: Sequence[str], title: str) -> Figure:
+    """Posterior densities in the room, one panel for each beam set, darkest at the peak of each."""
+    columns = min(len(beam_sets), 3)
+    rows = -(-len(beam_sets) // columns)
+    size = (2.7 * columns + 0.9, 4.15 * rows + 0.8) if rows > 1 else (5.4, 6.4)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for axes, beams in zip(panels.flat, beam_sets, strict=True):
+        image = _map_panel(axes, paper, paper.row(beams))
+    if len(beam_sets) == 1:
+        _close_up(panels[0, 0], paper, paper.row(beam_sets[0]))
+    bar = figure.colorbar(image, ax=panels, shrink=0.7, aspect=35, pad=0.02)
+    bar.set_label("posterior density / its peak")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.suptitle(title, fontsize=10.5)
+    return figure

@@ -1,0 +1,49 @@
+"""What the beliefs of one run look like, as saved: densities over the room and the heading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ...filters.space import Array
+from .files import read_part
+
+FILE = "pictures.npz"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The belief of one estimator after the last measurement of run 0.
+
+    Attributes:
+        estimator: Its label.
+        density: Over the room, (R, C), 1/m^2, x2 upwards along R.
+        extent: Edges of its pixels, x1 left, x1 right, x2 lower, x2 upper, m.
+        headings: Edges of the bins of an unknown heading, rad, (H + 1,); empty where it is known.
+        heading_density: Over the heading, 1/rad, (H,).
+    """
+
+    estimator: str
+    density: Array
+    extent: Array
+    headings: Array
+    heading_density: Array
+
+
+def load_pictures(folder: Path) -> tuple[Picture, ...]:
+    """The pictures of a folder of results, in the study's order of estimators; none where none were saved."""
+    path = folder / FILE
+    if not path.exists():
+        return ()
+    arrays = read_part(path)
+    count = sum(name.endswith("_density") and not name.endswith("heading_density") for name in arrays)
+    return tuple(_picture(arrays, place) for place in range(count))
+
+
+def _picture(arrays: Mapping[str, NDArray[Any]], place: int) -> Picture:
+    names = ("density", "extent", "headings", "heading_density")
+    return Picture(str(arrays[f"{place}_estimator"]), *(arrays[f"{place}_{name}"] for name in names))

@@ -1,0 +1,148 @@
+"""What a study yields: truths, measurements and trials; parts of arrays, a manifest and a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...filters import StateSpace
+from ...filters.space import Array
+from .dataframes import to_dataframe, to_xarray
+from .files import ResultsError, read_json, read_npz
+from .folder import FORMAT, MANIFEST, TIMING, Plan, read_timing
+from .trials import Held, Saved, Source, Trials
+
+MOST = 10_000  # runs whose trials are held at once; of more, nothing is read before it is asked for
+
+
+@dataclass(frozen=True)
+class Results:
+    """All trials of a study. Those of a large one are read from its folder when they are asked for.
+
+    Attributes:
+        manifest: Name, title, seed, runs, config, versions, machine: see `manifest.json`.
+        space: State space of truths and estimates.
+        estimators: Labels of the estimators, in the study's order.
+        beam_sets: Labels of the sets of beams, in the study's order.
+        runs: Runs planned, M.
+        source: Where the arrays come from.
+        timing: (estimator, beams) -> seconds per update and run.
+        scene: Walls, free space, prior, beams to draw: see `map_snapshot.py`; empty if it was not saved.
+        folder: Where they are saved, if anywhere.
+    """
+
+    manifest: dict[str, Any]
+    space: StateSpace
+    estimators: tuple[str, ...]
+    beam_sets: tuple[str, ...]
+    runs: int
+    source: Source
+    timing: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    folder: Path | None = None
+
+    @cached_property
+    def truth(self) -> Array:
+        """True states, (M, T, n)."""
+        return self.source.world(0, self.runs)[0]
+
+    @cached_property
+    def measurement(self) -> Array:
+        """Readings of all beams, m, (M, T, B); each trial sees those of its set of beams."""
+        return self.source.world(0, self.runs)[1]
+
+    @cached_property
+    def trials(self) -> tuple[Trials, ...]:
+        """All trials, by estimator, then by beams."""
+        pairs = product(self.estimators, self.beam_sets)
+        return tuple(self.source.trials(*pair, 0, self.runs) for pair in pairs)
+
+    @cached_property
+    def one_truth(self) -> bool:
+        """Whether all runs have the same true first state."""
+        starts = (self.source.world(*block)[0][:, 0] for block in self.blocks())
+        first = self.source.world(0, 1)[0][0, 0]
+        return self.runs > 1 and all(bool((each == first).all()) for each in starts)
+
+    def blocks(self) -> Iterator[tuple[int, int]]:
+        """First run and end of the blocks in which a large study is gone through."""
+        return ((first, min(first + MOST, self.runs)) for first in range(0, self.runs, MOST))
+
+    def get(self, estimator: str, beams: str | None = None) -> Trials:
+        """The trials of one estimator on one set of beams; the last set (usually all beams) unless named.
+
+        Raises:
+            KeyError: If there is no such estimator or set; it lists those there are.
+        """
+        beams = self.beam_sets[-1] if beams is None else beams
+        if estimator not in self.estimators or beams not in self.beam_sets:
+            raise KeyError(
+                f"no trials of {estimator!r} on beams {beams!r}; there are estimators "
+                f"{', '.join(self.estimators)} and beams {', '.join(self.beam_sets)}"
+            )
+        if self.runs > MOST and "trials" not in vars(self):
+            return self.source.trials(estimator, beams, 0, self.runs)
+        place = self.estimators.index(estimator) * len(self.beam_sets) + self.beam_sets.index(beams)
+        return self.trials[place]
+
+    def errors(self, trials: Trials) -> Array:
+        """Truth minus estimate, angles the short way round, (M, T, n); NaN where the trial failed."""
+        return self.space.difference(self.truth, trials.mean)
+
+    def in_memory(self) -> Results:
+        """The same, with all arrays in memory and no folder."""
+        return replace(self, source=Held(self.truth, self.measurement, self.trials), folder=None)
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame with a row for each trial and step: see `dataframes.py`."""
+        return to_dataframe(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset with labelled dimensions: see `dataframes.py`."""
+        return to_xarray(self)
+
+
+def load(folder: Path | str) -> Results:
+    """Read the results of a folder, finished or not, without pickle.
+
+    Of an interrupted study the trials that are not there have status "skipped". A study of no more than MOST
+    runs is read and checked at once; the parts of a larger one when they are asked for.
+
+    Raises:
+        ResultsError: If it is no folder of results, or a part of it is missing or damaged.
+    """
+    folder = Path(folder)
+    manifest = read_json(folder / MANIFEST)
+    try:
+        if manifest["format"] != FORMAT:
+            raise ResultsError(
+                f"{folder} has results of format {manifest['format']}, this version reads {FORMAT}"
+            )
+        plan, complete = Plan.read(manifest), manifest["state"] == "complete"
+        space = StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"])
+    except (KeyError, TypeError) as error:
+        raise ResultsError(f"{folder / MANIFEST} lacks {error}: run the study again") from None
+    timing = {
+        (row["estimator"], row["beams"]): np.nan if row["seconds"] is None else float(row["seconds"])
+        for row in read_timing(folder / TIMING).values()
+    }
+    scene = folder / "scene.npz"
+    results = Results(
+        manifest=manifest,
+        space=space,
+        estimators=plan.estimators,
+        beam_sets=plan.beams,
+        runs=plan.runs,
+        source=Saved(folder, plan, complete),
+        timing=timing,
+        scene=read_npz(scene) if scene.exists() else {},
+        folder=folder,
+    )
+    return replace(results, source=results.in_memory().source) if plan.runs <= MOST else results

@@ -1,0 +1,172 @@
+"""The trials of a study and where their arrays come from: a folder of parts, or memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...filters.space import Array, BoolArray
+from .files import read_part
+from .folder import Plan, trials_path, world_path
+from .outcome import STATUSES, BeliefScores, belief_of
+
+
+@dataclass(frozen=True)
+class Trials:
+    """One estimator on one set of beams: M planned runs, T steps, n components.
+
+    Attributes:
+        estimator: Label of the estimator, unique in the study.
+        beams: Label of the beams, "1+2+3", or "all".
+        mean: Estimates, (M, T, n); NaN where the trial failed.
+        covariance: Claimed covariances, (M, T, n, n).
+        log_evidence: Log density of the measurements so far, nats, (M, T).
+        log_evidence_floor: Below it they were improbable, (M, T).
+        status: Codes, places in STATUSES, (M,).
+        reasons: Run -> why it is not ok.
+        beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
+            where none were drawn.
+    """
+
+    estimator: str
+    beams: str
+    mean: Array
+    covariance: Array
+    log_evidence: Array
+    log_evidence_floor: Array
+    status: NDArray[np.int8]
+    reasons: Mapping[int, str] = field(default_factory=dict)
+    beliefs: Mapping[str, Array] = field(default_factory=dict)
+
+    def part(self, first: int, end: int) -> Trials:
+        """Runs first to end - 1."""
+        some = slice(first, end)
+        return Trials(
+            self.estimator,
+            self.beams,
+            self.mean[some],
+            self.covariance[some],
+            self.log_evidence[some],
+            self.log_evidence_floor[some],
+            self.status[some],
+            {run: text for run, text in self.reasons.items() if first <= run < end},
+            {name: array[some] for name, array in self.beliefs.items()},
+        )
+
+    def belief(self, step: int) -> BeliefScores | None:
+        """What draws from the beliefs of the ok runs came to after a step, (K, ...); NaN in runs without."""
+        return (
+            BeliefScores(**{k: v[self.ok, step] for k, v in self.beliefs.items()}) if self.beliefs else None
+        )
+
+    @property
+    def ok(self) -> BoolArray:
+        """Which runs went well, (M,)."""
+        return np.asarray(self.status == 0)
+
+    @property
+    def improbable(self) -> BoolArray:
+        """Which ok runs met measurements that the estimator's model all but excludes, (M, T)."""
+        return np.asarray(self.ok[:, None] & (self.log_evidence < self.log_evidence_floor))
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Runs by status other than "ok"; statuses that did not occur are left out."""
+        counts = np.bincount(self.status, minlength=len(STATUSES))
+        return {name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"}
+
+
+class Source(Protocol):
+    """Where the arrays of runs come from: a folder, or memory."""
+
+    def world(self, first: int, end: int) -> tuple[Array, Array]:
+        """True states (M, T, n) and measurements (M, T, B) of runs first to end - 1."""
+        ...
+
+    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
+        """Trials of runs first to end - 1; the keys of `reasons` count from run 0 of the study."""
+        ...
+
+
+@dataclass(frozen=True)
+class Held:
+    """Arrays in memory."""
+
+    truth: Array
+    measurement: Array
+    all_trials: tuple[Trials, ...]
+
+    def world(self, first: int, end: int) -> tuple[Array, Array]:
+        """Some runs of the arrays."""
+        return self.truth[first:end], self.measurement[first:end]
+
+    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
+        """Some runs of the trials."""
+        found = next(each for each in self.all_trials if (each.estimator, each.beams) == (estimator, beams))
+        return found if end - first == len(found.status) else found.part(first, end)
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A folder of parts; those missing from an interrupted run are "skipped"."""
+
+    folder: Path
+    plan: Plan
+    complete: bool
+
+    def _blocks(self, first: int, end: int) -> list[tuple[int, int]]:
+        return [(low, high) for low, high in self.plan.blocks() if low < end and high > first]
+
+    def world(self, first: int, end: int) -> tuple[Array, Array]:
+        """True states and measurements, read part by part into arrays of their full size."""
+        steps, size, beams = self.plan.shape
+        truth = np.full((end - first, steps, size), np.nan)
+        measurement = np.full((end - first, steps, beams), np.nan)
+        for low, high in self._blocks(first, end):
+            path = world_path(self.folder, low, high)
+            if self.complete or path.exists():
+                part, (mine, its) = read_part(path, self.plan.world), _overlap(low, high, first, end)
+                truth[mine], measurement[mine] = part["truth"][its], part["measurement"][its]
+        return truth, measurement
+
+    def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
+        """Trials, read part by part into arrays of their full size."""
+        runs, (steps, size, _) = end - first, self.plan.shape
+        arrays: dict[str, NDArray[Any]] = {
+            "mean": np.full((runs, steps, size), np.nan),
+            "covariance": np.full((runs, steps, size, size), np.nan),
+            "log_evidence": np.full((runs, steps), np.nan),
+            "log_evidence_floor": np.full((runs, steps), np.nan),
+            "status": np.full(runs, STATUSES.index("skipped"), dtype=np.int8),
+        }
+        reasons: dict[int, str] = {}
+        beliefs: dict[str, Array] = {}
+        for low, high in self._blocks(first, end):
+            path = trials_path(self.folder, estimator, beams, low, high)
+            if not self.complete and not path.exists():
+                missed = range(max(low, first), min(high, end))
+                reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
+                continue
+            part, (mine, its) = (
+                read_part(path, self.plan.key(estimator, beams)),
+                _overlap(low, high, first, end),
+            )
+            for name, array in arrays.items():
+                array[mine] = part[name][its]
+            for name, found in belief_of(part).items():
+                beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
+            for place, reason in zip(part["failed"], part["reasons"], strict=True):
+                if first <= low + int(place) < end:
+                    reasons[low + int(place)] = str(reason)
+        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, **arrays)
+
+
+def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:
+    """Where runs low to high - 1 go among runs first to end - 1, and which of them."""
+    start, stop = max(low, first), min(high, end)
+    return slice(start - first, stop - first), slice(start - low, stop - low)

@@ -1,0 +1,7 @@
+"""A study: what may stand in a file, and the experiment that it describes."""
+
+from .mistakes import StudyError
+from .sections import EstimatorSection
+from .study import Study, load_study, parse_study, study_names
+
+__all__ = ["EstimatorSection", "Study", "StudyError", "load_study", "parse_study", "study_names"]

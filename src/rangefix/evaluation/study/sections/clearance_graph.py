@@ -1,0 +1,133 @@
+"""A lattice of places that keep clear of walls, and the short ways between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ....filters import RangeMap, is_clear
+from ....filters.space import TURN, Array, BoolArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+BEARINGS = 32  # beams by which the distance to walls is found
+MOST_CELLS = 2_000_000
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Places that keep clear of walls.
+
+    room: The map.
+    lower: Lower corner of the lattice, m, (2,).
+    cell: Distance between neighbours, m.
+    places: Number of the place in each cell, -1 where there is none, (I, J).
+    centres: x1, x2 of the places, m, (N, 2).
+    graph: Distances between neighbours, straight and diagonal, m, (N, N).
+    areas: Number of the connected area of each place, (N,).
+    """
+
+    room: RangeMap
+    lower: Array
+    cell: float
+    places: NDArray[np.int64]
+    centres: Array
+    graph: csr_array[np.float64]
+    areas: NDArray[np.int64]
+
+    @classmethod
+    def over(cls, room: RangeMap, clearance: float) -> Lattice:
+        """The lattice of a map, with cells of a quarter of the clearance: neighbours see each other.
+
+        Raises:
+            ValueError: If there would be too many cells, or no place keeps clear of walls.
+        """
+        from scipy.sparse.csgraph import connected_components
+
+        lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
+        cell = clearance / 4
+        shape = np.maximum(1, np.floor((upper - lower) / cell)).astype(int)
+        if shape.prod() > MOST_CELLS:
+            raise ValueError(f"a clearance of {clearance} m makes {shape.prod()} cells: take a larger one")
+        corner = lower + 0.5 * (upper - lower - cell * shape)
+        centres = corner + cell * (np.indices(tuple(shape)).reshape(2, -1).T + 0.5)
+        clear = np.asarray(room.is_free(centres), dtype=np.bool_)
+        poses = np.column_stack([centres[clear], np.zeros(clear.sum())])
+        bearings = np.linspace(0, TURN, BEARINGS, endpoint=False, dtype=np.float64)
+        clear[clear] = (room.ranges(poses, bearings) >= clearance).all(axis=1)
+        ring = clearance * np.stack([np.sin(bearings), np.cos(bearings)], axis=-1)
+        for part in (0.5, 1.0):  # what beams pass over, such as a table, is kept clear of too
+            clear[clear] = np.asarray(room.is_free(centres[clear, None] + part * ring)).all(axis=1)
+        if not clear.any():
+            raise ValueError(f"no place is {clearance} m from all walls: take a smaller clearance")
+        places = np.where(clear, np.cumsum(clear) - 1, -1).reshape(tuple(shape))
+        graph = _graph(room, places, centres[clear])
+        areas = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+        return cls(room, corner, cell, places, centres[clear], graph, areas)
+
+    def nearest(self, point: ArrayLike) -> int:
+        """The place nearest to a point that is in the same cell or next to it."""
+        away = np.hypot(*(self.centres - np.asarray(point, dtype=float)).T)
+        place = int(np.argmin(away))
+        if away[place] > 1.5 * self.cell:
+            raise ValueError(f"the start {np.asarray(point).tolist()} does not keep clear of walls")
+        return place
+
+    def largest(self) -> NDArray[np.int64]:
+        """The places of the largest connected area."""
+        return np.flatnonzero(self.areas == np.bincount(self.areas).argmax())
+
+    def reached(self, place: int) -> NDArray[np.int64]:
+        """The places connected with one, itself included."""
+        return np.flatnonzero(self.areas == self.areas[place])
+
+    def way(self, start: int, goal: int) -> list[Array]:
+        """Corners of a short way, the start left out."""
+        from scipy.sparse.csgraph import dijkstra
+
+        _, tree = dijkstra(self.graph, directed=False, indices=np.array([start]), return_predecessors=True)
+        before = tree[0]
+        chain = [goal]
+        while chain[-1] != start:
+            chain.append(int(before[chain[-1]]))
+        points = self.centres[chain[::-1]]
+        corners, at = [], 0
+        while at < len(points) - 1:
+            seen = self._sees(points[at], points[at + 1 :])
+            at += 1 + int(np.flatnonzero(seen)[-1]) if seen.any() else 1
+            corners.append(points[at])
+        return corners
+
+    def _sees(self, start: Array, ends: Array) -> BoolArray:
+        """Whether straight ways to the ends stay on the lattice's places, (E, 2) -> (E,)."""
+        longest = np.hypot(*(ends - start).T).max()
+        along = np.linspace(0, 1, int(np.ceil(2 * longest / self.cell)) + 1)[:, None, None]
+        points = start + along * (ends - start)
+        cells = np.floor((points - self.lower) / self.cell).astype(int)
+        cells = np.clip(cells, 0, np.array(self.places.shape) - 1)
+        kept = (self.places[cells[..., 0], cells[..., 1]] >= 0).all(0)
+        kept[kept] = np.asarray(self.room.is_free(points[:, kept])).all(0)
+        return np.asarray(kept & is_clear(self.room, start, ends))
+
+
+def _graph(room: RangeMap, places: NDArray[np.int64], centres: Array) -> csr_array[np.float64]:
+    """Distances between neighbouring places, each pair once."""
+    from scipy.sparse import coo_array
+
+    one, two = [], []
+    high, wide = places.shape
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        first = places[: high - down, max(0, -right) : wide - max(0, right)].ravel()
+        second = places[down:, max(0, right) : wide + min(0, right)].ravel()
+        both = (first >= 0) & (second >= 0)
+        one.append(first[both])
+        two.append(second[both])
+    rows, columns = np.concatenate(one), np.concatenate(two)
+    free = room.is_free(0.5 * (centres[rows] + centres[columns]))  # a gap may lie between
+    rows, columns = rows[free], columns[free]
+    lengths = np.hypot(*(centres[rows] - centres[columns]).T)
+    return coo_array((lengths, (rows, columns)), shape=(len(centres), len(centres))).tocsr()

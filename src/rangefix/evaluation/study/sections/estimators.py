@@ -1,0 +1,72 @@
+"""The estimators of a study, and grids of their options."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from .base import Section
+
+
+class Variant(NamedTuple):
+    """One estimator of a study: its label, its name, and its options in m and rad."""
+
+    label: str
+    name: str
+    options: dict[str, Any]
+
+
+class EstimatorSection(Section):
+    """An estimator by name, and its options with their units in the names.
+
+    An option that is a list is a grid: `cell_m = [0.05, 0.02]` makes two estimators, and several grids make
+    all combinations. A value that is itself a list is written in one more: `weights = [[0.2, 0.8]]`.
+    """
+
+    name: str = Field(min_length=1, description='for example name = "point-mass"')
+    label: str | None = Field(default=None, min_length=1)
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("options")
+    @classmethod
+    def _no_empty_grid(cls, options: dict[str, Any]) -> dict[str, Any]:
+        if empty := [name for name, value in options.items() if value == []]:
+            raise ValueError(f"{', '.join(empty)}: an empty list runs nothing; a list as a value is [[]]")
+        return options
+
+    @property
+    def title(self) -> str:
+        """The label, or the name."""
+        return self.label or self.name
+
+    def converted(self) -> dict[str, Any]:
+        """Options as estimators take them: `cell_m` becomes cell, `width_deg` becomes width in rad."""
+        return dict(_converted(name, value) for name, value in self.options.items())
+
+    def variants(self) -> list[Variant]:
+        """The estimators that it describes, labelled by the options in which they differ."""
+        values = [value if isinstance(value, list) else [value] for value in self.options.values()]
+        grids = [name for name, value in zip(self.options, values, strict=True) if len(value) > 1]
+        found = []
+        for chosen in product(*values):
+            given = dict(zip(self.options, chosen, strict=True))
+            label = " ".join([self.title, *(f"{name}={_shown(given[name])}" for name in grids)])
+            found.append(Variant(label, self.name, dict(_converted(*each) for each in given.items())))
+        return found
+
+
+def _shown(value: Any) -> str:
+    """A value as it stands in a study."""
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value, default=str).strip('"')
+
+
+def _converted(name: str, value: Any) -> tuple[str, Any]:
+    if name.endswith("_m"):
+        return name.removesuffix("_m"), value
+    if name.endswith("_deg"):
+        return name.removesuffix("_deg"), np.deg2rad(value).tolist()
+    return name, value

@@ -1,0 +1,234 @@
+"""What a study file says of where the object may be before any measurement."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from ....filters import (
+    GaussianPrior,
+    Mixture,
+    RangeMap,
+    StateSpace,
+    Uniform,
+    WithHeading,
+    WithVelocity,
+    pose_space,
+    position_space,
+)
+from ....filters.problem import SpacedPrior
+from ....filters.space import Array
+from .base import Misfit, Point, Positive, Section
+
+Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+LATTICE = 40  # steps along the shorter side of a box that looks for its place
+
+
+class PriorSection(Section):
+    """What all kinds say of an unknown heading and of velocities."""
+
+    heading_deg: float | Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
+        default=None,
+        description="mean of the heading, with heading_std_deg; or the ends of the arc that it lies in, "
+        "clockwise, for example heading_deg = [350, 10]; without it any heading",
+    )
+    heading_std_deg: Positive | None = Field(
+        default=None, description="standard deviation of the heading about heading_deg"
+    )
+    velocity_m_per_s: Point | None = Field(default=None, description="mean velocity along x1 and x2")
+    velocity_std_m_per_s: Positive | Pair | None = Field(
+        default=None, description="standard deviation of the velocities, for example 0.5"
+    )
+
+    @model_validator(mode="after")
+    def _heading(self) -> PriorSection:
+        if isinstance(self.heading_deg, list):
+            if self.heading_std_deg is not None:
+                raise Misfit("heading_std_deg", "needs one number for heading_deg, not the ends of an arc")
+            low, high = self.heading_deg
+            if high == low or abs(high - low) > 360:
+                raise Misfit("heading_deg", "is empty or more than a turn: leave it out for any heading")
+        elif self.heading_deg is not None and self.heading_std_deg is None:
+            raise Misfit(
+                "heading_deg",
+                "as one number needs heading_std_deg; a heading known for certain stands in [state]",
+            )
+        return self
+
+    def place(self, room: RangeMap, space: StateSpace, start: Array | None) -> SpacedPrior:
+        """The prior of x1 and x2 alone."""
+        raise NotImplementedError
+
+    def with_heading(self, room: RangeMap, start: Array | None) -> SpacedPrior:
+        """The prior of x1, x2 and an unknown heading that does not depend on them."""
+        place = self.place(room, position_space(), start)
+        if self.heading_std_deg is None:
+            return WithHeading(place, pose_space(), arc=self.arc())
+        spread = float(np.deg2rad(self.heading_std_deg))
+        return WithHeading(place, pose_space(), mean=self.mean_heading(start), std=spread)
+
+    def build(self, room: RangeMap, space: StateSpace, start: Array | None = None) -> SpacedPrior:
+        """The prior on a map.
+
+        Args:
+            room: The map.
+            space: The state space.
+            start: Where a drive begins, x1, x2 (m) and heading (rad), (3,).
+
+        Raises:
+            Misfit: If a key does not fit the state space, or one is missing.
+            ValueError: If the prior is not sound.
+        """
+        unknown, moving = "heading" in space.names, "v1" in space.names
+        self.refuse("heading", unknown, 'is for an unknown heading: write heading = "unknown" in [state]')
+        self.refuse("velocity", moving, "is for velocities: write velocities = true in [state]")
+        if unknown:
+            prior = self.with_heading(room, start)
+        else:
+            prior = self.place(room, position_space(space.heading or 0.0), start)
+        if not moving:
+            return prior
+        if self.velocity_std_m_per_s is None:
+            raise Misfit("velocity_std_m_per_s", "is missing: for example velocity_std_m_per_s = 0.5")
+        return WithVelocity(prior, space, self.velocity_std_m_per_s, self.velocity_m_per_s or (0.0, 0.0))
+
+    def refuse(self, first: str, fits: bool, text: str) -> None:
+        """Refuse keys that begin with a word where they do not fit the state.
+
+        Raises:
+            Misfit: With that text, for the first such key.
+        """
+        for key, value in self:
+            if key.startswith(first) and not fits and value is not None:
+                raise Misfit(key, text)
+
+    def mean_heading(self, start: Array | None) -> float:
+        """Mean of a Gaussian heading, rad; a drive's own unless it is given."""
+        if isinstance(self.heading_deg, float | int):
+            return float(np.deg2rad(self.heading_deg))
+        return 0.0 if start is None else float(start[2])
+
+    def arc(self) -> tuple[float, float] | None:
+        """Ends of the arc, rad, low < high; None for the whole circle."""
+        if not isinstance(self.heading_deg, list):
+            return None
+        low, high = self.heading_deg
+        return float(np.deg2rad(low)), float(np.deg2rad(high if high > low else high + 360.0))
+
+
+class UniformPrior(PriorSection):
+    """Uniform over free space: of the whole map, of a box, or of a box of a size where most space is free."""
+
+    kind: Literal["uniform"] = "uniform"
+    lower_m: Point | None = Field(default=None, description="lower corner of the box")
+    upper_m: Point | None = Field(default=None, description="upper corner of the box")
+    size_m: Pair | None = Field(
+        default=None, description="size of a box where most space is free, for example size_m = [10.0, 10.0]"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> UniformPrior:
+        if (self.lower_m is None) != (self.upper_m is None):
+            raise ValueError("give both corners of the box, lower_m and upper_m, or neither")
+        if self.size_m is not None and self.lower_m is not None:
+            raise ValueError("give either the corners lower_m and upper_m, or size_m, not both")
+        return self
+
+    def place(self, room: RangeMap, space: StateSpace, start: Array | None) -> Uniform:
+        """The prior of x1 and x2 alone."""
+        return Uniform(room, space, *self._box(room))
+
+    def with_heading(self, room: RangeMap, start: Array | None) -> SpacedPrior:
+        """The prior of x1, x2 and an unknown heading."""
+        if self.heading_std_deg is not None:
+            return super().with_heading(room, start)
+        return Uniform(room, pose_space(), *self._box(room), headings=self.arc())
+
+    def _box(self, room: RangeMap) -> tuple[ArrayLike | None, ArrayLike | None]:
+        if self.size_m is not None:
+            return roomiest_box(room, np.array(self.size_m))
+        return self.lower_m, self.upper_m
+
+
+class CentredPrior(PriorSection):
+    """Gaussian about a place, cut off at walls; about the start of a drive unless the place is given."""
+
+    kind: Literal["gaussian"]
+    mean_m: Point | None = Field(
+        default=None, description="the place, for example mean_m = [2.0, 3.0]; a drive's start unless given"
+    )
+    std_m: Positive | Pair = Field(
+        description="standard deviation along x1 and x2, for example std_m = 0.5 or [0.5, 0.2]"
+    )
+
+    def place(self, room: RangeMap, space: StateSpace, start: Array | None) -> GaussianPrior:
+        """The prior of x1 and x2 alone."""
+        return GaussianPrior(self._mean(start), np.diag(self._stds() ** 2), space, room)
+
+    def with_heading(self, room: RangeMap, start: Array | None) -> SpacedPrior:
+        """The prior of x1, x2 and an unknown heading."""
+        if self.heading_std_deg is None:
+            return super().with_heading(room, start)
+        mean = np.append(self._mean(start), self.mean_heading(start))
+        stds = np.append(self._stds(), np.deg2rad(self.heading_std_deg))
+        return GaussianPrior(mean, np.diag(stds**2), pose_space(), room)
+
+    def _mean(self, start: Array | None) -> Array:
+        if self.mean_m is None and start is None:
+            raise Misfit("mean_m", "is missing: for example mean_m = [2.0, 3.0]")
+        return np.array(self.mean_m if self.mean_m is not None or start is None else start[:2], dtype=float)
+
+    def _stds(self) -> Array:
+        return np.broadcast_to(np.array(self.std_m, dtype=float), (2,))
+
+
+class MixturePrior(Section):
+    """One of several priors, by chance."""
+
+    kind: Literal["mixture"]
+    parts: Annotated[
+        list[Annotated[UniformPrior | CentredPrior, Field(discriminator="kind")]], Field(min_length=1)
+    ] = Field(description='tables [[prior.parts]], each with, for example, kind = "uniform"')
+    weights: list[Positive] | None = Field(
+        default=None,
+        description="a weight for each part, for example weights = [0.7, 0.3]; equal unless given",
+    )
+
+    @model_validator(mode="after")
+    def _as_many(self) -> MixturePrior:
+        if self.weights is not None and len(self.weights) != len(self.parts):
+            raise ValueError(f"weights has {len(self.weights)} numbers for {len(self.parts)} parts")
+        return self
+
+    def build(self, room: RangeMap, space: StateSpace, start: Array | None = None) -> Mixture:
+        """The prior on a map; a part's mistakes name the part."""
+        priors = []
+        for place, part in enumerate(self.parts):
+            try:
+                priors.append(part.build(room, space, start))
+            except Misfit as misfit:
+                raise Misfit("parts", misfit.text, place, *misfit.path) from None
+            except ValueError as error:
+                raise Misfit("parts", str(error), place) from None
+        return Mixture(priors, self.weights)
+
+
+AnyPrior = Annotated[UniformPrior | CentredPrior | MixturePrior, Field(discriminator="kind")]
+
+
+def roomiest_box(room: RangeMap, size: Array) -> tuple[Array, Array]:
+    """Lower and upper corner of the box of a size that holds the most free space; the first of equals."""
+    lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
+    size = np.minimum(size, upper - lower)
+    step = float(size.min()) / LATTICE
+    counts = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9))).astype(int)
+    axes = [low + step * (np.arange(count) + 0.5) for low, count in zip(lower, counts, strict=True)]
+    free = room.is_free(np.stack(np.meshgrid(*axes, indexing="ij"), -1))
+    sums = np.pad(free.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    wide, high = np.clip(np.round(size / step).astype(int), 1, counts)
+    inside = sums[wide:, high:] - sums[:-wide, high:] - sums[wide:, :-high] + sums[:-wide, :-high]
+    corner = lower + step * np.array(np.unravel_index(int(inside.argmax()), inside.shape))
+    return corner, corner + size

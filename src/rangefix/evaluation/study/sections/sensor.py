@@ -1,0 +1,170 @@
+"""What a study file says of the rangefinder: its beams, its limits and how its readings scatter."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ....filters import (
+    BeamMixture,
+    Gaussian,
+    Noise,
+    Quantised,
+    Rangefinder,
+    RangeMap,
+    RangeProportional,
+    StateSpace,
+    StudentT,
+    sweep,
+)
+from ....filters.models import CumulativeNoise
+from ....filters.space import Array
+from .base import Misfit, NotNegative, Positive, Section
+
+PerBeam = Positive | Annotated[list[Positive], Field(min_length=1)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class NoiseSection(Section):
+    """How readings scatter; each kind has its own keys."""
+
+    step_m: Positive | None = Field(
+        default=None, description="readings are rounded to multiples of it, for example step_m = 0.01"
+    )
+
+    def plain(self) -> CumulativeNoise:
+        """The noise before rounding."""
+        raise NotImplementedError
+
+    def build(self) -> Noise:
+        """The noise."""
+        return self.plain() if self.step_m is None else Quantised(self.plain(), self.step_m)
+
+
+class GaussianNoise(NoiseSection):
+    """The same spread at all ranges."""
+
+    kind: Literal["gaussian"] = "gaussian"
+    std_m: PerBeam = Field(description="standard deviation, one or one per beam, for example std_m = 0.05")
+
+    def plain(self) -> Gaussian:
+        """The noise before rounding."""
+        return Gaussian(self.std_m)
+
+
+class ProportionalNoise(NoiseSection):
+    """A spread that grows with the range."""
+
+    kind: Literal["range-proportional"]
+    std_m: PerBeam = Field(description="standard deviation at range 0, for example std_m = 0.03")
+    growth: NotNegative | list[NotNegative] = Field(
+        description="its growth in metres per metre of range, for example growth = 0.01"
+    )
+
+    def plain(self) -> RangeProportional:
+        """The noise before rounding."""
+        return RangeProportional(self.std_m, self.growth)
+
+
+class StudentNoise(NoiseSection):
+    """Now and then far off: Student's t."""
+
+    kind: Literal["student-t"]
+    scale_m: PerBeam = Field(description="scale, one or one per beam, for example scale_m = 0.05")
+    dof: Positive = Field(description="degrees of freedom: few make heavy tails, for example dof = 3.0")
+
+    def plain(self) -> StudentT:
+        """The noise before rounding."""
+        return StudentT(self.scale_m, self.dof)
+
+
+class MixtureNoise(NoiseSection):
+    """Hits, short readings, no returns and random readings; the four shares sum to one."""
+
+    kind: Literal["beam-mixture"]
+    hit: Share = Field(description="share of readings of the wall, for example hit = 0.85")
+    short: Share = Field(description="share of readings of what stands before it, for example short = 0.05")
+    max: Share = Field(description="share of beams that do not return, for example max = 0.05")
+    random: Share = Field(description="share of readings of anything, for example random = 0.05")
+    std_m: Positive = Field(description="standard deviation of hits, for example std_m = 0.05")
+    rate_per_m: Positive = Field(
+        default=1.0, description="rate of short readings, for example rate_per_m = 1.0"
+    )
+    max_range_m: Positive = Field(description="longest reading, for example max_range_m = 12.0")
+
+    @model_validator(mode="after")
+    def _whole(self) -> MixtureNoise:
+        total = self.hit + self.short + self.max + self.random
+        if abs(total - 1) > 1e-9:
+            raise ValueError(f"hit, short, max and random must sum to one, and sum to {total:g}")
+        return self
+
+    def plain(self) -> BeamMixture:
+        """The noise before rounding."""
+        shares = (self.hit, self.short, self.max, self.random)
+        return BeamMixture(*shares, self.std_m, self.rate_per_m, self.max_range_m)
+
+
+AnyNoise = Annotated[
+    GaussianNoise | ProportionalNoise | StudentNoise | MixtureNoise, Field(discriminator="kind")
+]
+
+
+class SensorSection(Section):
+    """A rangefinder: its beams, clockwise from straight ahead, and its noise."""
+
+    bearings_deg: Annotated[list[float], Field(min_length=1)] | None = None
+    resolution_deg: Positive | None = None
+    blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
+    max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=True)] = float("inf")
+    max_incidence_deg: Annotated[float, Field(gt=0, le=90)] = 90.0
+    std_m: PerBeam | None = Field(
+        default=None,
+        description="standard deviation of Gaussian noise, one or one per beam, for example std_m = 0.05",
+    )
+    noise: AnyNoise | None = Field(
+        default=None, description='instead of std_m, for example noise = { kind = "gaussian", std_m = 0.05 }'
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> SensorSection:
+        if (self.bearings_deg is None) == (self.resolution_deg is None):
+            raise ValueError("give either bearings_deg, for example [326.3, 0.0, 33.7], or resolution_deg")
+        if self.std_m is None and self.noise is None:
+            raise Misfit(
+                "std_m",
+                "is missing (standard deviation of Gaussian noise, for example std_m = 0.05); "
+                "or write a table [sensor.noise] for another noise",
+            )
+        if self.std_m is not None and self.noise is not None:
+            raise Misfit("noise", "stands instead of std_m: leave one of them out")
+        beams = len(self.bearings)
+        for name, value in [("std_m", self.std_m), *(self.noise or ())]:
+            if isinstance(value, list) and len(value) != beams:
+                raise ValueError(f"{name} has {len(value)} numbers for {beams} beams: give one for each")
+        return self
+
+    @property
+    def bearings(self) -> Array:
+        """Bearings in rad, (B,)."""
+        if self.resolution_deg is None:
+            return np.asarray(np.deg2rad(self.bearings_deg or []))
+        return sweep(np.deg2rad(self.resolution_deg), np.deg2rad(self.blind_sector_deg))
+
+    def build(self, room: RangeMap, space: StateSpace) -> Rangefinder:
+        """The rangefinder in a map."""
+        return Rangefinder(
+            room,
+            self.bearings,
+            Gaussian(self.std_m) if self.std_m is not None else self._noise(),
+            space,
+            blind_sector=float(np.deg2rad(self.blind_sector_deg)),
+            max_range=self.max_range_m,
+            max_incidence=float(np.deg2rad(self.max_incidence_deg)),
+        )
+
+    def _noise(self) -> Noise:
+        assert self.noise is not None  # else there would be std_m
+        return self.noise.build()

@@ -1,0 +1,207 @@
+"""The small problems that the conformance suite poses: a hall, a Gaussian prior, an exact answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from ..estimator import Estimate, Estimator
+from ..models import LOG_TURN, Gaussian, Rangefinder, Stationary
+from ..problem import Motion, Problem
+from ..space import TURN, Array, BoolArray, StateSpace, pose_space, position_space
+
+LOWER, UPPER = np.array([-7.0, -4.5]), np.array([5.5, 6.0])  # corners of the hall, m
+REACH = 5.0  # standard deviations to either side that the priors' support holds
+BEARINGS = np.deg2rad([-20.0, 20.0, 100.0, 190.0])
+STDS = np.array([0.2, 0.25, 0.2, 0.3])  # m
+OFFSET = np.array([0.45, -0.3, 0.04])  # of a truth from the prior's mean; m, m, rad
+NOISES = np.array([[0.2, -0.1, 0.15, 0.2], [-0.1, 0.3, 0.2, -0.3]])  # m
+CONTROL = np.array([0.3, -0.2])  # m; an object that stands still ignores it
+MOVE_STD = 0.15  # m, of one move
+SEED = 20_260_101
+
+
+@dataclass(frozen=True)
+class Hall:
+    """A rectangle about the origin, for poses inside it; satisfies `RangeMap`.
+
+    Within 1.5 m of the origin each beam of the suite stays on one wall, so its range is linear in x1, x2. The
+    walls are at four different distances, so that beams taken one for another are noticed.
+    """
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner, m."""
+        return LOWER.copy(), UPPER.copy()
+
+    def is_free(self, points: Array) -> BoolArray:
+        """Whether points (..., 2) are in the hall."""
+        return np.asarray(((points >= LOWER) & (points <= UPPER)).all(-1), dtype=np.bool_)
+
+    def ranges(self, poses: Array, bearings: Array) -> Array:
+        """(wall - x) / direction for the nearer of the walls ahead: (..., 3), (B,) -> (..., B) m."""
+        ahead, _ = self._walls(poses, bearings)
+        return np.asarray(ahead.min(-1))
+
+    def gradients(self, poses: Array, bearings: Array) -> Array:
+        """Derivatives of `ranges` by x1, x2 and heading, (..., B, 3)."""
+        ahead, direction = self._walls(poses, bearings)
+        side = ahead.argmin(-1)[..., None]
+        along = np.take_along_axis(direction, side, -1)
+        slope = np.where(np.arange(2) == side, -1.0 / along, 0.0)
+        turned = np.stack([direction[..., 1], -direction[..., 0]], -1)
+        by_heading = ahead.min(-1) * -np.take_along_axis(turned, side, -1)[..., 0] / along[..., 0]
+        return np.concatenate([slope, by_heading[..., None]], -1)
+
+    def _walls(self, poses: Array, bearings: Array) -> tuple[Array, Array]:
+        """How far each beam runs to the walls across x1 and across x2, and its direction: (..., B, 2)."""
+        angle = poses[..., 2, None] + bearings
+        direction = np.stack([np.sin(angle), np.cos(angle)], -1)
+        with np.errstate(divide="ignore"):
+            ahead = (np.where(direction > 0, UPPER, LOWER) - poses[..., None, :2]) / direction
+        return ahead, direction
+
+
+@dataclass(frozen=True)
+class GaussianPrior:
+    """N(mean, diag(std^2)); the support leaves out 1e-6 of it. Draws have their angles wrapped."""
+
+    space: StateSpace
+    mean: Array
+    std: Array
+
+    @property
+    def covariance(self) -> Array:
+        """diag(std^2), (n, n)."""
+        return np.diag(self.std**2)
+
+    @property
+    def support(self) -> tuple[Array, Array]:
+        """REACH standard deviations to either side of the mean."""
+        return self.mean - REACH * self.std, self.mean + REACH * self.std
+
+    def sample(self, size: int, rng: Generator) -> Array:
+        """Independent draws, (size, n)."""
+        return self.space.wrap(self.mean + self.std * rng.standard_normal((size, self.space.size)))
+
+    def log_density(self, states: ArrayLike) -> Array:
+        """Log density, angles the short way round: (..., n) -> (...)."""
+        scaled = self.space.difference(np.asarray(states, dtype=float), self.mean) / self.std
+        return np.asarray(-0.5 * (scaled**2 + LOG_TURN).sum(-1) - np.log(self.std).sum())
+
+
+@dataclass(frozen=True)
+class Shift:
+    """x + control + N(0, MOVE_STD^2), the same along x1 and x2; satisfies `Motion`."""
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """x + control."""
+        return np.asarray(states + control)
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """The identity."""
+        return np.broadcast_to(np.eye(2), (*np.shape(states)[:-1], 2, 2))
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """MOVE_STD^2 times the identity."""
+        return MOVE_STD**2 * self.jacobian(states, control)
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """One noisy move of each state."""
+        return self.mean(states, control) + MOVE_STD * rng.standard_normal(np.shape(states))
+
+
+def position_problem(beams: Sequence[int] = (0, 1, 2, 3)) -> Problem:
+    """x1 and x2 of an object that stands in the hall, heading known; linear and Gaussian.
+
+    Args:
+        beams: Which of the four beams, and in what order.
+    """
+    space = position_space()
+    prior = GaussianPrior(space, np.zeros(2), np.array([0.3, 0.3]))
+    return _problem(Stationary(space), prior, beams, 0.0)
+
+
+def moving_problem() -> Problem:
+    """x1 and x2 of an object that is moved by the control, with noise; linear and Gaussian."""
+    return replace(position_problem(), motion=Shift())
+
+
+def pose_problem(turn: float = 0.0) -> Problem:
+    """x1, x2 and heading, nearly linear; the object is turned by `turn` and its beams are turned back.
+
+    The hall is met in the same way whatever the turn, so the answers differ by it in the heading alone.
+    """
+    space = pose_space()
+    prior = GaussianPrior(space, np.array([0.0, 0.0, turn]), np.array([0.3, 0.3, 0.06]))
+    return _problem(Stationary(space), prior, (0, 1, 2, 3), turn)
+
+
+def _problem(motion: Motion, prior: GaussianPrior, beams: Sequence[int], turn: float) -> Problem:
+    chosen = list(beams)
+    sensor = Rangefinder(Hall(), BEARINGS[chosen] - turn, Gaussian(STDS[chosen]), prior.space)
+    return Problem(prior.space, motion, sensor, prior)
+
+
+def generators(runs: int, first: int = 0) -> list[Generator]:
+    """Fresh generators for the runs first, first + 1, ...; the same at every call."""
+    return [np.random.default_rng([SEED, run]) for run in range(first, first + runs)]
+
+
+def readings(problem: Problem, runs: int, times: int, seed: int = 1) -> tuple[Array, list[Array]]:
+    """Truths drawn from the prior (M, n) and a list of measurements (M, B) of each."""
+    rng = np.random.default_rng([SEED, seed])
+    truths = problem.prior.sample(runs, rng)
+    return truths, [problem.sensor.sample(truths, rng) for _ in range(times)]
+
+
+def repeated(problem: Problem, runs: int) -> list[Array]:
+    """Two measurements (M, B), the same in every run, of an object off the prior's mean.
+
+    Whatever differs between the runs' answers is then the estimator's own draws.
+    """
+    truth = problem.prior.mean + OFFSET[: problem.space.size]
+    expected = problem.sensor.expected(truth)
+    return [np.tile(expected + noise, (runs, 1)) for noise in NOISES]
+
+
+def answer(
+    estimator: Estimator[Any], problem: Problem, measurements: Sequence[Array], rngs: Sequence[Generator]
+) -> Estimate:
+    """The estimate after a predict and an update for each measurement (M, B)."""
+    belief = estimator.init(problem.prior, rngs)
+    for measurement in measurements:
+        belief = estimator.predict(belief, CONTROL.copy(), rngs)
+        belief = estimator.update(belief, measurement.copy(), rngs)
+    return settled(estimator.estimate(belief), len(rngs))
+
+
+def settled(estimate: Estimate, runs: int) -> Estimate:
+    """A copy of an estimate; a log evidence that is not computed becomes NaN for every run."""
+    mean, covariance, log_evidence = estimate
+    evidence = np.broadcast_to(np.array(log_evidence, dtype=float), (runs,)).copy()
+    return Estimate(np.array(mean, dtype=float), np.array(covariance, dtype=float), evidence)
+
+
+def kalman(problem: Problem, measurements: Sequence[Array]) -> Estimate:
+    """The exact answer to a linear problem for one run of moves and measurements (B,) (Kalman, 1960)."""
+    mean, covariance, log_evidence = problem.prior.mean, problem.prior.covariance, 0.0
+    for measurement in measurements:
+        slope = problem.motion.jacobian(mean, CONTROL)
+        covariance = slope @ covariance @ slope.T + problem.motion.noise_covariance(mean, CONTROL)
+        mean = problem.motion.mean(mean, CONTROL)
+        seen = ~np.isnan(measurement)
+        slope = problem.sensor.jacobian(mean)[seen]
+        misfit = (measurement - problem.sensor.expected(mean))[seen]
+        spread = slope @ covariance @ slope.T + np.diag(problem.sensor.noise.variance(measurement)[seen])
+        gain = np.linalg.solve(spread, slope @ covariance).T
+        mean = mean + gain @ misfit
+        covariance = covariance - gain @ spread @ gain.T
+        log_evidence -= 0.5 * float(misfit @ np.linalg.solve(spread, misfit))
+        log_evidence -= 0.5 * float(np.linalg.slogdet(TURN * spread)[1])
+    return Estimate(mean, covariance, log_evidence)

@@ -1,0 +1,100 @@
+"""The ensemble Kalman filter with perturbed readings (Evensen, 1994; Burgers, van Leeuwen and Evensen, 1998).
+
+Own code and not filterpy's, which draws from numpy's global random state: no run could be repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from ..estimator import Estimate
+from ..models import LOG_TURN
+from ..problem import Prior, Problem
+from ..sampling import weighted_draws
+from ..space import Array
+
+
+@dataclass(frozen=True)
+class EnsembleBelief:
+    """Members of equal weight (M, N, n), and log evidence (M,)."""
+
+    members: Array
+    log_evidence: Array
+
+
+@dataclass(frozen=True)
+class EnsembleKalmanFilter:
+    """The Kalman gain from sample covariances, applied to every member with a perturbed reading of its own.
+
+    A beam that was not measured, has no return, or has none for some member, is left out.
+
+    Args:
+        problem: What may be known.
+        members: How many, N; more than the state has components.
+
+    Raises:
+        ValueError: If there are too few members.
+    """
+
+    problem: Problem
+    members: int = 1000
+
+    def __post_init__(self) -> None:
+        size = self.problem.space.size
+        if self.members != int(self.members) or self.members <= size:
+            raise ValueError(f"members must be a whole number above {size}, got {self.members}")
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> EnsembleBelief:
+        """N draws from the prior for every run."""
+        members = np.stack([prior.sample(self.members, rng) for rng in rngs])
+        return EnsembleBelief(members, np.zeros(len(rngs)))
+
+    def predict(self, belief: EnsembleBelief, control: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
+        """Every member moved with noise of its own; control (k,) shared, or (M, k)."""
+        control = np.asarray(control, dtype=float)
+        controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        moved = map(self.problem.motion.sample, belief.members, controls, rngs)
+        return EnsembleBelief(np.stack(list(moved)), belief.log_evidence)
+
+    def update(self, belief: EnsembleBelief, measurement: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
+        """Condition on measurements (M, B) in metres; NaN = not measured, inf = no return: both left out."""
+        members, gains = zip(*map(self._update_run, belief.members, measurement, rngs), strict=True)
+        return EnsembleBelief(np.stack(members), belief.log_evidence + np.array(gains))
+
+    def estimate(self, belief: EnsembleBelief) -> Estimate:
+        """Mean (M, n) and unbiased covariance (M, n, n) of the members, and log evidence (M,)."""
+        weights = np.full(belief.members.shape[:2], 1.0 / self.members)
+        mean, covariance = self.problem.space.moments(belief.members, weights)
+        return Estimate(mean, covariance * (self.members / (self.members - 1)), belief.log_evidence)
+
+    def sample(self, belief: EnsembleBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Members, drawn with equal probability and spread to the unbiased covariance, (M, size, n)."""
+        space, weights = self.problem.space, np.full(belief.members.shape[:2], 1.0 / self.members)
+        mean = space.moments(belief.members, weights)[0][:, None, :]
+        drawn = weighted_draws(belief.members, weights, size, rngs)
+        wider = np.sqrt(self.members / (self.members - 1))
+        return space.wrap(mean + wider * space.difference(drawn, mean))
+
+    def _update_run(self, members: Array, reading: Array, rng: Generator) -> tuple[Array, float]:
+        """One run's members (N, n) after its reading (B,), and log N(innovation; 0, S)."""
+        sensor, space = self.problem.sensor, self.problem.space
+        expected = sensor.expected(members)
+        used = np.isfinite(reading) & np.isfinite(expected).all(0)
+        if not used.any():
+            return members, 0.0
+        noise = sensor.noise.variance(np.where(used, expected, 0.0).mean(0))[used]
+        expected, freedom = expected[:, used], self.members - 1
+        mean, _ = space.moments(members, np.full(self.members, 1.0 / self.members))
+        off = expected - expected.mean(0)
+        spread = off.T @ off / freedom + np.diag(noise)
+        cross = space.difference(members, mean).T @ off / freedom
+        perturbed = reading[used] + np.sqrt(noise) * rng.standard_normal(expected.shape)
+        moved = space.wrap(members + np.linalg.solve(spread, (perturbed - expected).T).T @ cross.T)
+        innovation = reading[used] - expected.mean(0)
+        square = innovation @ np.linalg.solve(spread, innovation)
+        log_determinant = np.linalg.slogdet(spread)[1]
+        return moved, float(-0.5 * (square + log_determinant + len(innovation) * LOG_TURN))

@@ -1,0 +1,206 @@
+"""Extended and unscented Kalman filters of the library filterpy, one run at a time.
+
+They are the named baselines, and the oracle for `extended` and `unscented`, which do the same for all runs.
+A Gaussian filter cannot use a beam without a return, nor one that expects none: such a beam is left out, as
+is one that was not measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from ..estimator import Estimate
+from ..models import LOG_TURN
+from ..problem import Prior, Problem
+from ..sampling import gaussian_draws
+from ..space import Array
+from .belief import GaussianBelief, check_iterations, check_sigma_points
+
+
+@dataclass(frozen=True)
+class ExtendedKalmanFilter:
+    """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
+
+    Args:
+        problem: What may be known.
+        iterations: How often the measurement is linearised: 1 is the plain filter; each further time is at
+            the mean that the time before gave (a Gauss-Newton step towards the most probable state).
+
+    Raises:
+        ValueError: If there is not at least one iteration.
+    """
+
+    problem: Problem
+    iterations: int = 1
+
+    def __post_init__(self) -> None:
+        check_iterations(self.iterations)
+
+    def init(self, prior: Prior, rng: Generator) -> GaussianBelief:
+        """The prior's mean and covariance."""
+        return GaussianBelief(prior.mean, prior.covariance, np.zeros(()))
+
+    def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
+        """Mean through the motion, covariance through its Jacobian; control (k,)."""
+        motion = self.problem.motion
+        ekf = _extended(belief, 1)
+        ekf.F = motion.jacobian(belief.mean, control)
+        ekf.Q = motion.noise_covariance(belief.mean, control)
+        ekf.predict()  # its own mean is F x, which is right for linear motion only
+        mean = self.problem.space.wrap(motion.mean(belief.mean, control))
+        return _checked(belief, mean, ekf.P)
+
+    def update(self, belief: GaussianBelief, measurement: Array, rng: Generator) -> GaussianBelief:
+        """Condition on a measurement (B,) in metres; NaN = not measured, inf = no return: both left out."""
+        sensor, space = self.problem.sensor, self.problem.space
+        point, result = belief.mean, belief
+        for _ in range(self.iterations):
+            expected = sensor.expected(point)
+            used = np.isfinite(measurement) & np.isfinite(expected)
+            if not used.any():
+                point, result = belief.mean, belief
+                continue
+            slope = sensor.jacobian(point)[used]
+            ahead = expected[used] + slope @ space.difference(belief.mean, point)
+            ekf = _extended(belief, int(used.sum()))
+            ekf.R = np.diag(sensor.noise.variance(np.where(used, expected, 0.0))[used])
+            ekf.update(
+                measurement[used],
+                HJacobian=lambda _, slope=slope: slope,
+                Hx=lambda _, ahead=ahead: ahead,
+            )
+            point = space.wrap(ekf.x)
+            result = _checked(belief, point, ekf.P, ekf.y, ekf.S)
+        return result
+
+    def estimate(self, belief: GaussianBelief) -> Estimate:
+        """Mean (n,), covariance (n, n) and log evidence."""
+        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
+        """Draws from the Gaussian, angles wrapped, (size, n)."""
+        moments = belief.mean[None], belief.covariance[None]
+        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
+
+
+@dataclass(frozen=True)
+class UnscentedKalmanFilter:
+    """The unscented Kalman filter (filterpy; Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
+
+    Sigma points lie alpha sqrt(n + kappa) standard deviations from the mean: sqrt(2) by default, for any n,
+    which is well inside the support of a uniform prior (its edge is at sqrt(3)), yet as wide as the belief.
+    The alpha = 1e-3 often quoted puts them so close to the mean that the filter sees second differences of
+    the ranges there: where the prior is a whole room, a picture of one spot, multiplied by 10^6.
+
+    While beta >= alpha^2 no update can leave a covariance that is not positive definite, for the spread of
+    the expected ranges z_k is sum_k>0 w_k d_k d_k' + (beta - alpha^2) c c' with d_k = z_k - z_0, c = sum w d.
+
+    Args:
+        problem: What may be known.
+        alpha: Spread of the sigma points, > 0.
+        beta: Weight added to the centre's deviation; 2 suits a Gaussian.
+        kappa: Second spread; n + kappa must be positive. 2 - n unless given.
+
+    Raises:
+        ValueError: If an option is out of its range.
+    """
+
+    problem: Problem
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float | None = None
+
+    def __post_init__(self) -> None:
+        check_sigma_points(self.problem.space.size, self.alpha, self.beta, self.kappa)
+
+    def init(self, prior: Prior, rng: Generator) -> GaussianBelief:
+        """The prior's mean and covariance."""
+        return GaussianBelief(prior.mean, prior.covariance, np.zeros(()))
+
+    def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
+        """Sigma points through the motion; control (k,)."""
+        motion, space = self.problem.motion, self.problem.space
+        ukf = self._unscented(belief, 1)
+        ukf.fx = lambda state, _: state + space.difference(motion.mean(state, control), state)
+        ukf.Q = motion.noise_covariance(belief.mean, control)
+        ukf.predict()
+        return _checked(belief, space.wrap(ukf.x), ukf.P)
+
+    def update(self, belief: GaussianBelief, measurement: Array, rng: Generator) -> GaussianBelief:
+        """Condition on a measurement (B,) in metres; NaN = not measured, inf = no return: both left out.
+
+        A beam is also left out where any sigma point expects no return.
+        """
+        sensor, space = self.problem.sensor, self.problem.space
+        ukf = self._unscented(belief, len(measurement))
+        ukf.sigmas_f = ukf.points_fn.sigma_points(belief.mean, belief.covariance)
+        expected = sensor.expected(ukf.sigmas_f)
+        used = np.isfinite(measurement) & np.isfinite(expected).all(0)
+        if not used.any():
+            return belief
+        rows = iter(expected[:, used])
+        centre = _mean_about_first(np.where(used, expected, 0.0), ukf.Wm)
+        ukf.update(measurement[used], np.diag(sensor.noise.variance(centre)[used]), hx=lambda _: next(rows))
+        return _checked(belief, space.wrap(ukf.x), ukf.P, ukf.y, ukf.S)
+
+    def estimate(self, belief: GaussianBelief) -> Estimate:
+        """Mean (n,), covariance (n, n) and log evidence."""
+        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
+        """Draws from the Gaussian, angles wrapped, (size, n)."""
+        moments = belief.mean[None], belief.covariance[None]
+        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
+
+    def _unscented(self, belief: GaussianBelief, beams: int) -> Any:
+        from filterpy.kalman import MerweScaledSigmaPoints
+        from filterpy.kalman import UnscentedKalmanFilter as Unscented
+
+        size = self.problem.space.size
+        kappa = 2.0 - size if self.kappa is None else self.kappa
+        points = MerweScaledSigmaPoints(size, self.alpha, self.beta, kappa)
+        mean = _mean_about_first  # sigma points are not wrapped: angles need no more than that
+        ukf = Unscented(size, beams, 1.0, None, None, points, x_mean_fn=mean, z_mean_fn=mean)
+        ukf.x, ukf.P = belief.mean, belief.covariance
+        return ukf
+
+
+def _extended(belief: GaussianBelief, beams: int) -> Any:
+    from filterpy.kalman import ExtendedKalmanFilter as Extended
+
+    ekf = Extended(len(belief.mean), beams)
+    ekf.x, ekf.P = belief.mean, belief.covariance
+    return ekf
+
+
+def _mean_about_first(sigmas: Array, weights: Array) -> Array:
+    """Weighted mean as a step from the first point, so that no large weights cancel."""
+    mean: Array = sigmas[0] + weights[1:] @ (sigmas[1:] - sigmas[0])
+    return mean
+
+
+def _checked(
+    belief: GaussianBelief,
+    mean: Array,
+    covariance: Array,
+    innovation: Array | None = None,
+    spread: Array | None = None,
+) -> GaussianBelief:
+    """The new belief, with log N(innovation; 0, spread) added to its evidence, or the old one flagged."""
+    covariance = 0.5 * (covariance + covariance.T)
+    log_density = 0.0
+    try:
+        np.linalg.cholesky(covariance)
+        if innovation is not None and spread is not None:
+            root = np.linalg.cholesky(spread)
+            white = np.linalg.solve(root, innovation)
+            log_density = -0.5 * (white @ white + len(white) * LOG_TURN) - np.log(np.diagonal(root)).sum()
+    except np.linalg.LinAlgError:
+        log_density = -np.inf
+    if not (np.isfinite(mean).all() and np.isfinite(log_density)):
+        return replace(belief, log_evidence=np.array(-np.inf))
+    return GaussianBelief(mean, covariance, belief.log_evidence + log_density)

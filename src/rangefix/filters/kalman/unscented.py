@@ -1,0 +1,135 @@
+"""Unscented and cubature Kalman filters over all runs at once; `filterpy_adapters` is their oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from ..estimator import Estimate
+from ..models import LOG_TURN
+from ..problem import Prior, Problem
+from ..sampling import gaussian_draws
+from ..space import Array, BoolArray
+from .batch import _accepted, _cholesky, _initial, _sum
+from .belief import GaussianBelief, check_sigma_points
+
+
+@dataclass(frozen=True)
+class BatchUnscentedKalmanFilter:
+    """The unscented Kalman filter (Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
+
+    For the options and why the sigma points lie where they do, see `kalman.UnscentedKalmanFilter`.
+
+    Args:
+        problem: What may be known.
+        alpha: Spread of the sigma points, > 0.
+        beta: Weight added to the centre's deviation; 2 suits a Gaussian.
+        kappa: Second spread; n + kappa must be positive. 2 - n unless given.
+
+    Raises:
+        ValueError: If an option is out of its range.
+    """
+
+    problem: Problem
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float | None = None
+
+    def __post_init__(self) -> None:
+        check_sigma_points(self.problem.space.size, self.alpha, self.beta, self.kappa)
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> GaussianBelief:
+        """The prior's mean and covariance, for every run."""
+        return _initial(prior, len(rngs))
+
+    def predict(self, belief: GaussianBelief, control: Array, rngs: Sequence[Generator]) -> GaussianBelief:
+        """Sigma points through the motion; control (k,) shared, or (M, k)."""
+        motion, space = self.problem.motion, self.problem.space
+        arms = self._arms(belief)
+        points = np.concatenate([belief.mean[None], belief.mean + arms])
+        moved = points + space.difference(motion.mean(points, control), points)
+        shift, spread = self._moments(np.moveaxis(moved[1:] - moved[0], 1, -1))
+        covariance = np.moveaxis(spread, -1, 0) + motion.noise_covariance(belief.mean, control)
+        return _accepted(belief, space.wrap(moved[0] + shift.T), covariance, np.zeros(len(covariance)))
+
+    def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
+        """Condition on measurements (M, B) in metres; NaN = not measured, inf = no return: both left out.
+
+        A beam is also left out of a run where any of its sigma points expects no return.
+        """
+        sensor, space = self.problem.sensor, self.problem.space
+        arms = self._arms(belief)
+        expected = sensor.expected(np.concatenate([belief.mean[None], belief.mean + arms]))
+        used = np.isfinite(measurement) & np.isfinite(expected).all(0)
+        expected = np.where(used, expected, 0.0)
+        off = np.moveaxis(expected[1:] - expected[0], 1, -1).copy()
+        shift, spread = self._moments(off)
+        centre = expected[0] + shift.T
+        innovation = np.where(used, measurement, 0.0) - centre
+        beams = np.arange(len(shift))
+        spread[beams, beams] += np.where(used, sensor.noise.variance(centre), 1.0).T
+        pairs = zip(off, np.moveaxis(arms, 1, -1), strict=True)
+        cross = self._weight * _sum(z[:, None] * x for z, x in pairs)
+        step, covariance, log_density = _jointly(belief, cross, spread, innovation.T, used.T)
+        return _accepted(belief, space.wrap(belief.mean + step.T), covariance, log_density)
+
+    def estimate(self, belief: GaussianBelief) -> Estimate:
+        """Mean (M, n), covariance (M, n, n) and log evidence (M,)."""
+        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Draws from the Gaussian, angles wrapped, (M, size, n)."""
+        return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
+
+    @property
+    def _reach(self) -> float:
+        """Squared distance of the sigma points from the mean, in variances."""
+        size = self.problem.space.size
+        return self.alpha**2 * (2.0 if self.kappa is None else size + self.kappa)
+
+    @property
+    def _weight(self) -> float:
+        """Weight of each sigma point but the central one."""
+        return 0.5 / self._reach
+
+    def _arms(self, belief: GaussianBelief) -> Array:
+        """The sigma points but the central one, as seen from the mean: (2 n, M, n)."""
+        root, _ = _cholesky(np.moveaxis(belief.covariance, 0, -1))
+        arms = np.sqrt(self._reach) * root.transpose(1, 2, 0)
+        return np.concatenate([arms, -arms])
+
+    def _moments(self, off: Array) -> tuple[Array, Array]:
+        """Mean (b, M) and covariance (b, b, M) of values given as seen from the central one, (2 n, b, M)."""
+        mean = self._weight * _sum(off)
+        spread = self._weight * _sum(z[:, None] * z for z in off)
+        return mean, spread + (self.beta - self.alpha**2) * mean[:, None] * mean
+
+
+def cubature(problem: Problem) -> BatchUnscentedKalmanFilter:
+    """The cubature Kalman filter (Arasaratnam and Haykin, 2009): sigma points, none at the centre."""
+    return BatchUnscentedKalmanFilter(problem, alpha=1.0, beta=0.0, kappa=0.0)
+
+
+def _jointly(
+    belief: GaussianBelief, cross: Array, spread: Array, innovation: Array, used: BoolArray
+) -> tuple[Array, Array, Array]:
+    """Condition on readings by their joint covariance; beams not used have no cross and unit spread.
+
+    cross (B, n, M), spread (B, B, M), innovation and used (B, M). Returns as `_beam_by_beam` does.
+    """
+    root, positive = _cholesky(spread)
+    white = np.concatenate([cross, innovation[:, None]], axis=1)
+    for beam in range(len(white)):
+        for before in range(beam):
+            white[beam] -= root[beam, before] * white[before]
+        white[beam] /= root[beam, beam]
+    gain, rest = white[:, :-1], white[:, -1]
+    lost = _sum(g[:, None] * g for g in gain)
+    step = _sum(g * y for g, y in zip(gain, rest, strict=True))
+    diagonal = np.stack([root[beam, beam] for beam in range(len(root))])
+    log_density = -0.5 * (_sum(rest**2) + used.sum(0) * LOG_TURN) - _sum(np.log(diagonal))
+    covariance = belief.covariance - np.moveaxis(lost, -1, 0)
+    return step, covariance, np.where(positive, log_density, -np.inf)

@@ -1,0 +1,36 @@
+"""What the world does: motions, sensors, noise and priors."""
+
+from .beam_noise import BeamMixture, Quantised
+from .confined import Confined, is_clear, sample_runs
+from .gaussian_prior import GaussianPrior
+from .mixture_prior import Mixture
+from .motion import ConstantVelocity, RandomWalk, Stationary
+from .noise import LOG_TURN, CumulativeNoise, Gaussian, RangeProportional, StudentT
+from .odometry import Odometry
+from .product_prior import WithHeading, WithVelocity
+from .rangefinder import Rangefinder, sweep
+from .uniform_prior import Uniform
+
+__all__ = [
+    "LOG_TURN",
+    "BeamMixture",
+    "Confined",
+    "ConstantVelocity",
+    "CumulativeNoise",
+    "Gaussian",
+    "GaussianPrior",
+    "Mixture",
+    "Odometry",
+    "Quantised",
+    "RandomWalk",
+    "RangeProportional",
+    "Rangefinder",
+    "Stationary",
+    "StudentT",
+    "Uniform",
+    "WithHeading",
+    "WithVelocity",
+    "is_clear",
+    "sample_runs",
+    "sweep",
+]

@@ -1,0 +1,144 @@
+"""Motion that stays in free space and goes through no wall: one law for truths and for filters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.random import Generator
+
+from ..problem import Motion, RangeMap
+from ..space import Array, BoolArray, StateSpace
+from .motion import RandomWalk
+from .odometry import Odometry
+
+AHEAD = np.zeros(1)
+
+
+@dataclass(frozen=True)
+class Confined:
+    """Another motion, with steps into or through walls drawn again; after `tries` draws the object stays.
+
+    Let N(x' | x, u) be the law of the motion, A(x) the free points that a straight step from x reaches
+    without meeting a wall, Z(x) = P(x' in A(x)) under N, and k the tries. Then the law is
+
+        p(x' | x, u) = N(x' | x, u) 1[x' in A(x)] (1 - (1 - Z)^k) / Z + (1 - Z)^k delta(x' - x),
+
+    a proper distribution for every x: nothing is lost at a wall. For k = 1 an object that would hit a wall
+    stays where it is; for many tries it is N cut off at the walls and normalised for each starting state,
+    and it stays only where there is no way. A filter that predicts by this law is exactly
+    matched to truths drawn from it; cutting off at the walls and normalising once over all states is not.
+
+    `mean`, `jacobian` and `noise_covariance` are those of the motion without walls.
+
+    Args:
+        motion: The motion without walls.
+        room: The map.
+        space: The space of the states.
+        tries: Most draws for a step, k >= 1.
+
+    Raises:
+        ValueError: If there is less than one try.
+    """
+
+    motion: Motion
+    room: RangeMap
+    space: StateSpace
+    tries: int = 10
+
+    def __post_init__(self) -> None:
+        if self.tries < 1:
+            raise ValueError(f"a step needs at least one try, got {self.tries}")
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """The states after a noise-free move without walls, (..., n)."""
+        return self.motion.mean(states, control)
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """d mean / d state without walls, (..., n, n)."""
+        return self.motion.jacobian(states, control)
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """Covariance of the move's noise without walls, (..., n, n)."""
+        return self.motion.noise_covariance(states, control)
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """The states after one noisy step each, (..., n)."""
+        states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
+        shape = np.broadcast_shapes(states.shape[:-1], control.shape[:-1])
+        starts = np.broadcast_to(states, (*shape, states.shape[-1])).reshape(-1, states.shape[-1])
+        controls = np.broadcast_to(control, (*shape, control.shape[-1])).reshape(len(starts), -1)
+        ends = starts.copy()
+        left = np.arange(len(starts))
+        for _ in range(self.tries):
+            drawn = self.motion.sample(starts[left], controls[left], rng)
+            open_ = self.allows(starts[left], drawn)
+            ends[left[open_]] = drawn[open_]
+            left = left[~open_]
+            if not left.size:
+                break
+        return ends.reshape(*shape, -1)
+
+    def allows(self, starts: Array, ends: Array) -> BoolArray:
+        """Whether steps end in free space and meet no wall on the way: (..., n), (..., n) -> (...)."""
+        where = self.space.position_indices
+        return is_clear(self.room, np.asarray(starts)[..., where], np.asarray(ends)[..., where])
+
+
+@dataclass(frozen=True)
+class RowByRow:
+    """Draws for many runs at once: row m of what is drawn comes from rngs[m] alone."""
+
+    rngs: Sequence[Generator]
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Standard normal numbers, (M, ...)."""
+        if len(size) == 1:
+            return np.array([rng.standard_normal() for rng in self.rngs])
+        return np.stack([rng.standard_normal(size[1:]) for rng in self.rngs])
+
+
+def is_clear(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
+    """Whether ends are free and nothing stands between: (..., 2), (..., 2) -> (...).
+
+    One beam is cast from each start towards its end, so walls without thickness count too.
+    """
+    starts, ends = np.broadcast_arrays(np.asarray(starts, dtype=float), np.asarray(ends, dtype=float))
+    step = ends - starts
+    poses = np.concatenate([starts, np.arctan2(step[..., :1], step[..., 1:])], axis=-1)
+    free = np.asarray(room.is_free(ends), dtype=np.bool_)
+    ahead = room.ranges(poses, AHEAD)[..., 0]
+    return np.asarray(free & (ahead >= np.hypot(step[..., 0], step[..., 1])))
+
+
+def sample_runs(motion: Motion, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
+    """One step of M runs, run m drawn from rngs[m] alone: as `motion.sample` run by run, but faster.
+
+    Args:
+        motion: The motion; `Confined` ones have their walls checked for all runs at once.
+        states: (M, n).
+        control: (k,) shared by the runs, or (M, k).
+        rngs: One for each run.
+
+    Returns:
+        The following states, (M, n).
+    """
+    states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
+    controls = np.broadcast_to(control, (len(states), control.shape[-1]))
+    if type(motion) in (Odometry, RandomWalk):  # they draw one normal number after the other for each state
+        return motion.sample(states, controls, cast(Generator, RowByRow(rngs)))
+    if not isinstance(motion, Confined):
+        return np.stack([motion.sample(*each) for each in zip(states, controls, rngs, strict=True)])
+    ends = states.copy()
+    left = np.arange(len(states))
+    for _ in range(motion.tries):
+        some = [rngs[int(run)] for run in left]
+        drawn = sample_runs(motion.motion, states[left], controls[left], some)
+        open_ = motion.allows(states[left], drawn)
+        ends[left[open_]] = drawn[open_]
+        left = left[~open_]
+        if not left.size:
+            break
+    return ends

@@ -1,0 +1,94 @@
+"""A prior made of priors: one of several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from ..problem import SpacedPrior
+from ..space import TURN, Array, StateSpace
+
+DRAWS = 1 << 16  # for the moments of mixtures with a heading
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """One of several priors, by chance: a room or the next, one way round or the other.
+
+    The moments of components on a line are exact. With a heading they are those of 65 536 draws from a fixed
+    stream (standard error 0.4 % of a standard deviation), since the mean direction of a mixture does not
+    follow from the moments of its parts.
+
+    Args:
+        priors: The priors, all over the same space.
+        weights: Their probabilities, positive; divided by their sum. Equal unless given.
+
+    Raises:
+        ValueError: If there is no prior, they differ in space, or the weights do not fit.
+    """
+
+    priors: Sequence[SpacedPrior]
+    weights: ArrayLike | None = None
+    shares: Array = field(init=False, repr=False, compare=False)
+    mean: Array = field(init=False, repr=False, compare=False)
+    covariance: Array = field(init=False, repr=False, compare=False)
+    support: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        priors = tuple(self.priors)
+        if not priors or any(prior.space != priors[0].space for prior in priors):
+            raise ValueError("a mixture needs priors, one or more, all over the same space")
+        shares = np.ones(len(priors)) if self.weights is None else np.array(self.weights, dtype=float)
+        if shares.shape != (len(priors),) or not (np.isfinite(shares).all() and (shares > 0).all()):
+            raise ValueError(f"{len(priors)} priors need as many positive weights, got {self.weights!r}")
+        object.__setattr__(self, "priors", priors)
+        object.__setattr__(self, "shares", shares / shares.sum())
+        mean, covariance = self._moments()
+        parts = {"mean": mean, "covariance": covariance, "support": self._support()}
+        for name, value in parts.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def space(self) -> StateSpace:
+        """The state space of all parts."""
+        return self.priors[0].space
+
+    def sample(self, size: int, rng: Generator) -> Array:
+        """Independent draws, each from a part drawn for it, (size, n)."""
+        chosen = rng.choice(len(self.priors), size=size, p=self.shares)
+        states = np.empty((size, self.space.size))
+        for place, prior in enumerate(self.priors):
+            mine = chosen == place
+            if mine.any():
+                states[mine] = prior.sample(int(mine.sum()), rng)
+        return states
+
+    def log_density(self, states: Array) -> Array:
+        """Log of the weighted sum of the parts' densities: (..., n) -> (...)."""
+        parts = zip(self.shares, self.priors, strict=True)
+        return np.asarray(
+            np.logaddexp.reduce([np.log(share) + prior.log_density(states) for share, prior in parts], axis=0)
+        )
+
+    def _moments(self) -> tuple[Array, Array]:
+        if self.space.is_angle.any():
+            states = self.sample(DRAWS, np.random.default_rng(0))
+            return self.space.moments(states, np.full(DRAWS, 1 / DRAWS))
+        means = np.stack([prior.mean for prior in self.priors])
+        mean = self.shares @ means
+        away = means - mean
+        within = np.tensordot(self.shares, np.stack([prior.covariance for prior in self.priors]), 1)
+        return mean, within + (away * self.shares[:, None]).T @ away
+
+    def _support(self) -> tuple[Array, Array]:
+        """The box around all boxes; along a circle no longer than the circle."""
+        lowers, uppers = (np.stack(ends) for ends in zip(*(p.support for p in self.priors), strict=True))
+        angle = self.space.is_angle
+        middles = 0.5 * (lowers + uppers)
+        shift = np.where(angle, self.space.difference(middles, middles[0]) - (middles - middles[0]), 0.0)
+        lower, upper = (lowers + shift).min(0), (uppers + shift).max(0)
+        return lower, np.where(angle, np.minimum(upper, lower + TURN), upper)

@@ -1,0 +1,160 @@
+"""How the state moves between measurements: models that need no control.
+
+Every model adds Gaussian noise to a mean: following state = mean(state, control) + noise with covariance
+noise_covariance(state, control), angles wrapped. `sample` draws from exactly that law. `Odometry` is in
+odometry.py, walls are in confined.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from ..space import Array, StateSpace
+
+
+@dataclass(frozen=True)
+class Stationary:
+    """The object stays where it is; the control is ignored."""
+
+    space: StateSpace
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """The same states, (..., n)."""
+        return np.asarray(states, dtype=float)
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """The identity, (..., n, n)."""
+        size = self.space.size
+        return np.broadcast_to(np.eye(size), (*np.shape(states)[:-1], size, size))
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """Zero, (..., n, n)."""
+        return np.zeros((*np.shape(states)[:-1], self.space.size, self.space.size))
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """The same states; nothing is drawn."""
+        return np.asarray(states, dtype=float)
+
+
+@dataclass(frozen=True)
+class RandomWalk:
+    """Every component takes an independent Gaussian step; the control is ignored.
+
+    Args:
+        space: The state space.
+        std: Standard deviation of a step, at least zero; one number, or one for each component (n,): m, or
+            rad for the heading.
+
+    Raises:
+        ValueError: If a standard deviation is negative or not finite, or there are not as many as components.
+    """
+
+    space: StateSpace
+    std: ArrayLike
+    stds: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stds", step_stds("a random walk", self.std, self.space.names))
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """The same states, (..., n)."""
+        return np.asarray(states, dtype=float)
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """The identity, (..., n, n)."""
+        size = self.space.size
+        return np.broadcast_to(np.eye(size), (*np.shape(states)[:-1], size, size))
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """std^2 on the diagonal, (..., n, n)."""
+        size = self.space.size
+        return np.broadcast_to(np.diag(self.stds**2), (*np.shape(states)[:-1], size, size))
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """The states after one step each, (..., n)."""
+        states = np.asarray(states, dtype=float)
+        return self.space.wrap(states + self.stds * rng.standard_normal(states.shape))
+
+
+@dataclass(frozen=True)
+class ConstantVelocity:
+    """Velocities that drift under white acceleration; the control is ignored.
+
+    White noise acceleration in continuous time, sampled exactly (Bar-Shalom, Li and Kirubarajan, 2001,
+    section 6.2.2): over a step of dt seconds a position and its velocity gain noise of covariance
+    q [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]]; two half steps equal a whole one. A heading among the
+    components stays as it is.
+
+    Args:
+        space: A space with v1 and v2 among its names, `velocity_space()`.
+        step: Time between measurements dt, s.
+        intensity: Spectral density of the acceleration q, m^2/s^3: a velocity drifts by sqrt(q t) m/s in t
+            seconds. At least zero.
+
+    Raises:
+        ValueError: If the space has no velocities, the step is not positive, or the intensity is negative.
+    """
+
+    space: StateSpace
+    step: float
+    intensity: float
+    transition: Array = field(init=False, repr=False, compare=False)
+    covariance: Array = field(init=False, repr=False, compare=False)
+    root: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        names = self.space.names
+        if not {"v1", "v2"} <= set(names):
+            raise ValueError(f"constant velocity needs v1 and v2 among the state names, got {names}")
+        if not (0 < self.step < np.inf and 0 <= self.intensity < np.inf):
+            raise ValueError(
+                f"need a step > 0 s and an intensity >= 0 m^2/s^3, got {self.step} and {self.intensity}"
+            )
+        dt = self.step
+        transition, root = np.eye(len(names)), np.zeros((len(names), len(names)))
+        for axis in "12":
+            x, v = names.index("x" + axis), names.index("v" + axis)
+            transition[x, v] = dt
+            # the Cholesky factor of the covariance above: [[a, 0], [3 a / 2 / dt, sqrt(q dt) / 2]]
+            root[x, x] = np.sqrt(self.intensity * dt**3 / 3)
+            root[v, x], root[v, v] = 1.5 * root[x, x] / dt, 0.5 * np.sqrt(self.intensity * dt)
+        for name, value in (("transition", transition), ("root", root), ("covariance", root @ root.T)):
+            object.__setattr__(self, name, value)
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """Positions moved by velocity times dt, (..., n)."""
+        return np.asarray(np.asarray(states, dtype=float) @ self.transition.T)
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """The transition matrix, (..., n, n)."""
+        return np.broadcast_to(self.transition, (*np.shape(states)[:-1], *self.transition.shape))
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """The covariance above, (..., n, n)."""
+        return np.broadcast_to(self.covariance, (*np.shape(states)[:-1], *self.covariance.shape))
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """The states after one step each, (..., n)."""
+        mean = self.mean(states, control)
+        return self.space.wrap(mean + rng.standard_normal(mean.shape) @ self.root.T)
+
+
+def step_stds(what: str, std: ArrayLike, names: tuple[str, ...]) -> Array:
+    """Standard deviations of a step as a read-only array (n,).
+
+    Raises:
+        ValueError: If one is negative or not finite, or there is neither one nor one for each name.
+    """
+    stds = np.array(std, dtype=float)
+    if stds.shape not in ((), (len(names),)) or not (np.isfinite(stds).all() and (stds >= 0).all()):
+        raise ValueError(
+            f"the std of {what} must be at least zero and finite, one or one for each of "
+            f"{', '.join(names)}, got {std!r}"
+        )
+    stds = np.broadcast_to(stds, (len(names),)).copy()
+    stds.setflags(write=False)
+    return stds

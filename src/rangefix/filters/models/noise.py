@@ -1,0 +1,221 @@
+"""Noise models of a range reading that scatter about the expected range.
+
+Each is a probability law over finite readings and "no return" (inf): the density `log_density` over finite
+readings and the point mass `log_above(inf, expected)` together hold probability one. Where no wall is
+expected (inf), these models never read anything. They put readings on the whole line: near a wall a reading
+may come out negative, and its density says how often.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from ..problem import Noise
+from ..space import Array
+
+LOG_TURN = float(np.log(2.0 * np.pi))
+UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
+
+
+class CumulativeNoise(Noise, Protocol):
+    """A noise that also says how probable lower readings are: what `Quantised` needs."""
+
+    def log_below(self, limit: Array, expected: Array) -> Array:
+        """Log probability of a finite reading up to each limit given each expected range, elementwise."""
+        ...
+
+
+def per_beam(name: str, value: ArrayLike, zero: bool = False) -> Array:
+    """A parameter as a read-only array: one number, or one for each beam (B,).
+
+    Raises:
+        ValueError: If it is not positive (or zero, where that is allowed) and finite.
+    """
+    values = np.array(value, dtype=float)
+    fits = values.ndim <= 1 and values.size and np.isfinite(values).all()
+    if not fits or not ((values >= 0) if zero else (values > 0)).all():
+        least = "at least zero" if zero else "positive"
+        raise ValueError(f"{name} must be {least} and finite, one or one per beam, got {value!r}")
+    values.setflags(write=False)
+    return values
+
+
+def deviate(value: ArrayLike, expected: ArrayLike, scale: ArrayLike) -> Array:
+    """(value - expected) / scale; -inf where no wall is expected: any range is below that."""
+    value, expected = np.asarray(value, dtype=float), np.asarray(expected, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(expected), -np.inf, (value - expected) / np.asarray(scale))
+
+
+def log_normal_below(deviates: Array) -> Array:
+    """Log probability that a standard normal number is below each deviate; accurate in the far tails."""
+    from scipy.special import log_ndtr  # 0.2 s, for those who need it
+
+    return np.asarray(log_ndtr(deviates), dtype=float)
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Reading = expected range + N(0, std^2).
+
+    Args:
+        std: Standard deviation in metres; one number, or one for each beam (B,).
+
+    Raises:
+        ValueError: If a standard deviation is not positive and finite.
+    """
+
+    std: ArrayLike
+    stds: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stds", per_beam("noise std", self.std))
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """-1/2 ((y - rho) / std)^2 - log(std sqrt(2 pi)), elementwise; nats."""
+        return -0.5 * (((measurement - expected) / self.stds) ** 2 + LOG_TURN) - np.log(self.stds)
+
+    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading above the limit, or of none: log Phi((rho - limit) / std)."""
+        return log_normal_below(-deviate(limit, expected, self.stds))
+
+    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading up to the limit."""
+        return log_normal_below(deviate(limit, expected, self.stds))
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, m; inf where no wall is expected."""
+        return expected + self.stds * rng.standard_normal(np.shape(expected))
+
+    def variance(self, expected: Array) -> Array:
+        """std^2 for each expected range, m^2."""
+        return np.broadcast_to(self.stds**2, np.shape(expected))
+
+
+@dataclass(frozen=True)
+class RangeProportional:
+    """Reading = expected range + N(0, (a + b |range|)^2): most data sheets of laser scanners.
+
+    Args:
+        a: Standard deviation at range zero, m, positive; one number, or one for each beam (B,).
+        b: Its growth per metre of the expected range, at least zero; likewise.
+
+    Raises:
+        ValueError: If a is not positive, or b negative, or one of them not finite.
+    """
+
+    a: ArrayLike
+    b: ArrayLike
+    at_zero: Array = field(init=False, repr=False, compare=False)
+    growth: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at_zero", per_beam("noise std a", self.a))
+        object.__setattr__(self, "growth", per_beam("growth b of the noise std", self.b, zero=True))
+
+    def stds(self, expected: ArrayLike) -> Array:
+        """a + b |rho| for each expected range, m; a where no wall is expected."""
+        expected = np.asarray(expected, dtype=float)
+        return self.at_zero + self.growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)) with s = a + b |rho|, elementwise; nats."""
+        stds = self.stds(expected)
+        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TURN) - np.log(stds)
+
+    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading above the limit, or of none."""
+        return log_normal_below(-deviate(limit, expected, self.stds(expected)))
+
+    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading up to the limit."""
+        return log_normal_below(deviate(limit, expected, self.stds(expected)))
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, m; inf where no wall is expected."""
+        return expected + self.stds(expected) * rng.standard_normal(np.shape(expected))
+
+    def variance(self, expected: Array) -> Array:
+        """(a + b |rho|)^2 for each expected range, m^2."""
+        return self.stds(expected) ** 2
+
+
+@dataclass(frozen=True)
+class StudentT:
+    """Reading = expected range + scale t, with t of Student's distribution: outliers without a second model.
+
+    Args:
+        scale: Scale in metres (the standard deviation is scale sqrt(dof / (dof - 2))); one number, or one for
+            each beam (B,).
+        dof: Degrees of freedom, positive; 1 is Cauchy's, many are Gaussian.
+
+    Raises:
+        ValueError: If one is not positive and finite.
+    """
+
+    scale: ArrayLike
+    dof: float
+    scales: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scales", per_beam("noise scale", self.scale))
+        if not 0 < self.dof < np.inf:
+            raise ValueError(f"degrees of freedom must be positive and finite, got {self.dof!r}")
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """-(dof + 1)/2 log(1 + t^2 / dof) - log(scale sqrt(dof) B(dof / 2, 1 / 2)), elementwise; nats."""
+        from scipy.special import betaln
+
+        t = (measurement - expected) / self.scales
+        level = np.log(self.scales) + 0.5 * np.log(self.dof) + betaln(0.5 * self.dof, 0.5)
+        return np.asarray(-0.5 * (self.dof + 1) * np.log1p(t * (t / self.dof)) - level)
+
+    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading above the limit, or of none."""
+        return _log_student_below(-deviate(limit, expected, self.scales), self.dof)
+
+    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading up to the limit."""
+        return _log_student_below(deviate(limit, expected, self.scales), self.dof)
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, m; inf where no wall is expected."""
+        return expected + self.scales * rng.standard_t(self.dof, np.shape(expected))
+
+    def variance(self, expected: Array) -> Array:
+        """scale^2 dof / (dof - 2) for each expected range, m^2.
+
+        Raises:
+            ValueError: If dof <= 2: there is no variance, and no Gaussian filter for it.
+        """
+        if self.dof <= 2:
+            raise ValueError(
+                f"Student's t with {self.dof:g} degrees of freedom has no variance: take dof > 2"
+            )
+        return np.broadcast_to(self.scales**2 * (self.dof / (self.dof - 2)), np.shape(expected))
+
+
+def _log_student_below(deviates: Array, dof: float) -> Array:
+    """Log of Student's cumulative distribution, also where that is below the smallest double.
+
+    There by 1/2 I_x(dof / 2, 1 / 2) = x^a (1 - x)^b / (2 a B(a, b)) F(a + b, 1; a + 1; x) with
+    x = dof / (dof + t^2), a = dof / 2, b = 1 / 2 (DLMF 8.17.8).
+    """
+    from scipy.special import betaln, hyp2f1, stdtr
+
+    below = np.asarray(stdtr(dof, deviates), dtype=float)
+    far = (below < UNDERFLOW) & (deviates > -np.inf)
+    with np.errstate(divide="ignore"):
+        logs = np.asarray(np.log(below))
+    if far.any():
+        a, t = 0.5 * dof, deviates[far]
+        odds = dof / t / t
+        x = odds / (1 + odds)
+        logs[far] = a * (np.log(dof) - 2 * np.log(-t) - np.log1p(odds)) - 0.5 * np.log1p(odds)
+        logs[far] += np.log(0.5 * hyp2f1(a + 0.5, 1.0, a + 1.0, x)) - np.log(a) - betaln(a, 0.5)
+    return logs

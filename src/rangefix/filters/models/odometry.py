@@ -1,0 +1,178 @@
+"""A robot that counts its wheels' turns: displacement and turn in its own frame, noisy with both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from ..space import Array, StateSpace, wrap
+from .motion import step_stds
+
+ON_THE_SPOT = 0.01  # m; below this a displacement has no direction that its noise could depend on
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """Motion by a control in the body frame: forward (m), right (m), turn (rad, clockwise).
+
+    With heading K, clockwise from +x2, forward is (sin K, cos K) and right is (cos K, -sin K). The mean moves
+    by the displacement in the frame of the heading before the move, then turns:
+
+        x' = x + forward (sin K, cos K) + right (cos K, -sin K),    K' = K + turn.
+
+    Noise is Gaussian in the body frame, of a covariance that depends on the control alone. Its four
+    parameters are those of the odometry model of Thrun, Burgard and Fox (2005, section 5.4): the control is
+    split into a turn rot1 towards the displacement, its length trans, and a turn rot2 for the rest, whose
+    independent errors have variances
+
+        rot1:  a1 rot1^2 + a2 trans^2
+        trans: a3 trans^2 + a4 (rot1^2 + rot2^2)
+        rot2:  a1 rot2^2 + a2 trans^2.
+
+    The book passes them through the move's curve; here they enter to first order (trans moves along the
+    displacement, rot1 moves across it by trans rot1, both rots turn), so that the law of a step is exactly
+    Gaussian and every filter can hold exactly it. As in AMCL, going backwards counts as no turn, and a
+    displacement under 1 cm counts as a turn on the spot.
+
+    Args:
+        space: A space with the heading among its components; others stay as they are.
+        alphas: a1, a2 (rad^2/m^2), a3, a4 (m^2/rad^2), at least zero.
+        floor: Standard deviations added to every step, however small: forward, right (m), turn (rad).
+
+    Raises:
+        ValueError: If the space has no heading, or a parameter is negative or not finite.
+    """
+
+    space: StateSpace
+    alphas: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    floor: ArrayLike = 0.0
+    floors: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if "heading" not in self.space.names:
+            raise ValueError("odometry needs the heading among the state's components: take pose_space()")
+        alphas = np.array(self.alphas, dtype=float)
+        if alphas.shape != (4,) or not (np.isfinite(alphas).all() and (alphas >= 0).all()):
+            raise ValueError(f"odometry needs four alphas, at least zero and finite, got {self.alphas!r}")
+        object.__setattr__(self, "alphas", tuple(alphas.tolist()))
+        floors = step_stds("odometry's floor", self.floor, ("forward", "right", "turn"))
+        object.__setattr__(self, "floors", floors)
+
+    @property
+    def _places(self) -> list[int]:
+        """Where x1, x2 and heading stand among the components."""
+        return [self.space.names.index(name) for name in ("x1", "x2", "heading")]
+
+    def mean(self, states: Array, control: Array) -> Array:
+        """The states after a noise-free move, (..., n), headings wrapped; control (3,) or (..., 3)."""
+        return self._moved(states, control)
+
+    def jacobian(self, states: Array, control: Array) -> Array:
+        """d mean / d state, (..., n, n): the displacement turns with the heading."""
+        states, control = _pair(states, control)
+        one, two, heading = self._places
+        result = np.zeros((*states.shape[:-1], self.space.size, self.space.size))
+        result[...] = np.eye(self.space.size)
+        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
+        result[..., one, heading], result[..., two, heading] = step2, -step1
+        return result
+
+    def noise_covariance(self, states: Array, control: Array) -> Array:
+        """Covariance of the move's noise in the map frame, (..., n, n)."""
+        body = self.body_covariance(control)
+        states, _ = _pair(states, control)
+        heading = states[..., self._places[2]]
+        turn = np.zeros((*heading.shape, 3, 3))
+        turn[..., 0, 0], turn[..., 1, 0] = _to_map(heading, 1.0, 0.0)
+        turn[..., 0, 1], turn[..., 1, 1] = _to_map(heading, 0.0, 1.0)
+        turn[..., 2, 2] = 1.0
+        rows, columns = np.ix_(self._places, self._places)
+        result = np.zeros((*heading.shape, self.space.size, self.space.size))
+        result[..., rows, columns] = turn @ body @ np.swapaxes(turn, -1, -2)
+        return result
+
+    def sample(self, states: Array, control: Array, rng: Generator) -> Array:
+        """The states after one noisy move each, (..., n), headings wrapped."""
+        errors = self._errors(np.asarray(control, dtype=float))
+        states, control = _pair(states, control)
+        noisy = np.array(control)
+        for error in errors:
+            draws = rng.standard_normal(states.shape[:-1])
+            for column, part in enumerate(error):
+                noisy[..., column] += draws * part
+        return self._moved(states, noisy)
+
+    def body_covariance(self, control: Array) -> Array:
+        """Covariance of the noise of (forward, right, turn), (..., 3) -> (..., 3, 3)."""
+        control = np.asarray(control, dtype=float)
+        result = np.zeros((*control.shape, 3))
+        for error in self._errors(control):
+            root = np.stack(np.broadcast_arrays(*error), axis=-1)
+            result += root[..., :, None] * root[..., None, :]
+        return result
+
+    def _errors(self, control: Array) -> list[tuple[Array, Array, Array]]:
+        """The independent errors, one standard deviation of each as (forward, right, turn), (...) each."""
+        a1, a2, a3, a4 = self.alphas
+        forward, right, turn = np.moveaxis(control, -1, 0)
+        trans = np.hypot(forward, right)
+        first = np.where(trans < ON_THE_SPOT, 0.0, np.arctan2(right, forward))
+        second = _least_turn(wrap(turn - first))
+        first = _least_turn(first)
+        rot1 = np.sqrt(a1 * first**2 + a2 * trans**2)
+        rot2 = np.sqrt(a1 * second**2 + a2 * trans**2)
+        along = np.sqrt(a3 * trans**2 + a4 * (first**2 + second**2))
+        length = np.where(trans > 0, trans, 1.0)
+        ahead, aside = np.where(trans > 0, forward / length, 1.0), right / length
+        zero = np.zeros_like(forward)
+        errors = [
+            (-right * rot1, forward * rot1, rot1),
+            (ahead * along, aside * along, zero),
+            (zero, zero, rot2),
+        ]
+        for place, floor in enumerate(self.floors):
+            parts = [zero, zero, zero]
+            parts[place] = zero + floor
+            errors.append((parts[0], parts[1], parts[2]))
+        return [error for error in errors if any(np.any(part) for part in error)]
+
+    def _moved(self, states: Array, control: Array) -> Array:
+        states, control = _pair(states, control)
+        one, two, heading = self._places
+        moved = np.array(states)
+        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
+        moved[..., one] += step1
+        moved[..., two] += step2
+        moved[..., heading] = wrap(states[..., heading] + control[..., 2])
+        return moved
+
+
+def _least_turn(angle: Array) -> Array:
+    """The turn up to going backwards, |angle| <= pi / 2, rad."""
+    size = np.abs(angle)
+    return np.minimum(size, np.pi - size)
+
+
+def _to_map(heading: Array, forward: Array | float, right: Array | float) -> tuple[Array, Array]:
+    """x1 and x2 parts of a displacement in the body frame."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    return forward * sine + right * cosine, forward * cosine - right * sine
+
+
+def _pair(states: Array, control: Array) -> tuple[Array, Array]:
+    """States (..., n) and controls (..., 3) with their leading axes broadcast.
+
+    Raises:
+        ValueError: If a control does not have three components.
+    """
+    states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
+    if control.shape[-1:] != (3,):
+        raise ValueError(f"odometry's control is forward, right, turn: shape (..., 3), got {control.shape}")
+    shape = np.broadcast_shapes(states.shape[:-1], control.shape[:-1])
+    return (
+        np.broadcast_to(states, (*shape, states.shape[-1])),
+        np.broadcast_to(control, (*shape, 3)),
+    )

@@ -1,0 +1,174 @@
+"""The rangefinder: beams cast into a map, and how probable a measurement is at a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from ..problem import Noise, RangeMap
+from ..space import TURN, Array, BoolArray, StateSpace, wrap
+from .noise import LOG_TURN, Gaussian
+
+RIGHT_ANGLE = 0.5 * np.pi
+FEW = 8  # beams
+ROUNDING = 1e-9  # by which a reading at the maximum range may exceed it
+
+
+def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
+    """Bearings of a full sweep, symmetric about straight ahead, without the blind sector astern.
+
+    Args:
+        resolution: Angle between neighbouring beams, rad. The paper's is 0.36 deg.
+        blind_sector: Width of the sector behind in which nothing is measured, rad. The paper's is 120 deg.
+
+    Returns:
+        Bearings in rad, ascending, at multiples of the resolution; 0 is among them.
+
+    Raises:
+        ValueError: If the resolution is not positive or the sector is not in [0, 2 pi).
+    """
+    if not (0 < resolution <= TURN and 0 <= blind_sector < TURN):
+        raise ValueError(f"need resolution > 0, 0 <= blind sector < 2 pi: {resolution}, {blind_sector}")
+    half = int(np.floor((TURN - blind_sector) / 2 / resolution * (1 + 1e-12)))
+    bearings: Array = resolution * np.arange(-half, half + 1, dtype=float)
+    return bearings[1:] if bearings[-1] - bearings[0] >= TURN * (1 - 1e-12) else bearings
+
+
+@dataclass(frozen=True)
+class Rangefinder:
+    """Beams cast into a map, read with noise.
+
+    Args:
+        room: The map.
+        bearings: Beam directions relative to the heading, rad clockwise, (B,), B >= 1.
+        noise: How readings scatter.
+        space: The space of the states.
+        blind_sector: Width of the sector centred astern in which nothing is measured, rad: beams in it read
+            NaN and say nothing.
+        max_range: Readings beyond it do not come back: they are inf, which says that the wall is far.
+        max_incidence: Largest angle between a beam and the normal of the wall that it meets, rad. Beams that
+            graze a wall at more than that are lost: `expected` says inf for them, as where no wall is. To an
+            estimator whose sensor does not know of it such a reading is impossible, unless its noise allows
+            for lost beams (`BeamMixture`).
+
+    Raises:
+        ValueError: If there is no beam, a bearing is not finite, the noise is for another number of beams,
+            every beam is blind, or a limit is out of bounds.
+    """
+
+    room: RangeMap
+    bearings: Array
+    noise: Noise
+    space: StateSpace
+    blind_sector: float = 0.0
+    max_range: float = np.inf
+    max_incidence: float = RIGHT_ANGLE
+    blind: BoolArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        bearings = np.array(self.bearings, dtype=float)
+        if bearings.ndim != 1 or not bearings.size:
+            raise ValueError("a rangefinder needs at least one beam: bearings of shape (B,), B >= 1")
+        if not np.isfinite(bearings).all():
+            raise ValueError(f"bearings must be finite, got {self.bearings}")
+        if not 0 <= self.blind_sector < TURN:
+            raise ValueError(f"the blind sector must be in [0, 2 pi) rad, got {self.blind_sector}")
+        if not self.max_range > 0:
+            raise ValueError(f"the maximum range must be positive, got {self.max_range}")
+        if not 0 < self.max_incidence <= RIGHT_ANGLE:
+            raise ValueError(f"the largest incidence must be in (0, pi / 2] rad, got {self.max_incidence}")
+        try:
+            shape = np.shape(self.noise.log_density(np.ones_like(bearings), np.ones_like(bearings)))
+        except ValueError as error:
+            raise ValueError(f"the noise does not fit {bearings.size} beams: {error}") from None
+        if shape != bearings.shape:
+            raise ValueError(f"the noise is for {shape[-1]} beams, the rangefinder has {bearings.size}")
+        blind = np.abs(wrap(bearings - np.pi)) < self.blind_sector / 2 * (1 - 1e-12)
+        if blind.all():
+            raise ValueError("every beam lies in the blind sector")
+        for name, value in (("bearings", bearings), ("blind", blind)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def is_plain_gaussian(self) -> bool:
+        """Whether readings are the map's ranges plus Gaussian noise, with no limit of range or incidence."""
+        limited = np.isfinite(self.max_range) or self.max_incidence < RIGHT_ANGLE
+        return type(self.noise) is Gaussian and not limited
+
+    def expected(self, states: ArrayLike) -> Array:
+        """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or grazes it."""
+        poses = self.space.poses(np.asarray(states, dtype=float))
+        ranges = self.room.ranges(poses, self.bearings)
+        if self.max_incidence < RIGHT_ANGLE:
+            return np.where(self._grazing(self.room.gradients(poses, self.bearings)), np.inf, ranges)
+        return ranges
+
+    def jacobian(self, states: Array) -> Array:
+        """d expected / d state: (..., n) -> (..., B, n); 0 where a beam meets no wall or grazes it."""
+        gradients = self.room.gradients(self.space.poses(states), self.bearings)
+        if self.max_incidence < RIGHT_ANGLE:
+            gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)
+        return self.space.from_pose_gradients(gradients)
+
+    def _grazing(self, gradients: Array) -> BoolArray:
+        """Which beams are lost: |d range / d x| is 1 / cos(incidence), and 0 for a wall met edge-on."""
+        slopes = np.hypot(gradients[..., 0], gradients[..., 1])
+        return np.asarray((slopes * np.cos(self.max_incidence) > 1) | (slopes == 0))
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """Log density of a measurement given expected ranges, summed over the measured beams; nats.
+
+        Args:
+            measurement: Readings (..., B), m; NaN = not measured, inf = no return.
+            expected: Ranges from `expected`, (..., B), m. The leading axes broadcast.
+
+        Returns:
+            Shape (...). A NaN reading adds nothing. An inf reading adds the log probability of a reading
+            beyond the maximum range or of none; a finite reading beyond that is impossible: -inf.
+        """
+        measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
+        if type(self.noise) is Gaussian:
+            total = self._gaussian(self.noise.stds, measurement, expected)
+            if np.isfinite(total).all() and not (measurement > self.max_range * (1 + ROUNDING)).any():
+                return total
+        return np.asarray(self.beam_log_density(measurement, expected).sum(-1))
+
+    def beam_log_density(self, measurement: Array, expected: Array) -> Array:
+        """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B); nats."""
+        measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
+        measured, silent = ~np.isnan(measurement), np.isposinf(measurement)
+        possible = np.isfinite(measurement) & (measurement <= self.max_range * (1 + ROUNDING))
+        terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
+        terms = np.where(possible, terms, -np.inf)
+        if silent.any():
+            terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
+        return np.where(measured, terms, 0.0)
+
+    @staticmethod
+    def _gaussian(stds: Array, measurement: Array, expected: Array) -> Array:
+        """The sum for Gaussian noise, quickly; not finite where a reading or a range is infinite."""
+        measured = ~np.isnan(measurement)
+        reading, weight = np.where(measured, measurement, 0.0), measured / stds
+        level = np.where(measured, 0.5 * LOG_TURN + np.log(stds), 0.0).sum(-1)
+        with np.errstate(invalid="ignore"):
+            if reading.shape[-1] > FEW:
+                deviates = (expected - reading) * weight
+                return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
+            total = -level  # numpy is slow on short rows: beam by beam
+            for beam in range(reading.shape[-1]):
+                total = total - 0.5 * ((expected[..., beam] - reading[..., beam]) * weight[..., beam]) ** 2
+        return np.asarray(total)
+
+    def sample(self, states: Array, rng: Generator) -> Array:
+        """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
+        return self.read(self.expected(states), rng)
+
+    def read(self, expected: Array, rng: Generator) -> Array:
+        """One measurement where these ranges are expected: (..., B) -> (..., B) m; `sample` past the map."""
+        reading = self.noise.sample(expected, rng)
+        reading = np.where(reading > self.max_range * (1 + ROUNDING), np.inf, reading)
+        return np.where(self.blind, np.nan, reading)

@@ -1,0 +1,259 @@
+"""The bootstrap particle filter (Gordon, Salmond and Smith, 1993), with moves for what stands still.
+
+Estimates come from the weights before resampling, which only adds noise: particles are resampled at the start
+of the next step, and only if their effective number is low.
+
+An object that stands still draws no noise that could tell copies apart. Copies are then moved by Metropolis
+steps on its exact posterior, the prior times the likelihood of all readings so far (Gilks and Berzuini, 2001;
+Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. Of an object that
+moves, a reading that would leave few effective particles is taken in by stages, with moves of the last step
+in between (last_step.py). The kernel of Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is
+thinner than its own covariance, as a ring or two modes are, and comes in unasked only where hardly any
+particle of an object that moves differs from another, as against a wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from ..estimator import Estimate
+from ..models import Stationary
+from ..problem import Prior, Problem
+from ..sampling import weighted_draws
+from ..space import Array
+from .belief import ParticleBelief, collected, stacked
+from .last_step import LastStep
+from .metropolis import Posterior, kernel_step, metropolis, root_of, spread_alike, within_walls
+from .resampling import SCHEMES
+from .weights import effective_number, equal, exp_of, longest_stage, weighted
+
+BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
+FEW = 100  # effective particles: with fewer, the covariance of an object that moves is not to be trusted
+Target = Posterior | LastStep
+
+
+@dataclass(frozen=True)
+class ParticleFilter:
+    """Particles weighted by the likelihood.
+
+    Args:
+        problem: What may be known.
+        particles: How many, N.
+        resample_below: Resample where the effective number of particles falls below this fraction of N.
+        resampling: "systematic", "stratified", "residual" or "multinomial".
+        regularise: Move copies apart after resampling: by Metropolis steps while the object stands still, and
+            in general by the noise of the motion once it moves. Where a reading would leave fewer than 100
+            effective particles of an object that may move, it is taken in by stages with Metropolis steps in
+            between, on the last move if there was one. With a `bandwidth`, by the kernel instead, moving or
+            not.
+        bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; None = no kernel.
+        moves: Metropolis steps after each resampling.
+        temper: Take in a measurement in as many stages as keep the effective number up, with moves in
+            between (Neal, 2001; Del Moral, Doucet and Jasra, 2006).
+
+    Raises:
+        ValueError: If an option is out of its range, or tempering is asked for without Metropolis steps.
+    """
+
+    problem: Problem
+    particles: int = 10_000
+    resample_below: float = 0.5
+    resampling: str = "systematic"
+    regularise: bool = True
+    bandwidth: float | None = None
+    moves: int = 3
+    temper: bool = False
+
+    def __post_init__(self) -> None:
+        if self.particles != int(self.particles) or self.particles < 2:
+            raise ValueError(f"particles must be a whole number from 2 on, got {self.particles}")
+        if not 0 <= self.resample_below <= 1:
+            raise ValueError(f"resample_below must be in [0, 1], got {self.resample_below}")
+        if self.resampling not in SCHEMES:
+            raise ValueError(f"no resampling {self.resampling!r}; there are {', '.join(SCHEMES)}")
+        if self.bandwidth is not None and not 0 < self.bandwidth < np.inf:
+            raise ValueError(f"bandwidth must be positive and finite, got {self.bandwidth}")
+        if self.moves != int(self.moves) or self.moves < 1:
+            raise ValueError(f"moves must be a whole number from 1 on, got {self.moves}")
+        if self.temper and not (self.regularise and self.bandwidth is None and 0 < self.resample_below < 1):
+            raise ValueError("temper needs regularise, no bandwidth, and 0 < resample_below < 1")
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
+        """N draws from the prior for every run, all of equal weight."""
+        states = np.stack([prior.sample(self.particles, rng) for rng in rngs])
+        log_weights = np.broadcast_to(equal(self.particles), states.shape[:2])
+        runs = len(rngs)
+        return ParticleBelief(states, log_weights, np.zeros(runs), prior, np.ones(runs, dtype=np.bool_))
+
+    def predict(self, belief: ParticleBelief, control: Array, rngs: Sequence[Generator]) -> ParticleBelief:
+        """Every particle moved with noise of its own; control (k,) shared, or (M, k).
+
+        A move without noise does not resample, and one that leaves all particles where they are changes
+        nothing. Walls are the motion's affair: see `Confined`.
+        """
+        motion = self.problem.motion
+        if isinstance(motion, Stationary):
+            return belief
+        control = np.asarray(control, dtype=float)
+        controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        clouds, starts = [], []
+        moves = np.zeros(len(rngs), dtype=np.bool_)
+        for run, rng in enumerate(rngs):
+            states, log_weights = belief.states[run], belief.log_weights[run]
+            noisy = motion.noise_covariance(states[0], controls[run]).any()
+            if noisy and effective_number(log_weights) < self.resample_below * self.particles:
+                target = self._target(belief, run) if belief.standing[run] else None
+                states, _, _ = self._resampled(states, log_weights, target, None, 0.0, rng)
+                log_weights = equal(self.particles)
+            moved = motion.sample(states, controls[run], rng)
+            moves[run] = noisy or not np.array_equal(moved, states)
+            if moves[run] and self.regularise:
+                weights = exp_of(log_weights)
+                moved, states = spread_alike(moved, states, weights, self.problem, rng)
+            clouds.append((moved, log_weights))
+            starts.append(states)
+        if not moves.any():
+            return collected(belief, clouds)
+        kept = (np.where(moves[:, None], np.nan, reading) for reading in belief.readings)
+        return collected(
+            belief,
+            clouds,
+            standing=belief.standing & ~moves,
+            readings=() if moves.all() else tuple(kept),
+            starts=stacked(starts),
+            controls=controls,
+        )
+
+    def update(self, belief: ParticleBelief, measurement: Array, rngs: Sequence[Generator]) -> ParticleBelief:
+        """Weights times the likelihood of a measurement (M, B); NaN = not measured, inf = no return.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B).
+        """
+        measurement = np.asarray(measurement, dtype=float)
+        shape = (len(rngs), len(self.problem.sensor.bearings))
+        if measurement.shape != shape:
+            raise ValueError(f"need a measurement of shape {shape}, got {measurement.shape}")
+        clouds, starts, gains = [], [], np.empty(len(rngs))
+        for run, rng in enumerate(rngs):
+            states, log_weights, start, gains[run] = self._update_run(belief, run, measurement[run], rng)
+            clouds.append((states, log_weights))
+            starts.append(start)
+        readings = belief.readings
+        if not np.isnan(measurement).all():
+            readings = (*readings, np.where(np.isneginf(gains)[:, None], np.nan, measurement))
+        kept = belief.starts if belief.starts is None else stacked([s for s in starts if s is not None])
+        log_evidence = belief.log_evidence + gains
+        return collected(belief, clouds, log_evidence=log_evidence, readings=readings, starts=kept)
+
+    def estimate(self, belief: ParticleBelief) -> Estimate:
+        """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,)."""
+        weights = exp_of(belief.log_weights)
+        mean, covariance = self.problem.space.moments(belief.states, weights)
+        return Estimate(mean, covariance, belief.log_evidence)
+
+    def sample(self, belief: ParticleBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Particles drawn by their weights, (M, size, n): where few have all the weight, copies of those."""
+        return weighted_draws(belief.states, exp_of(belief.log_weights), size, rngs)
+
+    def effective_particles(self, belief: ParticleBelief) -> Array:
+        """Effective number of particles 1 / sum w^2 (Kong, Liu and Wong, 1994), (M,)."""
+        return np.array([effective_number(log_weights) for log_weights in belief.log_weights])
+
+    def _update_run(
+        self, belief: ParticleBelief, run: int, reading: Array, rng: Generator
+    ) -> tuple[Array, Array, Array | None, float]:
+        """One run's states, log weights, starts of the last move, and log evidence of its reading (B,)."""
+        states, log_weights = belief.states[run], belief.log_weights[run]
+        unchanged = states, log_weights, None if belief.starts is None else belief.starts[run]
+        if np.isnan(reading).all():
+            return *unchanged, 0.0
+        enough = self.resample_below * self.particles
+        target = self._target(belief, run, reading)
+        if effective_number(log_weights) < enough:
+            states, log_density, target = self._resampled(states, log_weights, target, reading, 0.0, rng)
+            log_weights = equal(self.particles)
+        else:
+            log_density = self._log_density(reading, states)
+        gains, power = 0.0, 0.0
+        least = enough if self.temper else min(enough, FEW)
+        staged = self.temper or not isinstance(self.problem.motion, Stationary)
+        while staged and target is not None and log_density.max() > -np.inf:
+            stage = longest_stage(log_weights, log_density, 1.0 - power, least)
+            if power + stage >= 1.0:
+                break
+            log_weights, gain = weighted(log_weights, stage * log_density)
+            gains, power = gains + gain, power + stage
+            states, log_density, target = self._resampled(states, log_weights, target, reading, power, rng)
+            log_weights = equal(self.particles)
+        log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
+        if gain == -np.inf:
+            return *unchanged, gain
+        starts = target.starts if isinstance(target, LastStep) else unchanged[2]
+        return states, log_weights, starts, gains + gain
+
+    def _log_density(self, reading: Array | None, states: Array) -> Array:
+        total = np.zeros(len(states))
+        if reading is not None:
+            for start in range(0, len(states), BLOCK):
+                part = slice(start, start + BLOCK)
+                total[part] = self.problem.sensor.log_density(
+                    reading, self.problem.sensor.expected(states[part])
+                )
+        return total
+
+    def _target(self, belief: ParticleBelief, run: int, fresh: Array | None = None) -> Target | None:
+        """What Metropolis steps leave invariant; None where they are not wanted, or not known."""
+        if not self.regularise or self.bandwidth is not None:
+            return None
+        readings = [reading[run] for reading in belief.readings if not np.isnan(reading[run]).all()]
+        if belief.standing[run]:
+            return Posterior(belief.prior, self.problem.sensor, readings, fresh)
+        if belief.starts is None or belief.controls is None or fresh is None:
+            return None
+        return LastStep(self.problem, belief.starts[run], belief.controls[run], readings, fresh)
+
+    def _resampled(
+        self,
+        states: Array,
+        log_weights: Array,
+        target: Target | None,
+        reading: Array | None,
+        power: float,
+        rng: Generator,
+    ) -> tuple[Array, Array, Target | None]:
+        """States of equal weight, moved apart, the log density of the reading there, and their target."""
+        space = self.problem.space
+        weights = exp_of(log_weights)
+        ancestors = SCHEMES[self.resampling](weights, rng)
+        copies = states.take(ancestors, axis=0)
+        kernel = self.regularise and self.bandwidth is not None
+        if kernel or isinstance(target, Posterior):
+            mean, covariance = space.moments(states, weights / weights.sum())
+        if kernel:
+            moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
+            moved = within_walls(self.problem.sensor, copies, moved)
+            return moved, self._log_density(reading, moved), target
+        first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
+        counts = np.diff(first, append=len(ancestors))
+        if target is None:
+            return copies, np.repeat(self._log_density(reading, copies[first]), counts), None
+        known, fresh = target.log_densities(copies[first])
+        logs = np.repeat(known, counts), np.repeat(fresh, counts)
+        if isinstance(target, LastStep):
+            target = target.of(ancestors)
+            moved, log_density = target.renewed(copies, logs, power, self.moves, rng)
+            weights = exp_of(equal(self.particles))
+            spread, starts = spread_alike(moved, target.starts, weights, self.problem, rng)
+            if spread is not moved:
+                target = replace(target, starts=starts)
+                log_density = self._log_density(reading, spread)
+            return spread, log_density, target
+        _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
+        spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
+        root = root_of(covariance + spacing)
+        return *metropolis(copies, logs, target, power, root, space, self.moves, rng), target

@@ -1,0 +1,117 @@
+"""Moves of particles whose object has just moved: where the last step ended is drawn anew, its start kept.
+
+A particle that came from a start a by the law p(x | a) of the motion, and met readings of likelihood L(x)
+since, has the target p(x | a) L(x): resample-move (Gilks and Berzuini, 2001) on the last step alone. The
+motion needs only to be sampled, walls and all: a draw of x' from p(. | a) is accepted with probability
+min(1, L(x') / L(x)). Where the noise is Gaussian, half of the proposals change only a part of it
+(preconditioned Crank-Nicolson: Neal, 1999; Cotter, Roberts, Stuart and White, 2013):
+x' = m + sqrt(1 - b^2) (x - m) + b e, with m the mean of the step and e fresh noise. That leaves N as it is,
+so the same ratio is right, or zero where a wall is in the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ..models import Confined, ConstantVelocity, Odometry, RandomWalk
+from ..problem import Motion, Problem
+from ..space import Array, BoolArray, StateSpace
+
+SMALLEST = 0.05  # share of the noise that a proposal draws anew, at least
+TURNS_LITTLE = 0.5  # rad; noise of a heading that is not felt to be on a circle
+
+
+@dataclass(frozen=True)
+class LastStep:
+    """What is known of where a step ended: its law from each start, times the likelihood of readings since.
+
+    starts: Where each particle was before the step, (N, n).
+    control: Of the step, (k,).
+    readings: Measurements taken in since, (B,) each.
+    fresh: The one that is to be taken in, (B,).
+    """
+
+    problem: Problem
+    starts: Array
+    control: Array
+    readings: Sequence[Array]
+    fresh: Array
+
+    def of(self, ancestors: NDArray[np.intp]) -> LastStep:
+        """The same for copies of these particles."""
+        return replace(self, starts=self.starts.take(ancestors, axis=0))
+
+    def log_densities(self, states: Array) -> tuple[Array, Array]:
+        """Log density of the readings taken in, and that of the fresh one: (N, n) -> (N,) each."""
+        sensor = self.problem.sensor
+        expected = sensor.expected(states)
+        known = np.zeros(len(states))
+        for reading in self.readings:
+            known += sensor.log_density(reading, expected)
+        return known, sensor.log_density(self.fresh, expected)
+
+    def renewed(
+        self, states: Array, log_densities: tuple[Array, Array], power: float, steps: int, rng: Generator
+    ) -> tuple[Array, Array]:
+        """Metropolis steps that leave the law times the likelihoods as they are.
+
+        Args:
+            states: Where particles are, (N, n), one for each start.
+            log_densities: What `log_densities` says there, (N,) each.
+            power: The fresh measurement counts with its likelihood to this power, in [0, 1].
+            steps: How many.
+            rng: Draws what the motion draws, and 3 N numbers more for each step.
+
+        Returns:
+            Where they are then, (N, n), and the log density of the fresh measurement there, (N,).
+        """
+        known, fresh = log_densities
+        for _ in range(steps):
+            proposal = self._proposal(states, rng)
+            known_there, fresh_there = self.log_densities(proposal)
+            with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
+                gain = known_there - known
+                if power > 0:
+                    gain += power * (fresh_there - fresh)
+                accepted = -rng.standard_exponential(len(states)) < gain
+            states = np.where(accepted[:, None], proposal, states)
+            known, fresh = np.where(accepted, known_there, known), np.where(accepted, fresh_there, fresh)
+        return states, fresh
+
+    def _proposal(self, states: Array, rng: Generator) -> Array:
+        """Half of the steps drawn anew, half changed in part; the state as it is where a wall is met."""
+        motion, space = self.problem.motion, self.problem.space
+        free = motion.motion if isinstance(motion, Confined) else motion
+        anew = rng.random(len(states)) < (0.5 if self._is_gaussian(free) else 1.0)
+        proposal = states.copy()
+        proposal[anew] = motion.sample(self.starts[anew], self.control, rng)
+        changed = ~anew & (states != self.starts).any(axis=-1)  # what stayed at a wall has no noise to change
+        starts = self.starts[changed]
+        part = _partly(free, starts, states[changed], self.control, space, rng)
+        if isinstance(motion, Confined):
+            clear: BoolArray = motion.allows(starts, part)
+            part = np.where(clear[:, None], part, states[changed])
+        proposal[changed] = part
+        return proposal
+
+    def _is_gaussian(self, free: Motion) -> bool:
+        """Whether the noise is Gaussian, and that of a heading far from going round."""
+        if not isinstance(free, RandomWalk | ConstantVelocity | Odometry):
+            return False
+        variances = np.diagonal(free.noise_covariance(self.starts[0], self.control))
+        return bool((variances[self.problem.space.is_angle] <= TURNS_LITTLE**2).all())
+
+
+def _partly(
+    free: Motion, starts: Array, states: Array, control: Array, space: StateSpace, rng: Generator
+) -> Array:
+    """Steps from starts to states with a part of their Gaussian noise drawn anew, (N, n)."""
+    mean = free.mean(starts, control)
+    share = SMALLEST ** rng.random((len(starts), 1))
+    noise = space.difference(free.sample(starts, control, rng), mean)
+    return space.wrap(mean + np.sqrt(1.0 - share**2) * space.difference(states, mean) + share * noise)

@@ -1,0 +1,166 @@
+"""Moves that tell copies of a particle apart after resampling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from ..models import is_clear
+from ..problem import Prior, Problem, Sensor
+from ..space import Array, StateSpace
+
+BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
+ALIKE = 64  # points in fewer places than that are spread
+SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of an object that has stood still: the prior times the likelihood of its readings.
+
+    readings: Measurements taken in already, (B,) each.
+    fresh: The one that is to be taken in, (B,); kept apart so that it can come in by stages.
+    """
+
+    prior: Prior
+    sensor: Sensor
+    readings: Sequence[Array]
+    fresh: Array | None = None
+
+    def log_densities(self, states: Array) -> tuple[Array, Array]:
+        """Unnormalised log posterior without the fresh measurement, and that one's log density: (N,) each."""
+        known = self.prior.log_density(states)
+        fresh = np.zeros(len(states))
+        inside = np.flatnonzero(known > -np.inf)
+        if len(inside) and (self.fresh is not None or len(self.readings)):
+            expected = self.sensor.expected(states[inside])
+            for reading in self.readings:
+                known[inside] += self.sensor.log_density(reading, expected)
+            if self.fresh is not None:
+                fresh[inside] = self.sensor.log_density(self.fresh, expected)
+        return known, fresh
+
+
+def metropolis(
+    states: Array,
+    log_densities: tuple[Array, Array],
+    posterior: Posterior,
+    power: float,
+    root: Array,
+    space: StateSpace,
+    steps: int,
+    rng: Generator,
+) -> tuple[Array, Array]:
+    """Random walks that leave the posterior as it is (Metropolis et al., 1953).
+
+    The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide.
+
+    Args:
+        states: Where they start, (N, n).
+        log_densities: What `Posterior.log_densities` says there, (N,) each.
+        posterior: What they leave invariant, with the fresh measurement's likelihood to the `power`.
+        power: In [0, 1].
+        root: A root of the steps' covariance, (n, n).
+        space: The state space.
+        steps: How many.
+        rng: Draws N (n + 2) numbers for each step.
+
+    Returns:
+        Where they end, (N, n), and the log density of the fresh measurement there, (N,).
+    """
+    ends, log_fresh = np.empty_like(states), np.empty(len(states))
+    for start in range(0, len(states), BLOCK):
+        part = slice(start, start + BLOCK)
+        here = states[part]
+        known, fresh = log_densities[0][part], log_densities[1][part]
+        for _ in range(steps):
+            scale = SMALLEST * np.exp(np.log(LARGEST / SMALLEST) * rng.random(len(here)))
+            step = (rng.standard_normal(here.shape) @ root.T) * scale[:, None]
+            proposal = space.wrap(here + step)
+            known_there, fresh_there = posterior.log_densities(proposal)
+            with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
+                gain = known_there - known
+                if power > 0:
+                    gain += power * (fresh_there - fresh)
+                accepted = -rng.standard_exponential(len(here)) < gain
+            here = np.where(accepted[:, None], proposal, here)
+            known = np.where(accepted, known_there, known)
+            fresh = np.where(accepted, fresh_there, fresh)
+        ends[part], log_fresh[part] = here, fresh
+    return ends, log_fresh
+
+
+def kernel_step(
+    states: Array, mean: Array, covariance: Array, width: float, space: StateSpace, rng: Generator
+) -> Array:
+    """Gaussian noise about points drawn towards the mean, so that mean and covariance stay what they were.
+
+    Musso, Oudjane and Le Gland (2001), shrunk as by Liu and West (2001).
+
+    Args:
+        states: Resampled points, (N, n).
+        mean: Their mean before resampling, (n,).
+        covariance: Their covariance before resampling, (n, n).
+        width: As a multiple of the best for a Gaussian density.
+        space: The state space.
+        rng: Draws N n numbers.
+    """
+    size, components = states.shape
+    h = min(1.0, width * best_width(size, components))
+    noise = rng.standard_normal(states.shape) @ root_of(covariance).T
+    shrunk = mean + np.sqrt(1.0 - h * h) * space.difference(states, mean)
+    return space.wrap(shrunk + h * noise)
+
+
+def best_width(size: int, components: int) -> float:
+    """Width of the Gaussian kernel that is best for N points of a Gaussian density of n components."""
+    return float((4.0 / (size * (components + 2))) ** (1.0 / (components + 4)))
+
+
+def root_of(covariance: Array) -> Array:
+    """R with R R' = covariance, for any symmetric matrix without negative eigenvalues: (n, n) -> (n, n)."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def spread_alike(
+    states: Array, starts: Array, weights: Array, problem: Problem, rng: Generator
+) -> tuple[Array, Array]:
+    """Points spread by kernel noise where hardly any differs from another, else as they are.
+
+    Nothing else can tell copies apart that stand against a wall, or that move without noise. The noise adds
+    to their covariance (Musso, Oudjane and Le Gland, 2001), with the width that is best for as many points
+    as there are places.
+
+    Args:
+        states: Points, (N, n).
+        starts: Points that go along, (N, n): where they were before the last move.
+        weights: Weights that sum to one, (N,).
+        problem: Its space, and the walls that its sensor knows.
+        rng: Draws N n numbers if anything is to be done.
+    """
+    places = min(len(np.unique(column)) for column in states.T)
+    if places >= min(ALIKE, len(states) // 2):
+        return states, starts
+    space, sensor = problem.space, problem.sensor
+    _, covariance = space.moments(states, weights)
+    noise = rng.standard_normal(states.shape) @ root_of(covariance).T
+    moved = within_walls(sensor, states, space.wrap(states + best_width(places, space.size) * noise))
+    return moved, within_walls(sensor, starts, space.wrap(starts + space.difference(moved, states)))
+
+
+def within_walls(sensor: Sensor, start: Array, end: Array) -> Array:
+    """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n).
+
+    A sensor that has no map, as `room`, knows of no walls.
+    """
+    room = getattr(sensor, "room", None)
+    if room is None:
+        return end
+    where = sensor.space.position_indices
+    clear = is_clear(room, start[:, where], end[:, where])
+    return np.where(clear[:, None], end, start)

@@ -1,0 +1,124 @@
+"""A grid of cells over the free part of a prior's support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..problem import Prior
+from ..space import TURN, Array, StateSpace
+
+TILE = 8  # cells along a side of the tiles in which cells are stored, so that neighbours lie together
+SPOT_TILE = 4  # the same for places, where all headings of a place are stored together
+CHUNK = 1 << 18  # cells whose prior is asked for at once
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The cells of a regular grid that the prior allows, stored tile by tile.
+
+    Where the last of three components is the heading, the tiles are of places, all headings of a place lie in
+    a row, and those that the prior does not allow have a log mass of -inf.
+
+    shape: Cells along each axis, n numbers, the whole box counted.
+    lower: Lower corner of the box, (n,).
+    step: Cell size along each axis, (n,); m, or rad for an angle.
+    index: Place of each allowed cell in the box, row-major, (G,).
+    centres: Their centres, (G, n).
+    log_mass: Their log prior probabilities, (G,), which sum to one.
+    turns: How many cells in a row are the headings of one place; 1 where the heading is known.
+    """
+
+    shape: tuple[int, ...]
+    lower: Array
+    step: Array
+    index: NDArray[np.int64]
+    centres: Array
+    log_mass: Array
+    turns: int = 1
+
+    def image(self, values: ArrayLike) -> Array:
+        """Values of the allowed cells (..., G) laid out as the whole box (..., *shape); NaN elsewhere."""
+        values = np.asarray(values, dtype=float)
+        box = np.full((*values.shape[:-1], int(np.prod(self.shape))), np.nan)
+        box[..., self.index] = values
+        return box.reshape(*values.shape[:-1], *self.shape)
+
+    @cached_property
+    def cell_at(self) -> NDArray[np.int32]:
+        """Which cell lies at each place of the box, row-major; -1 = none."""
+        cells = np.full(int(np.prod(self.shape)), -1, np.int32)
+        cells[self.index] = np.arange(len(self.index))
+        return cells
+
+    @property
+    def goes_round(self) -> bool:
+        """Whether the last axis is a whole circle of headings."""
+        return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TURN) < 1e-9
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Lower and upper edge of each axis in turn, (lower1, upper1, lower2, upper2, ...)."""
+        upper = self.lower + self.step * self.shape
+        return tuple(float(edge) for pair in zip(self.lower, upper, strict=True) for edge in pair)
+
+
+def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Grid:
+    """Cover the prior's support with cells no larger than asked and keep those it allows.
+
+    Args:
+        prior: The prior; a cell's probability is its density at the centre, normalised over the cells.
+        space: The state space.
+        cell: Largest cell size, one number or one for each component; m, or rad for an angle.
+        most: The most cells the box may have.
+
+    Raises:
+        ValueError: If a size is not positive, the box has more cells than allowed, or no cell is allowed.
+    """
+    lower, upper = prior.support
+    try:
+        sizes = np.broadcast_to(np.asarray(cell, dtype=float), lower.shape)
+    except ValueError:
+        raise ValueError(f"need one cell size, or one for each of {', '.join(space.names)}") from None
+    if not (np.isfinite(sizes).all() and (sizes > 0).all()):
+        raise ValueError(f"the cell size must be positive and finite, got {cell!r}")
+    counts = np.maximum(1, np.ceil((upper - lower) / sizes * (1 - 1e-9)))
+    if counts.prod() > most:
+        raise ValueError(
+            f"{' x '.join(f'{count:.0f}' for count in counts)} cells are more than {most}: "
+            "take larger cells or a smaller prior"
+        )
+    shape = tuple(int(count) for count in counts)
+    step = (upper - lower) / counts
+    turns = shape[-1] if space.names[-1] == "heading" and space.size == 3 else 1
+    places = _tiled(shape[:-1], SPOT_TILE) if turns > 1 else _tiled(shape, TILE)
+    row = np.arange(turns)
+    index = np.empty((len(places), turns), np.int64)
+    centres = np.empty((len(places), turns, space.size))
+    log_mass = np.empty((len(places), turns))
+    count, size = 0, max(1, CHUNK // turns)
+    for start in range(0, len(places), size):
+        cells = places[start : start + size, None] * turns + row
+        numbers = np.stack(np.unravel_index(cells.ravel(), shape), -1)  # numpy 2.4 errs on long columns
+        points = (lower + step * (numbers + 0.5)).reshape(*cells.shape, -1)
+        density = prior.log_density(points)
+        allowed = (density > -np.inf).any(axis=1)
+        rows = slice(count, count := count + int(allowed.sum()))
+        index[rows], centres[rows], log_mass[rows] = cells[allowed], points[allowed], density[allowed]
+    if not count:
+        raise ValueError("the prior allows the centre of no cell: take smaller cells")
+    log = log_mass[:count].ravel()
+    log -= log.max()
+    log -= np.log(np.exp(log).sum())
+    states = centres[:count].reshape(-1, space.size)
+    return Grid(shape, lower, step, index[:count].ravel(), states, log, turns)
+
+
+def _tiled(shape: tuple[int, ...], tile: int) -> NDArray[np.int64]:
+    """Row-major places of all cells of a box, ordered tile by tile."""
+    places = np.indices(shape, dtype=np.int32).reshape(len(shape), -1)
+    keys = [*reversed(places % tile), *reversed(places // tile)]  # the last key sorts first
+    return np.lexsort(keys)

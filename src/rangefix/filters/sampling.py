@@ -1,0 +1,108 @@
+"""Draws from beliefs: of weighted points, of Gaussians, and of the cells of a grid.
+
+What is drawn has the mean and covariance that the estimator claims, whatever else the belief is: whoever
+counts ranks among the draws judges the claim itself. Run m draws from rngs[m] alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from .space import Array, StateSpace
+
+NEGLIGIBLE = -28.0  # log of a weight over the heaviest cell's below which a cell is never drawn
+
+
+def weighted_draws(points: Array, weights: Array, size: int, rngs: Sequence[Generator]) -> Array:
+    """The points themselves, each as often as it weighs: a belief in few points gives many copies of them.
+
+    Args:
+        points: (M, N, n).
+        weights: Not negative, (M, N); they need not sum to one.
+        size: Draws of each run, S.
+        rngs: One generator for each run.
+
+    Returns:
+        Independent draws, (M, S, n).
+    """
+    runs = zip(points, weights, rngs, strict=True)
+    return np.stack([mine[_places(heavy, size, rng)] for mine, heavy, rng in runs])
+
+
+def gaussian_draws(
+    mean: Array, covariance: Array, size: int, space: StateSpace, rngs: Sequence[Generator]
+) -> Array:
+    """Draws from N(mean, covariance), angles wrapped onto the circle.
+
+    A claimed spread of the order of a turn is more than an angle can have, and the draws have less.
+
+    Args:
+        mean: (M, n).
+        covariance: Positive semidefinite, (M, n, n).
+        size: Draws of each run, S.
+        space: The state space.
+        rngs: One generator for each run.
+
+    Returns:
+        Independent draws, (M, S, n).
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    noise = np.stack([rng.standard_normal((size, space.size)) for rng in rngs])
+    return space.wrap(mean[:, None, :] + noise @ np.swapaxes(root, 1, 2))
+
+
+def cell_draws(
+    centres: Array,
+    log_weights: Array,
+    step: Array,
+    claim: tuple[Array, Array],
+    size: int,
+    space: StateSpace,
+    rng: Generator,
+) -> Array:
+    """Draws from the cells of one run's grid: even within each, then drawn together to the claimed spread.
+
+    Points even within cells of width h have h^2 / 12 more variance than the cells' centres: more than is
+    claimed unless the belief is narrower than a cell (docs/decisions/0002-cell-width.md). So they are moved
+    towards the mean by the linear map that gives them the claimed covariance: by about h^2 / (24 s) of their
+    distance for a variance s, much less than a cell. Beliefs in modes narrower than a cell are drawn alike;
+    what such draws have within modes is what the covariance claims there.
+
+    Args:
+        centres: Of the cells, (G, n).
+        log_weights: Need not be normalised, not all -inf, (G,).
+        step: Cell size along each axis, (n,).
+        claim: Claimed mean (n,) and covariance (n, n), positive semidefinite.
+        size: Draws, S.
+        space: The state space.
+        rng: The run's generator.
+
+    Returns:
+        Independent draws, (S, n); some may lie a part of a cell inside a wall.
+    """
+    mean, covariance = claim
+    top = log_weights.max()
+    kept = np.flatnonzero(log_weights > top + NEGLIGIBLE)
+    centres, weights = centres[kept], np.exp(log_weights[kept] - top)
+    weights /= weights.sum()
+    places = _places(weights, size, rng)
+    within = step * (rng.random((size, len(step))) - 0.5)
+    off = space.difference(centres, mean)  # where angles cancel, another mean would be another turn
+    root = np.linalg.cholesky((off * weights[:, None]).T @ off + np.diag(step**2 / 12))
+    white = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
+    values, vectors = np.linalg.eigh(white)
+    shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    # not wrapped before it is moved: across the cut the map would throw a place by a whole turn's share
+    return space.wrap(mean + (off[places] + within) @ np.linalg.solve(root.T, shrink @ root.T))
+
+
+def _places(weights: Array, size: int, rng: Generator) -> NDArray[np.intp]:
+    """Independent places, each as probable as its weight: (N,) -> (size,)."""
+    sums = np.cumsum(weights)
+    places: NDArray[np.intp] = np.searchsorted(sums, sums[-1] * rng.random(size), side="right")
+    return np.minimum(places, len(sums) - 1, out=places)  # rounding may reach the last sum
