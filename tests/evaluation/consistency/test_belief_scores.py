@@ -28,7 +28,7 @@ from rangefix.evaluation.results import Plan, read_part, trials_path, write_part
 from rangefix.filters import EachRun, build, pose_space, position_space
 from rangefix.filters.estimator import CanSample, draw
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 SPACE = position_space(heading=0.0)
 

@@ -20,7 +20,7 @@ from rangefix.filters.particle.last_step import LastStep
 from rangefix.filters.particle.metropolis import best_width, spread_alike
 from rangefix.maps import FloorPlan
 
-from .brute_motion import recursion
+from ..adaptive.brute_motion import recursion
 
 SPACE, POSE = position_space(), pose_space()
 FOUR_ROOMS = FloorPlan(

@@ -16,7 +16,7 @@ from rangefix.evaluation.isolation.checks import check_apart
 from rangefix.evaluation.monte_carlo import guard
 from rangefix.filters.checks import check_names
 
-from .conftest import make_problem
+from ..conftest import make_problem
 
 PLUGIN = """
 import os, sys, threading, time

@@ -18,8 +18,8 @@ from rangefix.filters import (
 from rangefix.filters.particle import ParticleFilter
 from rangefix.maps import FloorPlan
 
+from ..test_linear_gaussian import LinearSensor
 from .brute_motion import Openings, moved, recursion
-from .test_linear_gaussian import LinearSensor
 
 SPACE, POSE = position_space(), pose_space()
 PLAN = FloorPlan([[0, 0], [2.4, 0], [2.4, 1.8], [0, 1.8]], walls=[[1.2, 0, 1.2, 0.6], [1.2, 1.2, 1.2, 1.8]])

@@ -13,7 +13,7 @@ from rangefix.evaluation.monte_carlo.timing import seconds_per_update
 from rangefix.evaluation.monte_carlo.trial import Trial
 from rangefix.filters import EachRun, Estimate
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 RUNS = 12
 MEASUREMENT = np.arange(float(RUNS))[:, None, None] * np.ones(3)

@@ -1,6 +1,6 @@
 """Verdicts on planted truths; false alarms no more often than stated.
 
-By hand, for the figures in docs/report.md: python -m tests.evaluation.test_verdict 400 FOLDER
+By hand, for the figures in docs/report.md: python -m tests.evaluation.consistency.test_verdict 400 FOLDER
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rangefix.evaluation.consistency.intervals import p_value
 from rangefix.evaluation.consistency.verdict import BY_ANEES, verdict
 from rangefix.filters import Estimate, Estimator, Problem, Rangefinder, StudentT, build
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 
 @dataclass(frozen=True)

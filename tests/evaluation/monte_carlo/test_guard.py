@@ -20,7 +20,7 @@ from rangefix.evaluation.monte_carlo.guard import Guard
 from rangefix.evaluation.monte_carlo.trial import Trial
 from rangefix.evaluation.results.outcome import is_covariance
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 PLUGIN = """
 import os, sys, time

@@ -25,8 +25,8 @@ from rangefix.evaluation.results import Plan, read_part, trials_path, write_json
 from rangefix.evaluation.results.files import read_json
 from rangefix.filters import RandomWalk
 
+from ..conftest import PriorOnly, make_problem
 from .browser import LOW_CONTRAST, OVERFLOWING, SIZES, Browser, browser, missing
-from .conftest import PriorOnly, make_problem
 
 HOSTILE = (
     "</title></style><script>document.body.remove()</script><img src=x onerror=alert(1)>\"'&\u202e\x00 $x_1$"

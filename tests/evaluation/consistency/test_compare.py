@@ -11,7 +11,7 @@ from rangefix.evaluation import Experiment, load_study, run, summarise
 from rangefix.evaluation.monte_carlo.evidence_floor import evidence_floor
 from rangefix.evaluation.monte_carlo.trial import Trial
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 
 @pytest.fixture(scope="module")

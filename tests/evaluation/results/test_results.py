@@ -12,7 +12,7 @@ from rangefix.evaluation import Experiment, Named, ResultsError, load, mean_inte
 from rangefix.evaluation.consistency.intervals import Moments
 from rangefix.evaluation.results import dataframes, results
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 
 @pytest.fixture(scope="module")

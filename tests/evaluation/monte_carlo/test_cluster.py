@@ -16,7 +16,7 @@ from rangefix.evaluation.isolation import process as process_module
 from rangefix.evaluation.monte_carlo import backends, keys, worker
 from rangefix.evaluation.monte_carlo.simulate import Simulation
 
-from .conftest import make_problem
+from ..conftest import make_problem
 
 PLUGIN = """
 import time

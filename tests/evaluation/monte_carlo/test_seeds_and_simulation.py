@@ -16,7 +16,7 @@ from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.seeds import Streams
 from rangefix.filters import BeamMixture, Gaussian, Quantised, Rangefinder, RangeProportional, StudentT
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 
 def experiment(**changes):

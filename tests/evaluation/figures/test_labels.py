@@ -15,7 +15,7 @@ from rangefix.evaluation.drawing import draw
 from rangefix.evaluation.figures import study_figures
 from rangefix.evaluation.figures.labels import LONGEST, drawable
 
-from .conftest import make_problem
+from ..conftest import make_problem
 
 LONG = "a label that goes on and on, with $x^2$ in the midst of it and beyond, "
 LABELS = (r"$\frac{1}$", f"{LONG}to its own end", f"{LONG}to another end", "plain")

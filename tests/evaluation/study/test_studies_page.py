@@ -14,7 +14,7 @@ from rangefix.evaluation.study.mistakes import _kinds
 from rangefix.evaluation.study.read import KINDS
 from rangefix.evaluation.study.sections import SensorSection
 
-PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
+PAGE = Path(__file__).parents[3] / "docs" / "studies.md"
 if not PAGE.is_file():  # a source distribution has it, an installed package has not
     pytest.skip("the page is not there", allow_module_level=True)
 TEXT = PAGE.read_text(encoding="utf-8")

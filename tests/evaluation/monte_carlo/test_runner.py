@@ -17,7 +17,7 @@ from rangefix.evaluation import Experiment, Named, ResultsError, load, run, summ
 from rangefix.evaluation.monte_carlo import keys
 from rangefix.evaluation.monte_carlo import worker as crew_module
 
-from .conftest import PriorOnly, make_problem
+from ..conftest import PriorOnly, make_problem
 
 PLUGIN = """
 from dataclasses import dataclass
