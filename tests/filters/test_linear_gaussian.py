@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rangefix.arrays import Array
 from rangefix.filters import (
     ConstantVelocity,
     EachRun,
@@ -37,7 +38,6 @@ from rangefix.filters.kalman import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.registry import BUILT_IN
-from rangefix.filters.space import Array
 
 SPACE = position_space()
 RUNS = 4

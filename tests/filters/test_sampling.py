@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rangefix.arrays import Array
 from rangefix.filters import (
     EachRun,
     Gaussian,
@@ -21,7 +22,6 @@ from rangefix.filters import (
 )
 from rangefix.filters.checks.problems import pose_problem
 from rangefix.filters.sampling import cell_draws, gaussian_draws, weighted_draws
-from rangefix.filters.space import Array
 from rangefix.maps import RectangularRoom
 
 RUNS = 3

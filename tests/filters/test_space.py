@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from rangefix.arrays import wrap
 from rangefix.filters import StateSpace, pose_space, position_space, velocity_space
-from rangefix.filters.space import wrap
 
 POSE = pose_space()
 angles = st.floats(-50, 50)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Array, BoolArray
 from ..filters import Estimator, Problem
-from ..filters.space import Array, BoolArray
 
 Builder = Callable[[Problem], Estimator[Any]]
 SPELT_OUT = 8  # sets of more beams are labelled by ranges

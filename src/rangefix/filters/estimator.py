@@ -9,8 +9,8 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkabl
 import numpy as np
 from numpy.random import Generator
 
+from ..arrays import Array
 from .problem import Prior
-from .space import Array
 
 Belief = TypeVar("Belief")
 Sampled = TypeVar("Sampled", contravariant=True)

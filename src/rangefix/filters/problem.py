@@ -7,7 +7,8 @@ from typing import Protocol
 
 from numpy.random import Generator
 
-from .space import Array, BoolArray, StateSpace
+from ..arrays import Array, BoolArray
+from .space import StateSpace
 
 
 class RangeMap(Protocol):

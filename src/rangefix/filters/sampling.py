@@ -12,7 +12,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from .space import Array, StateSpace
+from ..arrays import Array
+from .space import StateSpace
 
 NEGLIGIBLE = -28.0  # log of a weight over the heaviest cell's below which a cell is never drawn
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-TURN = 2.0 * np.pi
+from ..arrays import TWO_PI, Array, BoolArray
 
 
 def wrap(angle: Array) -> Array:
     """The same angle in [-pi, pi), rad."""
-    return (angle + np.pi) % TURN - np.pi
+    return (angle + np.pi) % TWO_PI - np.pi
 
 
 @dataclass(frozen=True)

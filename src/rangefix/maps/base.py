@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from ..arrays import Array
+
 PARALLEL = 1e-15  # below this a sine or cosine is rounding: right angles are exact
 EDGE_ON = 1e-12  # below this |v.d| a wall is met edge-on, and its range has no derivative
 

@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .base import Array, BoolArray, Hits, MapError, check_points
+from ..arrays import Array, BoolArray
+from .base import Hits, MapError, check_points
 from .polygon import ON_BORDER, check_polygon, edges, locate, meeting
 from .walls import Walls
 

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Array, BoolArray, MapError
+from ..arrays import Array, BoolArray, IntArray
+from .base import MapError
 from .walls import Walls
 
 BLOCKED, FREE, MIXED = 0, 1, 2
@@ -156,7 +157,7 @@ def _part_at(
     raise MapError(f"{name}: reachable_from {point.tolist()} is in a wall, in a pillar or off the floor")
 
 
-def _cell(points: Array, origin: Array, resolution: float) -> NDArray[np.int64]:
+def _cell(points: Array, origin: Array, resolution: float) -> IntArray:
     position = np.nan_to_num((points - origin) / resolution, nan=-1.0)
     return np.asarray(np.floor(np.clip(position, -2.0, 1e9)), dtype=np.int64)
 
@@ -176,7 +177,7 @@ def _in_sight(points: Array, targets: Array, walls: Walls) -> BoolArray:
     return np.asarray(walls.ranges(poses, np.zeros(1))[:, 0] >= np.hypot(*ahead.T) - 1e-9)
 
 
-def _cells_on(segments: Array, origin: Array, resolution: float) -> NDArray[np.int64]:
+def _cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
     """Cells that segments run through, (k, 2): the middle between one grid line crossed and the next."""
     ends = (segments.reshape(-1, 2, 2) - origin) / resolution
     a, along = ends[:, 0], ends[:, 1] - ends[:, 0]

@@ -7,10 +7,11 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, BoolArray, IntArray
 from ._open3d import open3d
-from .base import Array, BoolArray, Hits, MapError, check_points
+from .base import Hits, MapError, check_points
 from .free_space import FreeSpace, find_free_space
 from .walls import Walls
 
@@ -141,7 +142,7 @@ class MeshRoom:
         return hash((self.sensor_height, self.segments.tobytes()))
 
 
-def cut(vertices: Array, triangles: NDArray[np.int64], height: float) -> Array:
+def cut(vertices: Array, triangles: IntArray, height: float) -> Array:
     """Where triangles meet the plane z = height: segments (S, 4).
 
     A vertex in the plane counts as above it, so neighbours agree and a face in the plane adds nothing; a
@@ -156,7 +157,7 @@ def cut(vertices: Array, triangles: NDArray[np.int64], height: float) -> Array:
     rows = np.arange(len(triangles))
     apex = triangles[rows, lone]
 
-    def crossing(other: NDArray[np.int64]) -> Array:
+    def crossing(other: IntArray) -> Array:
         i, j = np.minimum(apex, other), np.maximum(apex, other)
         share = z[i] / (z[i] - z[j])
         return np.asarray(vertices[i, :2] + share[:, None] * (vertices[j, :2] - vertices[i, :2]))
@@ -165,7 +166,7 @@ def cut(vertices: Array, triangles: NDArray[np.int64], height: float) -> Array:
     return np.asarray(segments[np.hypot(*(segments[:, 2:] - segments[:, :2]).T) > SHORT])
 
 
-def _drop(vertices: Array, triangles: NDArray[np.int64], height: float, points: Array) -> Array:
+def _drop(vertices: Array, triangles: IntArray, height: float, points: Array) -> Array:
     """z of the first surface below points (N, 2) at a height; -inf where there is none."""
     o3d = open3d()
     tensor, scene = o3d.core.Tensor.from_numpy, o3d.t.geometry.RaycastingScene()
@@ -178,7 +179,7 @@ def _drop(vertices: Array, triangles: NDArray[np.int64], height: float, points: 
     return np.asarray(height - answer["t_hit"].numpy().astype(np.float64))
 
 
-def _check_mesh(vertices: ArrayLike, triangles: ArrayLike, name: str) -> tuple[Array, NDArray[np.int64]]:
+def _check_mesh(vertices: ArrayLike, triangles: ArrayLike, name: str) -> tuple[Array, IntArray]:
     points, corners = np.array(vertices, dtype=np.float64), np.array(triangles)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MapError(f"{name}: vertices are x1, x2, z: shape (V, 3), got {points.shape}")

@@ -11,16 +11,16 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, IntArray
 from ._open3d import open3d
-from .base import Array, MapError
+from .base import MapError
 
 MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 PathLike = str | os.PathLike[str]
 
 
-def read_mesh(path: PathLike) -> tuple[Array, NDArray[np.int64]]:
+def read_mesh(path: PathLike) -> tuple[Array, IntArray]:
     """Vertices (V, 3) and triangles (T, 3) of a mesh file; Open3D's own messages are kept silent.
 
     Raises:

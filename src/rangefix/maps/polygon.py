@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .base import Array, BoolArray, MapError
+from ..arrays import Array, BoolArray
+from .base import MapError
 
 ON_BORDER = 1e-9  # m; as near as this a point is on the border
 ROWS = 512  # edges compared with all others at a time

@@ -7,17 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .base import (
-    Array,
-    BoolArray,
-    Hits,
-    MapError,
-    beam_vectors,
-    check_bearings,
-    check_points,
-    check_poses,
-    range_gradients,
-)
+from ..arrays import Array, BoolArray
+from .base import Hits, MapError, beam_vectors, check_bearings, check_points, check_poses, range_gradients
 
 BLOCK = 8192  # poses at a time: the work arrays stay in the cache
 

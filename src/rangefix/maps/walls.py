@@ -13,12 +13,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, IntArray
 from ._open3d import open3d
-from .base import Array, Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
-Indices = NDArray[np.int64]
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
 OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall
@@ -103,7 +103,7 @@ class Walls:
         gradients = range_gradients(ranges, sines, cosines, normals)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
-    def _cast(self, poses: Array, bearings: Array, met: Indices | None) -> Array:
+    def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
         """Ranges (N, B), block by block; the triangles met go to `met`.
 
         The longer of the two axes runs along the rows of a block: numpy is slow on short rows.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rangefix.arrays import Array
 from rangefix.evaluation import streams
 from rangefix.evaluation.monte_carlo.simulate import follow
 from rangefix.evaluation.study.sections import Drive
@@ -26,7 +27,6 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 
 SPACE = pose_space()

@@ -22,8 +22,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rangefix.arrays import TWO_PI, Array, wrap
 from rangefix.filters import Confined, Motion, Problem
-from rangefix.filters.space import TURN, Array, wrap
 
 SMALL = 1e-8  # steps that are less probable than this share of the most probable are left out
 TINY = 1e-12  # the same for headings
@@ -250,7 +250,7 @@ def _steps(
     away[..., 2:] = wrap(ends[:, 2:] - means[:, None, 2:])
     roots = np.linalg.inv(np.linalg.cholesky(spreads))
     squares = ((away @ np.swapaxes(roots, 1, 2)) ** 2).sum(-1)
-    masses = np.exp(-0.5 * squares) * (cell.prod() / np.sqrt(np.linalg.det(TURN * spreads)))[:, None]
+    masses = np.exp(-0.5 * squares) * (cell.prod() / np.sqrt(np.linalg.det(TWO_PI * spreads)))[:, None]
     masses[squares > -2 * np.log(SMALL)] = 0.0
     keep = np.flatnonzero(masses.max((1, 2)))
     return [(int(one), int(two)) for one, two in offsets[keep]], masses[keep]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rangefix.arrays import Array
 from rangefix.filters import (
     Gaussian,
     Noise,
@@ -18,7 +19,6 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)

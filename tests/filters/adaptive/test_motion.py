@@ -7,6 +7,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm, truncnorm
 
+from rangefix.arrays import TWO_PI
 from rangefix.filters import (
     Confined,
     Gaussian,
@@ -23,7 +24,6 @@ from rangefix.filters import (
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
 from rangefix.filters.adaptive.gaussian_sums import log_reached, log_sum, reached
-from rangefix.filters.space import TURN
 from rangefix.maps import FloorPlan
 
 from .brute_motion import moved, recursion
@@ -186,7 +186,7 @@ def test_claims_are_true_on_a_drive_through_rooms():
     the ends of steps that walls do not stop are followed.
     """
     space = pose_space()
-    sensor = Rangefinder(HOUSE, TURN / 8 * np.arange(8), Gaussian(0.15), space, max_range=8.0)
+    sensor = Rangefinder(HOUSE, TWO_PI / 8 * np.arange(8), Gaussian(0.15), space, max_range=8.0)
     free = Odometry(space, (0.005, 0.0005, 0.003, 0.0005), floor=[0.02, 0.02, np.deg2rad(1.0)])
     start = GaussianPrior([1.0, 2.0, np.pi / 2], np.diag([0.2, 0.2, 0.14]) ** 2, space)
     problem = Problem(space, Confined(free, HOUSE, space), sensor, start)
@@ -245,7 +245,7 @@ def test_fans_tell_what_steps_walls_stop():
     """Of 20 000 steps all over the plan, fans of 120 directions judge 2 % otherwise than rays do, at most."""
     rng = np.random.default_rng(2)
     starts = np.array([[0.3, 0.9], [1.1, 0.3], [1.25, 0.9], [2.2, 1.7]])
-    fans = PLAN.ranges(np.column_stack([starts, np.zeros(4)]), TURN / 120 * np.arange(120))
+    fans = PLAN.ranges(np.column_stack([starts, np.zeros(4)]), TWO_PI / 120 * np.arange(120))
     ends = rng.uniform([0, 0], [2.4, 1.8], size=(4, 5000, 2))
     free = PLAN.is_free(ends)
     exact = is_clear(PLAN, np.broadcast_to(starts[:, None], ends.shape), ends)

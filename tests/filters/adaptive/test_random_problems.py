@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from rangefix.arrays import TWO_PI, Array
 from rangefix.filters import (
     Gaussian,
     Problem,
@@ -24,14 +25,13 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 
-from .brute_fix import TURN, Brute, Plan, Scan, brute_fix
+from .brute_fix import Brute, Plan, Scan, brute_fix
 
 COUNT = int(os.environ.get("RANGEFIX_RANDOM", "10"))
 MEAN, COVARIANCE, EVIDENCE, SHARE = 0.02, 0.03, 0.03, 0.02  # deviations, variances, nats, probability
-BIN = np.array([0.1, 0.1, TURN / 60])  # of the grid on which modes are told apart
+BIN = np.array([0.1, 0.1, TWO_PI / 60])  # of the grid on which modes are told apart
 MODE = 1e-3  # probability of a mode that must not be missed
 
 
@@ -82,10 +82,10 @@ def draw(seed: int) -> Case:
         below = (place * width, 0.0, place * width, reach * notch[1])
         inner = np.array([side if rng.random() < 0.5 else below])
         room = FloorPlan(outer=outline, walls=inner)
-    heading = float(rng.uniform(0, TURN)) if rng.random() < 0.25 else None
+    heading = float(rng.uniform(0, TWO_PI)) if rng.random() < 0.25 else None
     beams = int(np.round(np.exp(rng.uniform(np.log(2.5), np.log(24.5)))))
     even = np.linspace(-2.1, 2.1, beams)
-    bearings = even if rng.random() < 0.5 else np.sort(rng.uniform(0, TURN, beams))
+    bearings = even if rng.random() < 0.5 else np.sort(rng.uniform(0, TWO_PI, beams))
     scale = float(np.exp(rng.uniform(np.log(0.03), np.log(0.15))))
     dof = float(rng.uniform(3.0, 8.0)) if rng.random() < 0.2 else np.inf
     space = pose_space() if heading is None else position_space(heading)
@@ -123,17 +123,17 @@ def compare(case: Case, **options: object) -> Errors:
     weights = np.exp(posterior.log_mass)
     size = case.problem.space.size
     start = emptiest(brute) if case.heading is None else case.heading - 1.0
-    _, mean, covariance = brute.moments(start, TURN / 2)
+    _, mean, covariance = brute.moments(start, TWO_PI / 2)
     folded = states.copy()
-    folded[:, 2] = start + (states[:, 2] - start) % (TURN / 2)
+    folded[:, 2] = start + (states[:, 2] - start) % (TWO_PI / 2)
     ours = weights @ folded
     away = folded - ours
     spread = (away * weights[:, None]).T @ away
     np.testing.assert_allclose(estimate.mean[0][:2], ours[:2], atol=1e-9)
     np.testing.assert_allclose(estimate.covariance[0][:2, :2], spread[:2, :2], atol=1e-9)
     std = np.sqrt(np.diagonal(covariance))[:size]
-    half = (states[:, 2] - start) % TURN < TURN / 2
-    share = brute.masses[(brute.centres[:, 2] - start) % TURN < TURN / 2].sum()
+    half = (states[:, 2] - start) % TWO_PI < TWO_PI / 2
+    share = brute.masses[(brute.centres[:, 2] - start) % TWO_PI < TWO_PI / 2].sum()
     return Errors(
         mean=float((np.abs(ours - mean)[:size] / std).max()),
         covariance=float((np.abs(spread - covariance)[:size, :size] / np.outer(std, std)).max()),
@@ -214,9 +214,9 @@ def test_the_reference_does_not_hang_on_its_spacing() -> None:
         start = emptiest(fine) if case.heading is None else case.heading - 1.0
         size = case.problem.space.size
         _, mean, covariance = (
-            each[..., :size] if np.ndim(each) else each for each in fine.moments(start, TURN / 2)
+            each[..., :size] if np.ndim(each) else each for each in fine.moments(start, TWO_PI / 2)
         )
-        _, about, spread = coarse.moments(start, TURN / 2)
+        _, about, spread = coarse.moments(start, TWO_PI / 2)
         std = np.sqrt(np.diagonal(covariance))
         np.testing.assert_allclose(about[:size] / std, mean / std, atol=1e-3)
         np.testing.assert_allclose(
@@ -263,10 +263,10 @@ def test_the_reference_drops_nothing_that_counts(angular: bool) -> None:
 def emptiest(brute: Brute) -> float:
     """The heading, modulo half a turn, about which there is least probability."""
     count = 60
-    place = np.floor(brute.centres[:, 2] / (TURN / 2 / count)).astype(int) % count
+    place = np.floor(brute.centres[:, 2] / (TWO_PI / 2 / count)).astype(int) % count
     histogram = np.bincount(place, brute.masses, count)
     around = sum(np.roll(histogram, shift) for shift in (-1, 0, 1))
-    return float((np.argmin(around) + 0.5) * TURN / 2 / count)
+    return float((np.argmin(around) + 0.5) * TWO_PI / 2 / count)
 
 
 def missed(brute: Brute, states: Array, weights: Array) -> float:

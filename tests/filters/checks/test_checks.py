@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
+from rangefix.arrays import TWO_PI, Array
 from rangefix.filters import Estimate, Problem, available
 from rangefix.filters.checks import (
     Check,
@@ -25,7 +26,6 @@ from rangefix.filters.checks import (
     run_checks,
 )
 from rangefix.filters.checks.problems import Hall, kalman, position_problem, readings
-from rangefix.filters.space import TURN, Array
 from rangefix.maps import RectangularRoom
 
 pytest_plugins = ["pytester"]
@@ -79,7 +79,7 @@ class Kalman:
         gain = np.linalg.solve(spread, slope @ covariance).T
         after = covariance - gain @ spread @ gain.T
         evidence = evidence - 0.5 * (
-            misfit @ np.linalg.solve(spread, misfit) + np.linalg.slogdet(TURN * spread)[1]
+            misfit @ np.linalg.solve(spread, misfit) + np.linalg.slogdet(TWO_PI * spread)[1]
         )
         return self.problem.space.wrap(mean + gain @ misfit), 0.5 * (after + after.T), evidence
 
@@ -349,7 +349,7 @@ class OverconfidentByATenth(Scaled):
 class EvidenceWithoutItsConstant(Kalman):
     def one(self, mean: Array, covariance: Array, evidence: float, reading: Array) -> tuple[Any, ...]:
         *moments, evidence = super().one(mean, covariance, evidence, reading)
-        return *moments, evidence + 0.5 * np.isfinite(reading).sum() * np.log(TURN)
+        return *moments, evidence + 0.5 * np.isfinite(reading).sum() * np.log(TWO_PI)
 
 
 class TooFewParticles(Particles):

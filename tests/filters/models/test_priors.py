@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rangefix.arrays import Array
 from rangefix.filters import (
     GaussianPrior,
     Mixture,
@@ -17,7 +18,6 @@ from rangefix.filters import (
     velocity_space,
 )
 from rangefix.filters.problem import SpacedPrior
-from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from rangefix.arrays import Array
 from rangefix.filters import (
     Gaussian,
     Noise,
@@ -23,7 +24,6 @@ from rangefix.filters import (
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
 from rangefix.filters.point_mass.cell_error import add_error, missed, missed_about
 from rangefix.filters.point_mass.mode_shape import PICKS, pick
-from rangefix.filters.space import Array
 from rangefix.maps import RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
+from rangefix.arrays import Array
 from rangefix.evaluation import Experiment, decide, summarise
 from rangefix.evaluation import run as run_experiment
 from rangefix.filters import (
@@ -23,7 +24,6 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges
-from rangefix.filters.space import Array
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)

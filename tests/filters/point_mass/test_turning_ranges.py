@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rangefix.arrays import TWO_PI, Array, wrap
 from rangefix.filters import (
     Gaussian,
     Problem,
@@ -22,7 +23,6 @@ from rangefix.filters import (
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
 from rangefix.filters.point_mass.cell_ranges import EachCell, cast
 from rangefix.filters.point_mass.turning_ranges import TurningRanges, directions
-from rangefix.filters.space import TURN, Array, wrap
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -41,7 +41,7 @@ class Doorway:
     @staticmethod
     def ranges(poses: Array, bearings: Array) -> Array:
         poses = np.asarray(poses)
-        angles = (poses[..., 2:] + bearings) % TURN
+        angles = (poses[..., 2:] + bearings) % TWO_PI
         return np.where((angles > 0.1) & (angles < 0.9), np.inf, PLAN.ranges(poses, bearings))
 
 
@@ -235,18 +235,18 @@ def test_long_columns_of_cells_keep_their_places() -> None:
 @pytest.mark.parametrize(
     ("bearings", "step", "kinds", "period"),
     [
-        (np.deg2rad(0.36) * np.arange(-333, 334), TURN / 1000, 1, 1000),
-        (np.deg2rad(0.36) * np.arange(-333, 334) + 0.001, TURN / 1000, 1, 1000),
-        (np.deg2rad(0.36) * np.arange(-333, 334), TURN / 500, 2, 500),
-        (np.deg2rad([326.3, 0.0, 33.7]), TURN / 360, 3, 360),
-        (np.array([-1e-13, 0.0, 1e-13, TURN]), TURN / 100, 1, 100),
+        (np.deg2rad(0.36) * np.arange(-333, 334), TWO_PI / 1000, 1, 1000),
+        (np.deg2rad(0.36) * np.arange(-333, 334) + 0.001, TWO_PI / 1000, 1, 1000),
+        (np.deg2rad(0.36) * np.arange(-333, 334), TWO_PI / 500, 2, 500),
+        (np.deg2rad([326.3, 0.0, 33.7]), TWO_PI / 360, 3, 360),
+        (np.array([-1e-13, 0.0, 1e-13, TWO_PI]), TWO_PI / 100, 1, 100),
     ],
 )
 def test_beams_that_fit_the_headings_share_directions(
     bearings: Array, step: float, kinds: int, period: int
 ) -> None:
     """Beams a whole number of cells apart are of one kind, and every beam points where it should, 1e-9."""
-    headings = round(TURN / step)
+    headings = round(TWO_PI / step)
     found = directions(bearings, 0.1, step, headings)
     assert found.angles.shape == (kinds, period)
     for k in (0, 1, headings - 1):

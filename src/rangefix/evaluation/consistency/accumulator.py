@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtri
 
-from ...filters.space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from ..results import BeliefScores
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, UNKNOWN, Interval, Moments, can_divide, share_interval

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array, BoolArray, wrap
 from ...filters import StateSpace
 from ...filters.estimator import draw
-from ...filters.space import Array, BoolArray, wrap
 from ..results import PREFIX, BeliefScores
 from ..seeds import streams
 from .scores import BINS

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtr
 
-from ...filters.space import Array
+from ...arrays import Array
 from .intervals import Interval, mean_interval
 from .scores import BINS
 

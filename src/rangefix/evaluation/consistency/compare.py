@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtr
 
-from ...filters.space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from ..results import Results, Trials
 from .intervals import Interval, Moments
 from .normalised import nees

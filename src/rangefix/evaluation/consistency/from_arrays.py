@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from ...filters.space import Array, wrap
+from ...arrays import Array, wrap
 from .accumulator import Chunk, Judgement
 from .intervals import LEVEL, Interval, share_interval
 from .normalised import anees_band, is_positive, nees

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc, stdtr, stdtrit
 
-from ...filters.space import Array
+from ...arrays import Array
 
 LEVEL = 0.95  # of every interval in the tables and figures
 HUGE = 1e100  # counts as infinite: its square would overflow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
-from ...filters.space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from .intervals import LEVEL
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..results import FAILURES
 from .intervals import Interval, uniform_p_value
 

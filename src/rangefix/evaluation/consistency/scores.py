@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import erf, ndtr
 
-from ...filters.space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from .normalised import is_positive, nees
 
 DIRECTIONS = 60  # over which the energy score averages: off by less than 3e-4 of itself, and less than usual

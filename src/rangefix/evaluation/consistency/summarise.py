@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..results import STATUSES, Results
 from .accumulator import PASSES, Chunk, Judgement
 from .row import Row

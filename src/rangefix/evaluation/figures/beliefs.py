@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..results import Array, Picture, Results, Scene
+from ...arrays import Array
+from ..results import Picture, Results, Scene
 from .errors import ellipse
 from .room import BEAM, draw_truth, draw_walls
 from .style import CLAIMED, INK, label_positions, panel_title

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...arrays import Array
 from ..consistency import Interval, Row, factor, unit
-from ..results import Array, Results
+from ..results import Results
 from .errors import ellipse
 from .room import draw_walls
 from .style import CLAIMED, COLOURS, MARKERS, label_positions, panel_title, plain_numbers, symbol

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.ticker import FuncFormatter, MaxNLocator, SymmetricalLogLocator
 
+from ...arrays import Array
 from ..consistency import factor, unit
-from ..results import Array, Results
+from ..results import Results
 from .style import CLAIMED, panel_title, symbol
 
 SHOWN_RUNS = 200  # in the picture of errors run by run

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..consistency import visible
 from ..results import Results, Source, Trials
 

@@ -9,7 +9,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from ..results import Array, Results, Scene
+from ...arrays import Array
+from ..results import Results, Scene
 from .room import draw_beams, draw_truth, draw_walls
 from .style import label_positions
 

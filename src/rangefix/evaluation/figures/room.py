@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from ..results import Array, Scene
+from ...arrays import Array
+from ..results import Scene
 
 BEAM = "#B03A00"
 

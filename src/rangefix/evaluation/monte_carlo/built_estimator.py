@@ -5,8 +5,8 @@ from __future__ import annotations
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from ...arrays import Array
 from ...filters import Estimator
-from ...filters.space import Array
 from ..experiment import Builder, Named
 from ..isolation import At, Note, silent
 from ..results import Outcome, joined

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
+from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
-from ...filters.space import Array, BoolArray
 
 DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
 LONG = 10.0  # m

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..experiment import Builder
 from ..isolation import Child, Refused, Stopped, pickled
 from ..results import Outcome, blank, joined

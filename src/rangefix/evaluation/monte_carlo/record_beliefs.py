@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import TWO_PI, Array, wrap
 from ...filters import StateSpace, Stationary
 from ...filters.estimator import draw
 from ...filters.kalman import GaussianBelief
-from ...filters.space import TURN, Array, wrap
 from ..experiment import Experiment, Named
 from ..results import FILE, Picture, digest, whole, write_part
 from ..seeds import streams
@@ -131,8 +131,8 @@ def _of_points(
     density /= (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
     headings, heading_density = np.zeros(0), np.zeros(0)
     for turn in np.flatnonzero(space.is_angle):
-        headings = np.linspace(0.0, TURN, BINS + 1, dtype=float)
+        headings = np.linspace(0.0, TWO_PI, BINS + 1, dtype=float)
         angles = wrap(states[:, turn] - np.pi) + np.pi
-        heading_density = np.histogram(angles, headings, weights=weights)[0] * BINS / TURN
+        heading_density = np.histogram(angles, headings, weights=weights)[0] * BINS / TWO_PI
     extent = np.array([lower[0], upper[0], lower[1], upper[1]])
     return Picture(label, density, extent, headings, heading_density)

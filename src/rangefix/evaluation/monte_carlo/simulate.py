@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import Array
 from ...filters import Motion, Sensor, sample_runs
-from ...filters.space import Array
 from ..experiment import Experiment
 from ..seeds import streams
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...filters import Estimator
-from ...filters.space import Array
 from ..seeds import Streams
 from .trial import Trial
 

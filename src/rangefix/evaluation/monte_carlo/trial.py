@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...arrays import Array
 from ...filters import EachRun, Estimator, Problem
 from ...filters.plugin_line import located
-from ...filters.space import Array
 from ..isolation import At, Note, during, silent
 from ..results import STATUSES, Outcome, blank, judged
 from ..seeds import Streams

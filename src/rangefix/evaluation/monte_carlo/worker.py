@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import one_line
 from ...filters.plugin_line import located
-from ...filters.space import Array
 from ..experiment import Experiment, Named
 from ..isolation import Note, Refused, Stopped, silent
 from ..results import Outcome, blank, part_arrays

@@ -9,18 +9,18 @@ import numpy as np
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from ...arrays import Array, IntArray
 from ..consistency import name_beams
 from ..figures import INK
-from .table1 import Array, Paper
+from .table1 import Paper
 
 COARSE = 10  # cells between the lines of a surface where it is flat
 AZIMUTH = -58.0  # deg, from where the surfaces are seen
 CLOSE_UP = 0.3  # m
 
 
-def _lines(density: Array, axis: int) -> NDArray[np.int64]:
+def _lines(density: Array, axis: int) -> IntArray:
     """Which rows (axis 0) or columns (1) carry the surface: all where it changes, else every COARSE-th."""
     change = np.abs(np.diff(density, axis=axis)).max(axis=1 - axis) > 0.004 * density.max()
     wanted = np.arange(density.shape[axis]) % COARSE == 0

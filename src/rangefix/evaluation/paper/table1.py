@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
 from ...filters.point_mass import PointMassBelief, PointMassFilter
 from ...maps import RectangularRoom
 from ..results import scene, write_json, write_npz
 from ..seeds import streams
 
-Array = NDArray[np.float64]
 WIDTH, LENGTH = 4.0, 6.0  # m
 TRUTH = (2.0, 3.0)  # m
 NOISE_STD = 0.05  # m

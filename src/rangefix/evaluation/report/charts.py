@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..consistency import CERTAIN, MUCH, Curve, Interval, Reliability, short, uniform_band
 from .html import Html, tag
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..consistency import (
     DRAWS,
     Curve,

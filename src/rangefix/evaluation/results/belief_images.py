@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...filters.space import Array
+from ...arrays import Array
 from .files import read_part
 
 FILE = "pictures.npz"

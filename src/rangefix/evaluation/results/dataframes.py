@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ...arrays import Array
 from ...filters import StateSpace
-from ...filters.space import Array
 from .files import ResultsError
 from .outcome import STATUSES
 from .trials import Trials

@@ -12,7 +12,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ...filters.space import Array
+from ...arrays import Array
 from ..experiment import Experiment, Named
 from .files import ResultsError, digest, read_json, read_part
 from .outcome import Outcome

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...filters import Prior, Rangefinder
 
-Array = NDArray[np.float64]
 Scene = Mapping[str, Array]
 PIXELS = 600  # along the longer side of the map
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...filters.space import Array, BoolArray
+from ...arrays import Array, BoolArray
 
 ROUNDING = 1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
 PREFIX = "belief_"  # of the arrays in a part

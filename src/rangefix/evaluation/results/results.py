@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...filters import StateSpace
-from ...filters.space import Array
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json, read_npz
 from .folder import FORMAT, MANIFEST, TIMING, Plan, read_timing

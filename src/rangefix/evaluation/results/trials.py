@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...filters.space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from .files import read_part
 from .folder import Plan, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, belief_of

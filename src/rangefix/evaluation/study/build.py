@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import one_line, suggestion
 from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
 from ...filters.registry import BUILT_IN, resolve
-from ...filters.space import Array
 from ..isolation import Look, describe
 from ..isolation.look import look
 from .mistakes import Mistakes

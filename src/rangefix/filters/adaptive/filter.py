@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import TWO_PI, Array
 from ..estimator import Estimate
 from ..models import Stationary
 from ..problem import Prior, Problem
-from ..space import TURN, Array
 from .gauss_newton import FEW, STEPS, Peaks, climb, looked_at
 from .mode_gaussians import draws
 from .modes import Accuracy, Found, Quadrature, assembled, integrate
@@ -271,7 +271,7 @@ class AdaptivePointMassFilter:
         )
         states = np.tile(self.problem.prior.mean, (len(centres), 1))
         states[:, space.position_indices] = centres
-        wide = TURN * np.diagonal(self.problem.prior.covariance)  # velocities, as wide as their prior
+        wide = TWO_PI * np.diagonal(self.problem.prior.covariance)  # velocities, as wide as their prior
         volume = np.sqrt(np.prod([wide[i] for i, name in enumerate(space.names) if name not in LOOKED_UP]))
         if "heading" in space.names:
             angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]

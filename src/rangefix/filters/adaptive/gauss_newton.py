@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from .target import BATCH, CAP, Target
 
 FEW = 64  # beams that a first look uses

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...arrays import TWO_PI, Array, BoolArray
 from ..compiled import njit, prange
-from ..space import TURN, Array, BoolArray
 
 NEGLIGIBLE = 40.0  # nats below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
@@ -80,7 +80,7 @@ def _exponents(
     weights = np.column_stack([level, pull, squares]).T
     powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
     reach = np.abs(offset[:, is_angle]).max(axis=0, initial=0.0)
-    round_about = (np.abs(away[:, is_angle]) + reach > TURN / 2).any(axis=1)
+    round_about = (np.abs(away[:, is_angle]) + reach > TWO_PI / 2).any(axis=1)
     step = max(1, AT_ONCE // len(centres))
     for first in range(0, len(states), step):
         some = slice(first, first + step)
@@ -93,7 +93,7 @@ def _exponents(
 
 def _short_way(offset: Array, is_angle: BoolArray) -> Array:
     """Offsets (N, n), in place, whose angles go the short way round."""
-    offset[:, is_angle] -= TURN * np.rint(offset[:, is_angle] / TURN)
+    offset[:, is_angle] -= TWO_PI * np.rint(offset[:, is_angle] / TWO_PI)
     return offset
 
 
@@ -101,7 +101,7 @@ def _short_way(offset: Array, is_angle: BoolArray) -> Array:
 def _clear(step1: float, step2: float, closeness: Array) -> bool:
     """Whether a step meets no wall; closeness is one over the distance to the wall, all round."""
     count = closeness.size
-    turn = math.atan2(step1, step2) / TURN * count
+    turn = math.atan2(step1, step2) / TWO_PI * count
     below = math.floor(turn)
     part = turn - below
     first = int(below) % count

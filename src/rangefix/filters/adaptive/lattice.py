@@ -14,11 +14,9 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..space import Array, BoolArray, StateSpace
-
-Indices = NDArray[np.int64]
+from ...arrays import Array, BoolArray, IntArray
+from ..space import StateSpace
 
 
 class TooManyCells(ValueError):
@@ -36,8 +34,8 @@ class Lattice:
     space: StateSpace
     origin: Array
     basis: Array
-    index: Indices
-    keys: Indices
+    index: IntArray
+    keys: IntArray
     logs: Array
 
     @property
@@ -114,7 +112,7 @@ def grow(
     log_density: Callable[[Array], Array],
     origin: Array,
     basis: Array,
-    start: Indices,
+    start: IntArray,
     margin: float,
     most: int,
     others: Sequence[Lattice] = (),
@@ -194,17 +192,17 @@ def halved(
 class _Keys:
     """A set of keys that grows: sorted tables, each at least twice as long as the next."""
 
-    def __init__(self, tables: list[Indices]) -> None:
+    def __init__(self, tables: list[IntArray]) -> None:
         self.tables, self.count = tables, sum(len(table) for table in tables)
 
-    def have(self, keys: Indices) -> BoolArray:
+    def have(self, keys: IntArray) -> BoolArray:
         """Which of some keys are in the set."""
         found = np.zeros(len(keys), np.bool_)
         for table in self.tables:
             found |= _known(keys, table)
         return found
 
-    def add(self, keys: Indices) -> None:
+    def add(self, keys: IntArray) -> None:
         """Add keys, sorted, that are not in it."""
         self.count += len(keys)
         self.tables.append(keys)
@@ -213,14 +211,14 @@ class _Keys:
             self.tables[-1] = np.sort(np.concatenate([self.tables[-1], last]))
 
 
-def ball(axes: int, radius: float) -> Indices:
+def ball(axes: int, radius: float) -> IntArray:
     """Whole-number points within a radius of 0, (k, n)."""
     side = np.arange(-int(radius), int(radius) + 1)
     points = np.stack(np.meshgrid(*[side] * axes, indexing="ij"), -1).reshape(-1, axes)
     return np.asarray(points[(points**2).sum(axis=1) <= radius**2])
 
 
-def _keys(index: Indices) -> Indices:
+def _keys(index: IntArray) -> IntArray:
     """One number for each index, (k, n) -> (k,)."""
     bits = 62 // index.shape[1]
     keys = np.zeros(len(index), np.int64)
@@ -229,7 +227,7 @@ def _keys(index: Indices) -> Indices:
     return keys
 
 
-def _known(keys: Indices, table: Indices) -> BoolArray:
+def _known(keys: IntArray, table: IntArray) -> BoolArray:
     """Which keys are in a sorted table."""
     if not len(table):
         return np.zeros(len(keys), np.bool_)

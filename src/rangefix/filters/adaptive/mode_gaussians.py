@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ..space import Array
+from ...arrays import Array
 from .lattice import Lattice
 
 WIDTH = 0.6  # steps of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, lambertw
 
-from ..space import Array, BoolArray
+from ...arrays import Array, BoolArray
 from .gauss_newton import Peaks
 from .lattice import Lattice, TooManyCells, ball, grow, halved
 from .target import Target

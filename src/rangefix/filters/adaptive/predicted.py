@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import TWO_PI, Array, BoolArray
 from ..models import Confined, Stationary
 from ..problem import Motion, RangeMap
-from ..space import TURN, Array, BoolArray, StateSpace
+from ..space import StateSpace
 from .gauss_newton import looked_at
 from .gaussian_sums import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
@@ -177,7 +178,7 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     if not _walls_near(moved, _ends(moved, motion, control, DRAWS // 16), motion):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
     starts = np.ascontiguousarray(moved.states[:, space.position_indices])
-    looks = TURN / LOOKS * np.arange(LOOKS, dtype=float)
+    looks = TWO_PI / LOOKS * np.arange(LOOKS, dtype=float)
     fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), looks)
     ends = _ends(moved, motion, control, DRAWS)
     met = reached(ends, motion.room.is_free(ends), starts, fans)
@@ -210,7 +211,7 @@ def _part(
     states, log_weights = kernels.states[some], kernels.log_weights[some]
     centres, covariance = _spread(states, kernels.covariance, motion, control)
     precision = np.asarray(np.linalg.inv(covariance), dtype=float)
-    level = -0.5 * (states.shape[1] * np.log(TURN) + np.asarray(np.linalg.slogdet(covariance)[1]))
+    level = -0.5 * (states.shape[1] * np.log(TWO_PI) + np.asarray(np.linalg.slogdet(covariance)[1]))
     weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
     mean, between = space.moments(centres, weights)
     total = between + np.einsum("k,kij->ij", weights, covariance)
@@ -243,7 +244,7 @@ def _walls_near(kernels: Kernels, ends: Array, motion: Confined) -> bool:
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
     if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
         return True
-    fan = motion.room.ranges(np.append(middle, 0.0), TURN / LOOKS * np.arange(LOOKS, dtype=float))
+    fan = motion.room.ranges(np.append(middle, 0.0), TWO_PI / LOOKS * np.arange(LOOKS, dtype=float))
     return bool(fan.min() <= BEYOND * radius)
 
 
@@ -258,6 +259,6 @@ def _ends(kernels: Kernels, motion: Confined, control: Array, count: int) -> Arr
 def _normal_points(count: int) -> Array:
     """Points spread as a standard normal plane is, (count, 2): Fibonacci's lattice, by its law's inverse."""
     place = (np.arange(count) + 0.5) / count
-    angle = TURN * np.arange(count) * (np.sqrt(5) - 1) / 2
+    angle = TWO_PI * np.arange(count) * (np.sqrt(5) - 1) / 2
     radius = np.sqrt(-2 * np.log1p(-place))
     return np.column_stack([radius * np.sin(angle), radius * np.cos(angle)])

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ..compiled import njit, prange
 from ..problem import Prior, Sensor
-from ..space import TURN, Array, BoolArray
 from .target import CAP, room_of
 
 QUANTUM = 0.01  # m; the table's unit of range
@@ -49,11 +49,11 @@ class SearchTable:
 
     centres: Array
     whole: BoolArray
-    index: NDArray[np.int64]
+    index: IntArray
     lower: Array
     headings: Array
     size: Array
-    columns: NDArray[np.int64]
+    columns: IntArray
     low: NDArray[np.uint16]
     high: NDArray[np.uint16]
     allowance: tuple[float, float]
@@ -90,7 +90,7 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
         axis = space.names.index("heading")
         start, end = prior.support[0][axis], prior.support[1][axis]
         count = 360 if rays >= 5_000_000 else 180
-        step = TURN / count
+        step = TWO_PI / count
         headings = start + step * (np.arange(int(np.ceil((end - start) / step - 1e-9))) + 0.5)
         directions = step * np.arange(count)
         # a beam sweeps over a heading cell, from one direction cast to the second or third
@@ -118,7 +118,7 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
 class _Entries(NamedTuple):
     """Entries of a table: their first quarter cell (C, 2), whether they are whole cells, and their bounds."""
 
-    quarter: NDArray[np.int64]
+    quarter: IntArray
     whole: BoolArray
     low: NDArray[np.uint16]
     high: NDArray[np.uint16]
@@ -220,7 +220,7 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     cells = table.index[tuple(np.clip(quarter, 0, np.array(table.index.shape) - 1).T)]
     headings = np.zeros(PROBES, dtype=np.int64)
     if table.size[2]:
-        turned = (poses[:, 2] - table.headings[0] + table.size[2] / 2) % TURN
+        turned = (poses[:, 2] - table.headings[0] + table.size[2] / 2) % TWO_PI
         headings = np.minimum(turned // table.size[2], len(table.headings) - 1).astype(np.int64)
     columns = table.columns[headings]
     low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
@@ -235,7 +235,7 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     return start, max(0.0, float(np.quantile(slopes, 1 - SLIP)))
 
 
-def beam_order(beams: NDArray[np.int64]) -> NDArray[np.int64]:
+def beam_order(beams: IntArray) -> IntArray:
     """The beams mixed: neighbours say much the same."""
     return np.random.default_rng(0).permutation(beams)
 
@@ -245,9 +245,7 @@ def _metres(quanta: NDArray[np.uint16]) -> Array:
     return np.where(quanta == NONE, np.inf, QUANTUM * quanta)
 
 
-def penalties(
-    table: SearchTable, sensor: Sensor, measurement: Array
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+def penalties(table: SearchTable, sensor: Sensor, measurement: Array) -> tuple[NDArray[np.float32], IntArray]:
     """How many nats each expected range falls short of the best one, for each beam of a measurement.
 
     Returns:
@@ -289,8 +287,8 @@ def shortfalls(table: SearchTable, sensor: Sensor, measurement: Array, margin: f
 
 @njit(cache=True, nogil=True, parallel=True)
 def _bound(
-    low: NDArray[np.uint16], high: NDArray[np.uint16], columns: NDArray[np.int64], order: NDArray[np.int64],
-    readings: NDArray[np.int64], penalty: NDArray[np.float32], limits: Array, bounds: NDArray[np.float32],
+    low: NDArray[np.uint16], high: NDArray[np.uint16], columns: IntArray, order: IntArray,
+    readings: IntArray, penalty: NDArray[np.float32], limits: Array, bounds: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Sum the least penalties of each cell and heading, as long as they stay within the limits."""
     last = penalty.shape[1] - 1

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, IntArray
 from ..problem import Sensor
-from ..space import Array
 
 BATCH = 2_000_000  # ranges cast at once
 CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
@@ -30,7 +29,7 @@ class Target:
     measurements: Array
 
     @property
-    def beams(self) -> NDArray[np.int64]:
+    def beams(self) -> IntArray:
         """Which beams were measured."""
         return np.flatnonzero(~np.isnan(self.measurements).all(axis=0))
 
@@ -46,7 +45,7 @@ class Target:
                     logs[some] += self.sensor.log_density(reading, expected)
         return logs
 
-    def expected(self, states: Array, beams: NDArray[np.int64] | None = None) -> Array:
+    def expected(self, states: Array, beams: IntArray | None = None) -> Array:
         """Ranges of the beams that were measured, or of these; (K, B), 0 for the others."""
         beams = self.beams if beams is None else beams
         poses = self.sensor.space.poses(states)
@@ -63,7 +62,7 @@ class Target:
             ranges, gradients = room.ranges(poses, bearings), room.gradients(poses, bearings)
         return self._among_all(ranges, beams), space.from_pose_gradients(gradients)
 
-    def _among_all(self, ranges: Array, beams: NDArray[np.int64]) -> Array:
+    def _among_all(self, ranges: Array, beams: IntArray) -> Array:
         """Ranges (K, k) of some beams as (K, B), 0 for the others."""
         count = len(self.sensor.bearings)
         if len(beams) == count:

@@ -10,10 +10,10 @@ from unittest import SkipTest
 
 import numpy as np
 
+from ...arrays import Array
 from ..estimator import EachRun, Estimate, Estimator
 from ..problem import Problem
 from ..registry import build
-from ..space import Array
 
 Factory = Callable[..., Any]
 SURE = 6.0  # standard errors

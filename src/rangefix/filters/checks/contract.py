@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ..estimator import Estimate, Estimator
-from ..space import Array
 from .claims import Subject, claim, need, need_same
 from .problems import CONTROL, answer, generators, position_problem, readings, settled
 

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray
 from ..estimator import Estimate, Estimator
-from ..models import LOG_TURN, Gaussian, Rangefinder, Stationary
+from ..models import Gaussian, Rangefinder, Stationary
 from ..problem import Motion, Problem
-from ..space import TURN, Array, BoolArray, StateSpace, pose_space, position_space
+from ..space import StateSpace, pose_space, position_space
 
 LOWER, UPPER = np.array([-7.0, -4.5]), np.array([5.5, 6.0])  # corners of the hall, m
 REACH = 5.0  # standard deviations to either side that the priors' support holds
@@ -92,7 +93,7 @@ class GaussianPrior:
     def log_density(self, states: ArrayLike) -> Array:
         """Log density, angles the short way round: (..., n) -> (...)."""
         scaled = self.space.difference(np.asarray(states, dtype=float), self.mean) / self.std
-        return np.asarray(-0.5 * (scaled**2 + LOG_TURN).sum(-1) - np.log(self.std).sum())
+        return np.asarray(-0.5 * (scaled**2 + LOG_TWO_PI).sum(-1) - np.log(self.std).sum())
 
 
 @dataclass(frozen=True)
@@ -203,5 +204,5 @@ def kalman(problem: Problem, measurements: Sequence[Array]) -> Estimate:
         mean = mean + gain @ misfit
         covariance = covariance - gain @ spread @ gain.T
         log_evidence -= 0.5 * float(misfit @ np.linalg.solve(spread, misfit))
-        log_evidence -= 0.5 * float(np.linalg.slogdet(TURN * spread)[1])
+        log_evidence -= 0.5 * float(np.linalg.slogdet(TWO_PI * spread)[1])
     return Estimate(mean, covariance, log_evidence)

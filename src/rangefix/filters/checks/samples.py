@@ -7,9 +7,9 @@ from unittest import SkipTest
 
 import numpy as np
 
+from ...arrays import Array
 from ..estimator import Estimate, Estimator, draw
 from ..problem import Problem
-from ..space import Array
 from .claims import Subject, claim, deviations, need, need_agreement, need_same
 from .problems import generators, pose_problem, position_problem, repeated, settled
 

@@ -12,8 +12,8 @@ from functools import reduce
 
 import numpy as np
 
+from ...arrays import Array, BoolArray
 from ..problem import Prior
-from ..space import Array, BoolArray
 from .belief import GaussianBelief
 
 

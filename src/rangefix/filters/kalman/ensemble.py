@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import LOG_TWO_PI, Array
 from ..estimator import Estimate
-from ..models import LOG_TURN
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
-from ..space import Array
 
 
 @dataclass(frozen=True)
@@ -97,4 +96,4 @@ class EnsembleKalmanFilter:
         innovation = reading[used] - expected.mean(0)
         square = innovation @ np.linalg.solve(spread, innovation)
         log_determinant = np.linalg.slogdet(spread)[1]
-        return moved, float(-0.5 * (square + log_determinant + len(innovation) * LOG_TURN))
+        return moved, float(-0.5 * (square + log_determinant + len(innovation) * LOG_TWO_PI))

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import LOG_TWO_PI, Array, BoolArray
 from ..estimator import Estimate
-from ..models import LOG_TURN
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from ..space import Array, BoolArray
 from .batch import _accepted, _initial, _sum
 from .belief import GaussianBelief, check_iterations
 
@@ -91,7 +90,7 @@ def _beam_by_beam(
         spread = _sum(h * cross) + r
         gain = np.where(measured, 1.0 / spread, 0.0)
         rest = y - _sum(h * step)
-        log_density -= 0.5 * (rest * rest * gain + np.where(measured, np.log(spread) + LOG_TURN, 0.0))
+        log_density -= 0.5 * (rest * rest * gain + np.where(measured, np.log(spread) + LOG_TWO_PI, 0.0))
         step += cross * (gain * rest)
         covariance -= cross[:, None] * (cross * gain)
     return step, np.moveaxis(covariance, -1, 0), log_density

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import LOG_TWO_PI, Array
 from ..estimator import Estimate
-from ..models import LOG_TURN
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from ..space import Array
 from .belief import GaussianBelief, check_iterations, check_sigma_points
 
 
@@ -198,7 +197,7 @@ def _checked(
         if innovation is not None and spread is not None:
             root = np.linalg.cholesky(spread)
             white = np.linalg.solve(root, innovation)
-            log_density = -0.5 * (white @ white + len(white) * LOG_TURN) - np.log(np.diagonal(root)).sum()
+            log_density = -0.5 * (white @ white + len(white) * LOG_TWO_PI) - np.log(np.diagonal(root)).sum()
     except np.linalg.LinAlgError:
         log_density = -np.inf
     if not (np.isfinite(mean).all() and np.isfinite(log_density)):

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import LOG_TWO_PI, Array, BoolArray
 from ..estimator import Estimate
-from ..models import LOG_TURN
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from ..space import Array, BoolArray
 from .batch import _accepted, _cholesky, _initial, _sum
 from .belief import GaussianBelief, check_sigma_points
 
@@ -130,6 +129,6 @@ def _jointly(
     lost = _sum(g[:, None] * g for g in gain)
     step = _sum(g * y for g, y in zip(gain, rest, strict=True))
     diagonal = np.stack([root[beam, beam] for beam in range(len(root))])
-    log_density = -0.5 * (_sum(rest**2) + used.sum(0) * LOG_TURN) - _sum(np.log(diagonal))
+    log_density = -0.5 * (_sum(rest**2) + used.sum(0) * LOG_TWO_PI) - _sum(np.log(diagonal))
     covariance = belief.covariance - np.moveaxis(lost, -1, 0)
     return step, covariance, np.where(positive, log_density, -np.inf)

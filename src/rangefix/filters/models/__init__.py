@@ -1,18 +1,19 @@
 """What the world does: motions, sensors, noise and priors."""
 
+from ...arrays import LOG_TWO_PI
 from .beam_noise import BeamMixture, Quantised
 from .confined import Confined, is_clear, sample_runs
 from .gaussian_prior import GaussianPrior
 from .mixture_prior import Mixture
 from .motion import ConstantVelocity, RandomWalk, Stationary
-from .noise import LOG_TURN, CumulativeNoise, Gaussian, RangeProportional, StudentT
+from .noise import CumulativeNoise, Gaussian, RangeProportional, StudentT
 from .odometry import Odometry
 from .product_prior import WithHeading, WithVelocity
 from .rangefinder import Rangefinder, sweep
 from .uniform_prior import Uniform
 
 __all__ = [
-    "LOG_TURN",
+    "LOG_TWO_PI",
     "BeamMixture",
     "Confined",
     "ConstantVelocity",

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ..space import Array
-from .noise import LOG_TURN, CumulativeNoise, deviate, log_normal_below
+from ...arrays import LOG_TWO_PI, Array
+from .noise import CumulativeNoise, deviate, log_normal_below
 
 ON_STEP = 1e-9  # of a quantisation step, by which a limit may fall short of a multiple through rounding
 
@@ -63,7 +63,7 @@ class BeamMixture:
         """Log of the weighted sum of hit, short and random, elementwise; -inf outside [0, max_range]."""
         reading, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         reach, hit, short = self._parts(expected)
-        level = 0.5 * LOG_TURN + np.log(self.std) + log_normal_below(-deviate(0.0, expected, self.std))
+        level = 0.5 * LOG_TWO_PI + np.log(self.std) + log_normal_below(-deviate(0.0, expected, self.std))
         logs = hit - 0.5 * deviate(reading, expected, self.std) ** 2 - level
         with np.errstate(divide="ignore"):
             logs = np.logaddexp(logs, np.log(self.random) - np.log(self.max_range))
@@ -125,7 +125,7 @@ class BeamMixture:
         rho = np.clip(np.asarray(expected, dtype=float), 0.0, self.max_range)
         low, high = -rho / self.std, (self.max_range - rho) / self.std
         inside = (ndtr(high) - ndtr(low)) / ndtr(-low)
-        slopes = (d * np.exp(-0.5 * d * d - 0.5 * LOG_TURN) for d in (high, low))
+        slopes = (d * np.exp(-0.5 * d * d - 0.5 * LOG_TWO_PI) for d in (high, low))
         hits = self.std**2 * (inside - (next(slopes) - next(slopes)) / ndtr(-low))
         shorts = _short_square(rho * self.rate) / self.rate**2
         randoms = ((self.max_range - rho) ** 3 + rho**3) / (3 * self.max_range)

@@ -9,8 +9,9 @@ from typing import cast
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import Array, BoolArray
 from ..problem import Motion, RangeMap
-from ..space import Array, BoolArray, StateSpace
+from ..space import StateSpace
 from .motion import RandomWalk
 from .odometry import Odometry
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, wrap
 from ..problem import RangeMap
-from ..space import TURN, Array, StateSpace, wrap
-from .noise import LOG_TURN
+from ..space import StateSpace
 from .uniform_prior import BATCHES, lattice
 
 REACH = 6.0  # standard deviations that `support` covers: all but 2e-9 of each component
@@ -109,13 +109,13 @@ class GaussianPrior:
         """Log density, summed over the turns that lead to a heading; -inf in walls: (..., n) -> (...)."""
         states = np.asarray(states, dtype=float)
         whiten = np.linalg.inv(self.root)
-        level = np.log(np.diagonal(self.root)).sum() + 0.5 * LOG_TURN * self.space.size + self.log_free
+        level = np.log(np.diagonal(self.root)).sum() + 0.5 * LOG_TWO_PI * self.space.size + self.log_free
         deviation = self.space.difference(states, self.peak)
         angle = self.space.is_angle
         turns: Array = np.zeros(1)
         if angle.any():
-            most = int(np.ceil(REACH * np.sqrt((self.root[angle] ** 2).sum()) / TURN + 0.5))
-            turns = TURN * np.arange(-most, most + 1, dtype=np.float64)
+            most = int(np.ceil(REACH * np.sqrt((self.root[angle] ** 2).sum()) / TWO_PI + 0.5))
+            turns = TWO_PI * np.arange(-most, most + 1, dtype=np.float64)
         exponents = [-0.5 * (((deviation + turn * angle) @ whiten.T) ** 2).sum(-1) for turn in turns]
         logs = np.logaddexp.reduce(exponents, axis=0) - level
         if self.room is not None:
@@ -137,7 +137,7 @@ def _cut_off(
         block = spread[np.ix_(where, where)]
         deviation = centres - peak[where]
         logs = -0.5 * np.einsum("ni,ij,nj->n", deviation, np.linalg.inv(block), deviation)
-        weights = np.exp(logs) * step.prod() / (TURN * np.sqrt(np.linalg.det(block)))
+        weights = np.exp(logs) * step.prod() / (TWO_PI * np.sqrt(np.linalg.det(block)))
         free = float(weights.sum())
     if free < LEAST:
         raise ValueError(f"only {free:.1g} of the prior's probability is in free space")

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import TWO_PI, Array
 from ..problem import SpacedPrior
-from ..space import TURN, Array, StateSpace
+from ..space import StateSpace
 
 DRAWS = 1 << 16  # for the moments of mixtures with a heading
 
@@ -91,4 +92,4 @@ class Mixture:
         middles = 0.5 * (lowers + uppers)
         shift = np.where(angle, self.space.difference(middles, middles[0]) - (middles - middles[0]), 0.0)
         lower, upper = (lowers + shift).min(0), (uppers + shift).max(0)
-        return lower, np.where(angle, np.minimum(upper, lower + TURN), upper)
+        return lower, np.where(angle, np.minimum(upper, lower + TWO_PI), upper)

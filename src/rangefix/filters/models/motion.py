@@ -13,7 +13,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ..space import Array, StateSpace
+from ...arrays import Array
+from ..space import StateSpace
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import LOG_TWO_PI, Array
 from ..problem import Noise
-from ..space import Array
 
-LOG_TURN = float(np.log(2.0 * np.pi))
 UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
 
 
@@ -78,7 +77,7 @@ class Gaussian:
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-1/2 ((y - rho) / std)^2 - log(std sqrt(2 pi)), elementwise; nats."""
-        return -0.5 * (((measurement - expected) / self.stds) ** 2 + LOG_TURN) - np.log(self.stds)
+        return -0.5 * (((measurement - expected) / self.stds) ** 2 + LOG_TWO_PI) - np.log(self.stds)
 
     def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
         """Log probability of a reading above the limit, or of none: log Phi((rho - limit) / std)."""
@@ -126,7 +125,7 @@ class RangeProportional:
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)) with s = a + b |rho|, elementwise; nats."""
         stds = self.stds(expected)
-        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TURN) - np.log(stds)
+        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TWO_PI) - np.log(stds)
 
     def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
         """Log probability of a reading above the limit, or of none."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ..space import Array, StateSpace, wrap
+from ...arrays import Array, wrap
+from ..space import StateSpace
 from .motion import step_stds
 
 ON_THE_SPOT = 0.01  # m; below this a displacement has no direction that its noise could depend on

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, wrap
 from ..problem import SpacedPrior
-from ..space import TURN, Array, StateSpace, wrap
+from ..space import StateSpace
 from .gaussian_prior import REACH
-from .noise import LOG_TURN
 
 CIRCLE = 20_000  # points where the variance of a wrapped heading is summed
 
@@ -57,13 +57,13 @@ class WithHeading:
         if std is not None and (arc is not None or not (0 < std < np.inf and np.isfinite(mean))):
             raise ValueError("a heading is Gaussian with a finite mean and std > 0, or lies in an arc")
         if std is None:
-            low, high = (0.0, TURN) if arc is None else (float(end) for end in arc)
-            if not (np.isfinite(low) and low < high <= low + TURN * (1 + 1e-12)):
+            low, high = (0.0, TWO_PI) if arc is None else (float(end) for end in arc)
+            if not (np.isfinite(low) and low < high <= low + TWO_PI * (1 + 1e-12)):
                 raise ValueError(
                     f"an arc of headings needs low < high <= low + 2 pi, got {low} and {high} rad"
                 )
-            width = min(high - low, TURN)
-            mean, variance = low + width / 2 if width < TURN else 0.0, width**2 / 12
+            width = min(high - low, TWO_PI)
+            mean, variance = low + width / 2 if width < TWO_PI else 0.0, width**2 / 12
         else:
             reach = min(REACH * std, np.pi)
             low, width = mean - reach, 2 * reach
@@ -124,7 +124,7 @@ class WithHeading:
         if self.std is None:
             away = wrap(heading - self.low - self.width / 2)
             inside = np.abs(away) <= self.width / 2 * (1 + 1e-12)
-            turn = np.where(inside | (self.width >= TURN), -np.log(self.width), -np.inf)
+            turn = np.where(inside | (self.width >= TWO_PI), -np.log(self.width), -np.inf)
         else:
             turn = _wrapped_normal(wrap(heading - self.mean_heading), self.std)
         return np.asarray(self.prior.log_density(states[..., self._place]) + turn)
@@ -132,10 +132,10 @@ class WithHeading:
 
 def _wrapped_normal(away: Array, std: float) -> Array:
     """Log density of a normal angle wrapped onto the circle, at angles from its mean in [-pi, pi)."""
-    most = int(np.ceil(REACH * std / TURN + 0.5))
-    turns = TURN * np.arange(-most, most + 1, dtype=float)
+    most = int(np.ceil(REACH * std / TWO_PI + 0.5))
+    turns = TWO_PI * np.arange(-most, most + 1, dtype=float)
     exponents = -0.5 * ((away[..., None] + turns) / std) ** 2
-    return np.asarray(np.logaddexp.reduce(exponents, axis=-1) - np.log(std) - 0.5 * LOG_TURN)
+    return np.asarray(np.logaddexp.reduce(exponents, axis=-1) - np.log(std) - 0.5 * LOG_TWO_PI)
 
 
 @dataclass(frozen=True)
@@ -213,5 +213,5 @@ class WithVelocity:
         """The sum of the two log densities: (..., n) -> (...)."""
         states = np.asarray(states, dtype=float)
         away = (states[..., self._speed] - np.asarray(self.velocity, dtype=float)) / self.stds
-        speed = -0.5 * (away**2).sum(-1) - LOG_TURN - np.log(self.stds).sum()
+        speed = -0.5 * (away**2).sum(-1) - LOG_TWO_PI - np.log(self.stds).sum()
         return np.asarray(self.prior.log_density(states[..., self._place]) + speed)

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, wrap
 from ..problem import Noise, RangeMap
-from ..space import TURN, Array, BoolArray, StateSpace, wrap
-from .noise import LOG_TURN, Gaussian
+from ..space import StateSpace
+from .noise import Gaussian
 
 RIGHT_ANGLE = 0.5 * np.pi
 FEW = 8  # beams
@@ -30,11 +31,11 @@ def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
     Raises:
         ValueError: If the resolution is not positive or the sector is not in [0, 2 pi).
     """
-    if not (0 < resolution <= TURN and 0 <= blind_sector < TURN):
+    if not (0 < resolution <= TWO_PI and 0 <= blind_sector < TWO_PI):
         raise ValueError(f"need resolution > 0, 0 <= blind sector < 2 pi: {resolution}, {blind_sector}")
-    half = int(np.floor((TURN - blind_sector) / 2 / resolution * (1 + 1e-12)))
+    half = int(np.floor((TWO_PI - blind_sector) / 2 / resolution * (1 + 1e-12)))
     bearings: Array = resolution * np.arange(-half, half + 1, dtype=float)
-    return bearings[1:] if bearings[-1] - bearings[0] >= TURN * (1 - 1e-12) else bearings
+    return bearings[1:] if bearings[-1] - bearings[0] >= TWO_PI * (1 - 1e-12) else bearings
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Rangefinder:
             raise ValueError("a rangefinder needs at least one beam: bearings of shape (B,), B >= 1")
         if not np.isfinite(bearings).all():
             raise ValueError(f"bearings must be finite, got {self.bearings}")
-        if not 0 <= self.blind_sector < TURN:
+        if not 0 <= self.blind_sector < TWO_PI:
             raise ValueError(f"the blind sector must be in [0, 2 pi) rad, got {self.blind_sector}")
         if not self.max_range > 0:
             raise ValueError(f"the maximum range must be positive, got {self.max_range}")
@@ -153,7 +154,7 @@ class Rangefinder:
         """The sum for Gaussian noise, quickly; not finite where a reading or a range is infinite."""
         measured = ~np.isnan(measurement)
         reading, weight = np.where(measured, measurement, 0.0), measured / stds
-        level = np.where(measured, 0.5 * LOG_TURN + np.log(stds), 0.0).sum(-1)
+        level = np.where(measured, 0.5 * LOG_TWO_PI + np.log(stds), 0.0).sum(-1)
         with np.errstate(invalid="ignore"):
             if reading.shape[-1] > FEW:
                 deviates = (expected - reading) * weight

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import TWO_PI, Array, wrap
 from ..problem import RangeMap
-from ..space import TURN, Array, StateSpace, wrap
+from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
 BATCHES = 1000  # of candidates before sampling gives up
@@ -55,7 +56,7 @@ class Uniform:
             raise ValueError(f"the prior has no free space in the box from {lower} to {upper}")
         low, high = self._arc()
         mean, covariance = np.zeros(self.space.size), np.eye(self.space.size) * (high - low) ** 2 / 12
-        mean[self.space.is_angle] = wrap(np.array(0.5 * (low + high))) if high - low < TURN else 0.0
+        mean[self.space.is_angle] = wrap(np.array(0.5 * (low + high))) if high - low < TWO_PI else 0.0
         where = self.space.position_indices
         mean[where] = inside.mean(0)
         spread = np.cov(inside.T, bias=True) + np.diag(step**2 / 12)  # the spread within a cell
@@ -73,13 +74,13 @@ class Uniform:
 
     def _arc(self) -> tuple[float, float]:
         if self.headings is None:
-            return 0.0, TURN
+            return 0.0, TWO_PI
         if not self.space.is_angle.any():
             raise ValueError("the heading is known: an arc of headings needs a space with one, pose_space()")
         low, high = (float(end) for end in self.headings)
-        if not (np.isfinite(low) and low < high <= low + TURN * (1 + 1e-12)):
+        if not (np.isfinite(low) and low < high <= low + TWO_PI * (1 + 1e-12)):
             raise ValueError(f"headings need low < high <= low + 2 pi, got {low} and {high} rad")
-        return low, min(high, low + TURN)
+        return low, min(high, low + TWO_PI)
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws by rejection, (size, n).

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import Array, BoolArray
 from ..problem import Prior
-from ..space import Array, BoolArray
 
 
 @dataclass(frozen=True)

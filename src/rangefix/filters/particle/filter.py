@@ -20,11 +20,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import Array
 from ..estimator import Estimate
 from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
-from ..space import Array
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
 from .metropolis import Posterior, kernel_step, metropolis, root_of, spread_alike, within_walls

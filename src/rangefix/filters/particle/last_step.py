@@ -18,9 +18,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from ...arrays import Array, BoolArray
 from ..models import Confined, ConstantVelocity, Odometry, RandomWalk
 from ..problem import Motion, Problem
-from ..space import Array, BoolArray, StateSpace
+from ..space import StateSpace
 
 SMALLEST = 0.05  # share of the noise that a proposal draws anew, at least
 TURNS_LITTLE = 0.5  # rad; noise of a heading that is not felt to be on a circle

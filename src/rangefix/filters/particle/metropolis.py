@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from ...arrays import Array
 from ..models import is_clear
 from ..problem import Prior, Problem, Sensor
-from ..space import Array, StateSpace
+from ..space import StateSpace
 
 BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
 ALIKE = 64  # points in fewer places than that are spread

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ..space import Array
+from ...arrays import Array
 
 Indices = NDArray[np.intp]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..space import Array
+from ...arrays import Array
 
 FLOOR = -700.0  # below exp(-708) numbers are denormal, and exp several times slower
 HALVINGS = 20

@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
+from ...arrays import Array
 from ..compiled import njit
-from ..space import Array
 
 FLAT = 1e-2  # least curvature, 1 / cells^2: a deviation of ten cells has no error
 MUCH = 0.01  # share of the variance that is missed: from there on the sum's own variance is luck

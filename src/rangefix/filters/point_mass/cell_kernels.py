@@ -11,13 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, BoolArray, IntArray
 from ..compiled import njit, prange
-from ..space import Array, BoolArray
 from .mode_shape import pick
 
-Places = NDArray[np.int64]
 BLOCK = 64
 MARGIN = 60.0
 
@@ -48,7 +46,7 @@ def _least_penalty(reading: float, precision: float, low: float, high: float) ->
 @njit(cache=True, nogil=True)
 def _cells(
     first: int, last: int, reading: Array, precision: Array, ranges: Array, log_mass: Array, floor: float,
-    chosen: Places, logs: Array, count: int, best: float,
+    chosen: IntArray, logs: Array, count: int, best: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block whose log weight exceeds best - floor; returns the new count and best."""
     beams = reading.size
@@ -67,7 +65,7 @@ def _cells(
 @njit(cache=True, nogil=True)
 def _select(
     reading: Array, precision: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
-    top_mass: Array, chosen: Places, logs: Array, bounds: Array,
+    top_mass: Array, chosen: IntArray, logs: Array, bounds: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Find the cells that matter and their log weights; returns their number and the greatest log weight."""
     cells, beams = ranges.shape
@@ -98,7 +96,7 @@ def _select(
 
 @njit(cache=True, nogil=True)
 def _moments(
-    chosen: Places, logs: Array, count: int, best: float, centres: Array, is_angle: BoolArray,
+    chosen: IntArray, logs: Array, count: int, best: float, centres: Array, is_angle: BoolArray,
     mean: Array, covariance: Array,
 ) -> float:  # fmt: skip
     """Mean and covariance of the chosen cells, written in place; returns the log of the sum of weights."""
@@ -139,7 +137,7 @@ def _moments(
 def gaussian_moments(
     readings: Array, precisions: Array, ranges: Array, low: Array, high: Array, log_mass: Array,
     top_mass: Array, centres: Array, is_angle: BoolArray, means: Array, covariances: Array, log_sums: Array,
-    picks: Places,
+    picks: IntArray,
 ) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
 

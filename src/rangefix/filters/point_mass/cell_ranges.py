@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
+from ...arrays import Array, BoolArray
 from ..models import Rangefinder
 from ..problem import Sensor
-from ..space import Array, BoolArray
 from .cell_error import add_error
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid

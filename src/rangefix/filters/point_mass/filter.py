@@ -9,11 +9,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ...arrays import LOG_TWO_PI, Array
 from ..estimator import Estimate
-from ..models import LOG_TURN, Gaussian, Stationary
+from ..models import Gaussian, Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import Array
 from .cell_ranges import CellRanges, cast
 from .grid import Grid, build_grid
 
@@ -193,7 +193,7 @@ class PointMassFilter:
         readings = np.where(finite, belief.readings + step / np.maximum(counts, 1), fresh)
         mixed = (belief.counts > 0) & measured & (returned != np.isfinite(belief.readings))
         precision = self._precision
-        log_density = 0.5 * (np.log(precision) - LOG_TURN)
+        log_density = 0.5 * (np.log(precision) - LOG_TWO_PI)
         spread = 0.5 * precision * step**2 * belief.counts / np.maximum(counts, 1)
         common = np.where(returned, log_density - spread, 0.0)
         common[mixed] = -np.inf  # one beam, from one place, both met a wall and met none

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior
-from ..space import TURN, Array, StateSpace
+from ..space import StateSpace
 
 TILE = 8  # cells along a side of the tiles in which cells are stored, so that neighbours lie together
 SPOT_TILE = 4  # the same for places, where all headings of a place are stored together
@@ -35,7 +36,7 @@ class Grid:
     shape: tuple[int, ...]
     lower: Array
     step: Array
-    index: NDArray[np.int64]
+    index: IntArray
     centres: Array
     log_mass: Array
     turns: int = 1
@@ -57,7 +58,7 @@ class Grid:
     @property
     def goes_round(self) -> bool:
         """Whether the last axis is a whole circle of headings."""
-        return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TURN) < 1e-9
+        return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TWO_PI) < 1e-9
 
     @property
     def extent(self) -> tuple[float, ...]:
@@ -117,7 +118,7 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> G
     return Grid(shape, lower, step, index[:count].ravel(), states, log, turns)
 
 
-def _tiled(shape: tuple[int, ...], tile: int) -> NDArray[np.int64]:
+def _tiled(shape: tuple[int, ...], tile: int) -> IntArray:
     """Row-major places of all cells of a box, ordered tile by tile."""
     places = np.indices(shape, dtype=np.int32).reshape(len(shape), -1)
     keys = [*reversed(places % tile), *reversed(places // tile)]  # the last key sorts first

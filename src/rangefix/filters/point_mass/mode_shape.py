@@ -13,12 +13,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array, IntArray
 from ..compiled import njit, prange
-from ..space import Array
 from .cell_error import FLAT, missed_about
 from .grid import Grid
 
-Places = NDArray[np.int64]
 PICKS = 16  # cells that are asked
 STEEP = 3.5  # curvature up to which nothing is missed: 3e-4 of the variance
 WIDE, NARROW = 0.03, 0.1  # share of the belief about a cell: ranges jump in wide posteriors, too
@@ -26,7 +25,7 @@ LEAST, SHRINK = 0.02, 0.9  # see `_make_definite`
 ALONE = 1e6  # curvature where a cell has no neighbour on either side that is possible
 
 
-def stencil(size: int) -> Places:
+def stencil(size: int) -> IntArray:
     """A cell, its neighbours +-e_i, and for each i < j its neighbours +-e_i +-e_j, (S, n)."""
     axes = np.eye(size, dtype=np.int64)
     offsets = [0 * axes[0]]
@@ -37,13 +36,13 @@ def stencil(size: int) -> Places:
     return np.array(offsets)
 
 
-def no_picks(runs: int) -> Places:
+def no_picks(runs: int) -> IntArray:
     """For `pick` to write to, (M, K); -1 stays where nothing is possible."""
     return np.full((runs, PICKS), -1, np.int64)
 
 
 @njit(cache=True, nogil=True)
-def pick(chosen: Places, weights: Array, total: float, picks: Places) -> None:
+def pick(chosen: IntArray, weights: Array, total: float, picks: IntArray) -> None:
     """Cells at evenly spaced shares of the probability, written in place: systematic resampling."""
     at, least = 0, 0.5 * total / picks.size
     for k in range(chosen.size):
@@ -57,7 +56,7 @@ def pick(chosen: Places, weights: Array, total: float, picks: Places) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _spread(logs: Array, offsets: Places) -> Array:
+def _spread(logs: Array, offsets: IntArray) -> Array:
     """Covariance of a stencil's cells as they weigh, (n, n)."""
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -143,7 +142,7 @@ def _is_definite(information: Array) -> bool:
 
 @njit(cache=True, nogil=True)
 def _log_weight(
-    cell: int, reading: Array, weight: Array, kind: Places, shift: Places, table: Array, period: int,
+    cell: int, reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array, period: int,
     headings: int, log_mass: Array,
 ) -> float:  # fmt: skip
     """Log weight of a cell; -inf for no cell."""
@@ -162,7 +161,7 @@ def _log_weight(
 
 
 @njit(cache=True, nogil=True)
-def _neighbour(box: int, offset: Places, shape: Places, goes_round: bool) -> int:
+def _neighbour(box: int, offset: IntArray, shape: IntArray, goes_round: bool) -> int:
     """Place in the box of the cell that lies so many cells on, or -1."""
     place, stride = 0, 1
     for axis in range(shape.size - 1, -1, -1):
@@ -179,9 +178,9 @@ def _neighbour(box: int, offset: Places, shape: Places, goes_round: bool) -> int
 
 @njit(cache=True, nogil=True, parallel=True)
 def _errors(
-    picks: Places, readings: Array, precisions: Array, kinds: Places, shifts: Places, table: Array,
-    period: int, headings: int, log_mass: Array, index: Places, cell_at: NDArray[np.int32], shape: Places,
-    goes_round: bool, offsets: Places, log_sums: Array, errors: Array,
+    picks: IntArray, readings: Array, precisions: Array, kinds: IntArray, shifts: IntArray, table: Array,
+    period: int, headings: int, log_mass: Array, index: IntArray, cell_at: NDArray[np.int32], shape: IntArray,
+    goes_round: bool, offsets: IntArray, log_sums: Array, errors: Array,
 ) -> None:  # fmt: skip
     """Mean squared errors of the means, in cells, written in place.
 
@@ -231,11 +230,11 @@ def _errors(
 
 def lattice_errors(
     grid: Grid,
-    picks: Places,
+    picks: IntArray,
     readings: Array,
     precisions: Array,
     log_mass: Array,
-    table: tuple[Places, Places, Array, int, int],
+    table: tuple[IntArray, IntArray, Array, int, int],
     log_sums: Array,
 ) -> Array:
     """Mean squared errors of the means of lattice sums, (M, n, n), zero where no cell is possible.

@@ -14,13 +14,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, IntArray
 from ..compiled import njit, prange
-from ..space import Array
 from .mode_shape import pick
 
-Places = NDArray[np.int64]
 SPOT = 16  # places in a block
 RUN = 8  # headings in a block: as many float64 as the widest registers hold
 EARLY = 16  # beams by which all blocks are compared before the first cell is looked at
@@ -41,8 +39,8 @@ def _compare(
     early: int,
     reading: Array,
     weight: Array,
-    kind: Places,
-    shift: Places,
+    kind: IntArray,
+    shift: IntArray,
     low: Array,
     high: Array,
     bounds: Array,
@@ -66,8 +64,8 @@ def _compare(
 
 @njit(cache=True, nogil=True)
 def _bound(
-    log: float, bar: float, early: int, spot: int, run: int, reading: Array, weight: Array, kind: Places,
-    shift: Places, low: Array, high: Array,
+    log: float, bar: float, early: int, spot: int, run: int, reading: Array, weight: Array, kind: IntArray,
+    shift: IntArray, low: Array, high: Array,
 ) -> float:  # fmt: skip
     """The same for one block and the other beams; stops below the bar."""
     for beam in range(early, reading.size):
@@ -93,8 +91,8 @@ def _add_misfits(reading: float, weight: float, expected: Array, misfits: Array)
 
 @njit(cache=True, nogil=True)
 def _cells(
-    spot: int, run: int, reading: Array, weight: Array, kind: Places, shift: Places, table: Array,
-    log_mass: Array, chosen: Places, logs: Array, count: int, best: float,
+    spot: int, run: int, reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array,
+    log_mass: Array, chosen: IntArray, logs: Array, count: int, best: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block that matter; returns the new count and best log weight."""
     headings, period, heading = log_mass.shape[1], table.shape[2] - RUN + 1, RUN * run
@@ -123,8 +121,8 @@ def _cells(
 
 @njit(cache=True, nogil=True)
 def _select(
-    reading: Array, weight: Array, kind: Places, shift: Places, table: Array, low: Array, high: Array,
-    log_mass: Array, most: float, bounds: Array, chosen: Places, logs: Array,
+    reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array, low: Array, high: Array,
+    log_mass: Array, most: float, bounds: Array, chosen: IntArray, logs: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Find the cells that matter and their log weights; `bounds` starts as the blocks' greatest log mass.
 
@@ -170,8 +168,8 @@ def _select(
 
 @njit(cache=True, nogil=True)
 def sum_up(
-    chosen: Places, logs: Array, best: float, places: Array, headings: Array, mean: Array, covariance: Array,
-    picks: Places,
+    chosen: IntArray, logs: Array, best: float, places: Array, headings: Array, mean: Array,
+    covariance: Array, picks: IntArray,
 ) -> float:  # fmt: skip
     """Mean (3,) and covariance (3, 3) of the chosen cells, and picks spread evenly over them, in place.
 
@@ -212,9 +210,9 @@ def sum_up(
 
 @njit(cache=True, nogil=True, parallel=True)
 def scan_moments(
-    readings: Array, precisions: Array, order: Places, kinds: Places, shifts: Places, table: Array,
+    readings: Array, precisions: Array, order: IntArray, kinds: IntArray, shifts: IntArray, table: Array,
     low: Array, high: Array, log_mass: Array, top_mass: Array, most: Array, places: Array, headings: Array,
-    means: Array, covariances: Array, log_sums: Array, picks: Places,
+    means: Array, covariances: Array, log_sums: Array, picks: IntArray,
 ) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
 
@@ -248,7 +246,7 @@ def scan_moments(
 
 @njit(cache=True, nogil=True, parallel=True)
 def scan_misfits(
-    reading: Array, weight: Array, kind: Places, shift: Places, table: Array, misfits: Array
+    reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array, misfits: Array
 ) -> None:
     """Sum_j weight_j (reading_j - range_j)^2 for all cells, written in place, (C, H)."""
     headings, period = misfits.shape[1], table.shape[2] - RUN + 1

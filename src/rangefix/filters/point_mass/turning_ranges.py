@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import TWO_PI, Array, IntArray
 from ..models import Gaussian, Rangefinder
-from ..space import TURN, Array, StateSpace
+from ..space import StateSpace
 from .cell_error import add_error
 from .grid import Grid
 from .mode_shape import lattice_errors, no_picks
@@ -47,8 +47,8 @@ class TurningRanges:
     grid: Grid
     places: Array
     headings: Array
-    kind: NDArray[np.int64]
-    shift: NDArray[np.int64]
+    kind: IntArray
+    shift: IntArray
     table: Array
     low: Array = field(repr=False)
     high: Array = field(repr=False)
@@ -132,9 +132,7 @@ class TurningRanges:
         largest = max(self.farthest, np.abs(reading).max(initial=0.0, where=np.isfinite(reading)))
         return bool(np.finfo(float).eps * largest**2 * precision.sum() < ROUNDING)
 
-    def _correlate(
-        self, reading: Array, weight: Array, kind: NDArray[np.int64], shift: NDArray[np.int64]
-    ) -> Array:
+    def _correlate(self, reading: Array, weight: Array, kind: IntArray, shift: IntArray) -> Array:
         """Sum_j weight_j (reading_j - range_j)^2, (C, H): circular correlations along the directions.
 
         With u_j and r the readings and ranges less the mean reading, sum_j w_j u_j^2 - 2 sum_j w_j u_j r_j +
@@ -178,8 +176,8 @@ class Directions(NamedTuple):
     """
 
     angles: Array
-    kind: NDArray[np.int64]
-    shift: NDArray[np.int64]
+    kind: IntArray
+    shift: IntArray
 
 
 def directions(bearings: Array, first: float, step: float, headings: int) -> Directions:
@@ -191,7 +189,7 @@ def directions(bearings: Array, first: float, step: float, headings: int) -> Dir
     kind[order] = np.cumsum(fresh) - 1
     rest = (offset % 1.0)[order][fresh] - SAME / step
     shift = np.round(offset - rest[kind]).astype(np.int64)
-    if abs(headings * step - TURN) < SAME:
+    if abs(headings * step - TWO_PI) < SAME:
         period, least = headings, np.zeros(len(rest), np.int64)
         shift %= headings
     else:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ....arrays import TWO_PI, Array, BoolArray, IntArray
 from ....filters import RangeMap, is_clear
-from ....filters.space import TURN, Array, BoolArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -34,10 +34,10 @@ class Lattice:
     room: RangeMap
     lower: Array
     cell: float
-    places: NDArray[np.int64]
+    places: IntArray
     centres: Array
     graph: csr_array[np.float64]
-    areas: NDArray[np.int64]
+    areas: IntArray
 
     @classmethod
     def over(cls, room: RangeMap, clearance: float) -> Lattice:
@@ -57,7 +57,7 @@ class Lattice:
         centres = corner + cell * (np.indices(tuple(shape)).reshape(2, -1).T + 0.5)
         clear = np.asarray(room.is_free(centres), dtype=np.bool_)
         poses = np.column_stack([centres[clear], np.zeros(clear.sum())])
-        bearings = np.linspace(0, TURN, BEARINGS, endpoint=False, dtype=np.float64)
+        bearings = np.linspace(0, TWO_PI, BEARINGS, endpoint=False, dtype=np.float64)
         clear[clear] = (room.ranges(poses, bearings) >= clearance).all(axis=1)
         ring = clearance * np.stack([np.sin(bearings), np.cos(bearings)], axis=-1)
         for part in (0.5, 1.0):  # what beams pass over, such as a table, is kept clear of too
@@ -77,11 +77,11 @@ class Lattice:
             raise ValueError(f"the start {np.asarray(point).tolist()} does not keep clear of walls")
         return place
 
-    def largest(self) -> NDArray[np.int64]:
+    def largest(self) -> IntArray:
         """The places of the largest connected area."""
         return np.flatnonzero(self.areas == np.bincount(self.areas).argmax())
 
-    def reached(self, place: int) -> NDArray[np.int64]:
+    def reached(self, place: int) -> IntArray:
         """The places connected with one, itself included."""
         return np.flatnonzero(self.areas == self.areas[place])
 
@@ -114,7 +114,7 @@ class Lattice:
         return np.asarray(kept & is_clear(self.room, start, ends))
 
 
-def _graph(room: RangeMap, places: NDArray[np.int64], centres: Array) -> csr_array[np.float64]:
+def _graph(room: RangeMap, places: IntArray, centres: Array) -> csr_array[np.float64]:
     """Distances between neighbouring places, each pair once."""
     from scipy.sparse import coo_array
 

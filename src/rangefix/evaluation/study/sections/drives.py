@@ -17,8 +17,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from ....arrays import Array, wrap
 from ....filters import Odometry, RangeMap, is_clear, pose_space
-from ....filters.space import Array, wrap
 from .clearance_graph import Lattice
 
 TURN_A_STEP = float(np.deg2rad(45.0))

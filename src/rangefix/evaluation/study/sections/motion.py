@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from ....arrays import Array
 from ....filters import (
     Confined,
     ConstantVelocity,
@@ -17,7 +18,6 @@ from ....filters import (
     StateSpace,
     Stationary,
 )
-from ....filters.space import Array
 from .base import Misfit, NotNegative, Point, Positive, Section
 from .drives import Drive, random_drive, waypoint_drive
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from ....arrays import Array
 from ....filters import (
     GaussianPrior,
     Mixture,
@@ -20,7 +21,6 @@ from ....filters import (
     position_space,
 )
 from ....filters.problem import SpacedPrior
-from ....filters.space import Array
 from .base import Misfit, Point, Positive, Section
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]

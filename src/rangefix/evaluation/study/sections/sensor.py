@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from ....arrays import Array
 from ....filters import (
     BeamMixture,
     Gaussian,
@@ -20,7 +21,6 @@ from ....filters import (
     sweep,
 )
 from ....filters.models import CumulativeNoise
-from ....filters.space import Array
 from .base import Misfit, NotNegative, Positive, Section
 
 PerBeam = Positive | Annotated[list[Positive], Field(min_length=1)]

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from ....arrays import Array, wrap
 from ....filters import StateSpace
-from ....filters.space import Array, wrap
 from .base import Misfit, Point, Section
 
 
