@@ -7,9 +7,9 @@ import pytest
 
 from rangefix.filters import EachRun, Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
 from rangefix.filters.kalman import (
-    BatchExtendedKalmanFilter,
-    BatchUnscentedKalmanFilter,
     ExtendedKalmanFilter,
+    FilterpyExtendedKalmanFilter,
+    FilterpyUnscentedKalmanFilter,
     UnscentedKalmanFilter,
 )
 from rangefix.maps import RectangularRoom
@@ -64,7 +64,7 @@ def bare_ekf(runs):
 
 
 @pytest.mark.benchmark(group="10 000 runs of 3 updates")
-@pytest.mark.parametrize("make", [BatchExtendedKalmanFilter, BatchUnscentedKalmanFilter])
+@pytest.mark.parametrize("make", [ExtendedKalmanFilter, UnscentedKalmanFilter])
 def test_all_runs_at_once(benchmark, make):
     benchmark(filtered, make(PROBLEM), RUNS)
 
@@ -73,8 +73,8 @@ def test_all_runs_at_once(benchmark, make):
 @pytest.mark.parametrize(
     ("batch", "single"),
     [
-        (BatchExtendedKalmanFilter, ExtendedKalmanFilter),
-        (BatchUnscentedKalmanFilter, UnscentedKalmanFilter),
+        (ExtendedKalmanFilter, FilterpyExtendedKalmanFilter),
+        (UnscentedKalmanFilter, FilterpyUnscentedKalmanFilter),
     ],
 )
 def test_fifty_times_faster_than_filterpy(batch, single, board):
@@ -84,7 +84,7 @@ def test_fifty_times_faster_than_filterpy(batch, single, board):
     ours = min(seconds(filtered, batch(PROBLEM), RUNS) for _ in range(10))
     what = f"10 000 runs of 3 updates, {batch.__name__.removeprefix('Batch')}"
     board.add(what, ours, "filterpy, one by one", theirs, target=50, slack=0.6)
-    if single is ExtendedKalmanFilter:
+    if single is FilterpyExtendedKalmanFilter:
         with np.errstate(all="ignore"):
             bare = seconds(bare_ekf, FEW) * RUNS / FEW
         board.add(what, ours, "filterpy, bare loop", bare)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, run
+from rangefix.evaluation import Experiment, NamedEstimator, run
 from rangefix.filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
 from rangefix.maps import RectangularRoom
 
@@ -27,7 +27,7 @@ GRIDS = {
 class Watched:
     """A builder whose estimators add the time of building and of their verbs to `spent`."""
 
-    builder: Named
+    builder: NamedEstimator
     spent: ClassVar[list[float]] = []
 
     def watch(self, function):
@@ -58,7 +58,9 @@ def paper_problem():
 def test_overhead(tmp_path):
     """Simulating, keeping, checking, summarising and saving take under 5 % of the estimators' own time."""
     estimators = {
-        f"{name} {options}": Watched(Named(name, options)) for name, grid in GRIDS.items() for options in grid
+        f"{name} {options}": Watched(NamedEstimator(name, options))
+        for name, grid in GRIDS.items()
+        for options in grid
     }
     experiment = Experiment(paper_problem(), estimators, runs=RUNS)
     run(Experiment(paper_problem(), estimators, runs=20), tmp_path / "warm", timing=False)

@@ -29,10 +29,10 @@ from rangefix.filters import (
 )
 from rangefix.filters.checks.problems import BEARINGS, STDS, GaussianPrior, Hall
 from rangefix.filters.kalman import (
-    BatchExtendedKalmanFilter,
-    BatchUnscentedKalmanFilter,
     EnsembleKalmanFilter,
     ExtendedKalmanFilter,
+    FilterpyExtendedKalmanFilter,
+    FilterpyUnscentedKalmanFilter,
     UnscentedKalmanFilter,
     cubature,
 )
@@ -253,14 +253,14 @@ MOTION = LinearMotion(np.array([[1.0, 0.1], [-0.2, 0.9]]), np.array([[0.2, 0.05]
 PROBLEM = Problem(SPACE, MOTION, SENSOR, PRIOR)
 
 EXACT = {
-    "filterpy-ekf": EachRun(ExtendedKalmanFilter(PROBLEM)),
-    "filterpy-iterated-ekf": EachRun(ExtendedKalmanFilter(PROBLEM, iterations=3)),
-    "filterpy-ukf": EachRun(UnscentedKalmanFilter(PROBLEM)),
-    "filterpy-ukf-0.3": EachRun(UnscentedKalmanFilter(PROBLEM, alpha=0.3, beta=1.5, kappa=1.0)),
-    "ekf": BatchExtendedKalmanFilter(PROBLEM),
-    "iterated-ekf": BatchExtendedKalmanFilter(PROBLEM, iterations=3),
-    "ukf": BatchUnscentedKalmanFilter(PROBLEM),
-    "ukf-0.3": BatchUnscentedKalmanFilter(PROBLEM, alpha=0.3, beta=1.5, kappa=1.0),
+    "filterpy-ekf": EachRun(FilterpyExtendedKalmanFilter(PROBLEM)),
+    "filterpy-iterated-ekf": EachRun(FilterpyExtendedKalmanFilter(PROBLEM, iterations=3)),
+    "filterpy-ukf": EachRun(FilterpyUnscentedKalmanFilter(PROBLEM)),
+    "filterpy-ukf-0.3": EachRun(FilterpyUnscentedKalmanFilter(PROBLEM, alpha=0.3, beta=1.5, kappa=1.0)),
+    "ekf": ExtendedKalmanFilter(PROBLEM),
+    "iterated-ekf": ExtendedKalmanFilter(PROBLEM, iterations=3),
+    "ukf": UnscentedKalmanFilter(PROBLEM),
+    "ukf-0.3": UnscentedKalmanFilter(PROBLEM, alpha=0.3, beta=1.5, kappa=1.0),
     "ckf": cubature(PROBLEM),
 }
 
@@ -374,7 +374,7 @@ def test_samples_equal_the_kalman_filter_within_their_error(name, moves):
         assert np.sqrt((error**2).mean()) < 0.08
 
 
-@pytest.mark.parametrize("make", [ExtendedKalmanFilter, UnscentedKalmanFilter])
+@pytest.mark.parametrize("make", [FilterpyExtendedKalmanFilter, FilterpyUnscentedKalmanFilter])
 def test_angles_come_back_wrapped(make):
     """A heading just short of the cut, pushed over it, comes out on the other side."""
     space = pose_space()
@@ -382,7 +382,7 @@ def test_angles_come_back_wrapped(make):
     sensor = LinearSensor(space, np.eye(3), np.zeros(3), Gaussian(0.01))
     motion = LinearMotion(np.eye(3), np.diag([0.0, 0.0, 0.01]))
     problem = Problem(space, motion, sensor, prior)
-    batch = BatchExtendedKalmanFilter if make is ExtendedKalmanFilter else BatchUnscentedKalmanFilter
+    batch = ExtendedKalmanFilter if make is FilterpyExtendedKalmanFilter else UnscentedKalmanFilter
     for estimator in (EachRun(make(problem)), batch(problem)):
         rngs = [np.random.default_rng(0)]
         belief = estimator.predict(estimator.init(prior, rngs), CONTROL, rngs)

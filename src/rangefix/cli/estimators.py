@@ -28,12 +28,12 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Whether an estimator does what every estimator must; exit code 1 if not."""
-    from ..evaluation.isolation.checks import check_apart
+    from ..evaluation.isolation.checks import run_checks_isolated
     from ..filters.checks import conforms, sum_up, told
 
     options, reasons = read_options(option or ()), read_reasons(expect_failure or ())
     results = []
-    for result in check_apart(target, options, reasons, timeout):
+    for result in run_checks_isolated(target, options, reasons, timeout):
         results.append(result)
         for line in () if as_json else told(result):
             typer.echo(line)
@@ -66,14 +66,14 @@ def describe() -> list[dict[str, Any]]:
 
     Plug-ins are imported in processes of their own; one that cannot be has a fault that says why.
     """
-    from ..evaluation.isolation import describe as look_at
-    from ..evaluation.isolation.look import look
+    from ..evaluation.isolation import signature_of as look_at
+    from ..evaluation.isolation.look import inspect_plugin
     from ..filters import available
     from ..filters.registry import BUILT_IN, resolve
 
     described = []
     for name in available():
-        seen = look_at(name, resolve(name)) if name in BUILT_IN else look(name)
+        seen = look_at(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
         row = {"name": name, "summary": seen.summary, "options": dict(seen.parameters)}
         described.append(row | ({"fault": seen.fault} if seen.fault else {}))
     return described

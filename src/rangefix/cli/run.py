@@ -40,7 +40,7 @@ def run(
     from ..evaluation import check_gates, load_study, parse_gates, summarise
     from ..evaluation import run as run_study
     from ..evaluation.consistency import need_sound
-    from ..evaluation.consistency.verdict import verdict
+    from ..evaluation.consistency.verdict import verdict_text
     from .progress import bars
 
     gates = parse_gates(gate or ())
@@ -73,7 +73,7 @@ def run(
                 "runs": results.runs,
                 "seed": results.manifest.get("seed"),
                 "folder": str(folder),
-                "rows": [row.flat() | {"verdict": verdict(row)} for row in rows],
+                "rows": [row.flat() | {"verdict": verdict_text(row)} for row in rows],
                 "gates": [
                     {"gate": line.gate.text, "passed": line.passed, "text": line.text} for line in lines
                 ],

@@ -16,14 +16,14 @@ from ..evaluation import Interval, Results, Row
 from ..evaluation.consistency import (
     Comparison,
     Difference,
+    beams_in_words,
     factor,
-    name_beams,
-    overconfident,
-    short,
+    format_number,
+    is_overconfident,
     uniform_p_value,
     unit,
 )
-from ..evaluation.consistency.verdict import verdict
+from ..evaluation.consistency.verdict import verdict_text
 from ..evaluation.paper import BAND, CELLS, Paper
 
 NARROW = 130  # columns; below, the table of a study has fewer
@@ -93,8 +93,8 @@ def table1_notes(paper: Paper) -> list[str]:
 
 def _interval(interval: Interval) -> str:
     if not math.isfinite(interval.value):
-        return short(interval.value)
-    return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
+        return format_number(interval.value)
+    return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
 
 
 def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
@@ -114,13 +114,13 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
     sets = list(dict.fromkeys((row.beams, row.step) for row in rows if row.step == end))
     for beams, step in sets:
         last = f", after the last of {end + 1} measurements" if end else ""
-        table.add_row(f"{name_beams(beams)}{last}", style="bold")
+        table.add_row(f"{beams_in_words(beams)}{last}", style="bold")
         for row in rows:
             if (row.beams, row.step) == (beams, step):
-                style = "bold red" if overconfident(row) else ""
+                style = "bold red" if is_overconfident(row) else ""
                 table.add_row(*_cells(row, narrow), style=style)
                 if narrow:
-                    table.add_row(f"  {verdict(row)}", style=style)
+                    table.add_row(f"  {verdict_text(row)}", style=style)
         table.add_section()
     return table
 
@@ -130,16 +130,19 @@ def _cells(row: Row, narrow: bool) -> list[str]:
     cells = [
         f"  {row.estimator}",
         str(row.ok),
-        *(f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" for g, p, k in triples),
+        *(
+            f"{format_number(k * g.sqrt().value)} / {format_number(k * p.sqrt().value)}"
+            for g, p, k in triples
+        ),
     ]
     if narrow:
-        return [*cells, short(row.anees.value)]
+        return [*cells, format_number(row.anees.value)]
     return [
         *cells,
         _interval(row.anees),
-        short(row.scores.energy.value) if row.ok else "-",
-        short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
-        verdict(row),
+        format_number(row.scores.energy.value) if row.ok else "-",
+        format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
+        verdict_text(row),
     ]
 
 
@@ -159,7 +162,7 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
     ]
     table = new_table("Beliefs: 99 samples of each", columns)
     for beams in dict.fromkeys(row.beams for row in sampled):
-        table.add_row(name_beams(beams), style="bold")
+        table.add_row(beams_in_words(beams), style="bold")
         for row in (row for row in sampled if row.beams == beams):
             table.add_row(*_belief_cells(row))
         table.add_section()
@@ -172,10 +175,13 @@ def _belief_cells(row: Row) -> list[str]:
     triples = zip(found.whole, found.mode, map(factor, row.names), strict=True)
     return [
         f"  {row.estimator}",
-        *(f"{short(k * whole.sqrt().value)} / {short(k * mode.sqrt().value)}" for whole, mode, k in triples),
+        *(
+            f"{format_number(k * whole.sqrt().value)} / {format_number(k * mode.sqrt().value)}"
+            for whole, mode, k in triples
+        ),
         f"{100 * found.share.value:.3g} %",
-        f"{short(row.scores.energy.value)} / {short(found.energy.value)}",
-        short(uniform_p_value(found.ranks[-1])),
+        f"{format_number(row.scores.energy.value)} / {format_number(found.energy.value)}",
+        format_number(uniform_p_value(found.ranks[-1])),
     ]
 
 
@@ -192,7 +198,7 @@ def failures(results: Results) -> list[str]:
                 first = f"run {run}: {trials.reasons[run]}"
         if counts:
             told = ", ".join(f"{count} {status}" for status, count in counts.items())
-            lines.append(f"{estimator}, {name_beams(beams)}: {told}; {first}")
+            lines.append(f"{estimator}, {beams_in_words(beams)}: {told}; {first}")
     return lines
 
 
@@ -207,7 +213,7 @@ def preamble(comparison: Comparison, a: str, b: str) -> list[str]:
     if len(config) > SHOWN:
         lines.append(f"  ... and {len(config) - SHOWN} lines more")
     for name, only in (("A", comparison.only_a), ("B", comparison.only_b)):
-        lines += [f"only in {name}: {estimator}, {name_beams(beams)}" for estimator, beams in only]
+        lines += [f"only in {name}: {estimator}, {beams_in_words(beams)}" for estimator, beams in only]
     same = "the same" if comparison.same_truths else "other"
     return [*lines, f"truths: {same}; runs are paired by number", ""]
 
@@ -227,7 +233,14 @@ def differences(comparison: Comparison) -> Table:
 def _difference_cells(each: Difference) -> Iterator[str]:
     root = each.figure.startswith(("mse_", "claimed_"))
     a, b = (math.sqrt(value) if root and value >= 0 else value for value in (each.a, each.b))
-    yield from (each.estimator, each.beams, _named(each.figure), str(each.runs), short(a), short(b))
+    yield from (
+        each.estimator,
+        each.beams,
+        _named(each.figure),
+        str(each.runs),
+        format_number(a),
+        format_number(b),
+    )
     yield f"{b / a:.3g}" if a and math.isfinite(a) and math.isfinite(b) else "-"
     yield "-" if each.adjusted != each.adjusted else f"{each.adjusted:.2g}"
     if each.change.value == 0 and each.p == 1.0:

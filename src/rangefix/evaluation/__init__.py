@@ -19,7 +19,7 @@ from .consistency import (
     to_csv,
 )
 from .consistency.summarise import summarise
-from .experiment import Experiment, Named
+from .experiment import Experiment, NamedEstimator
 from .monte_carlo import Progress, run
 from .report import write_report
 from .results import STATUSES, Results, ResultsError, Trials, load
@@ -30,7 +30,7 @@ __all__ = [
     "STATUSES",
     "Experiment",
     "Interval",
-    "Named",
+    "NamedEstimator",
     "Progress",
     "Results",
     "ResultsError",

@@ -15,11 +15,11 @@ from ..filters import Estimator, Problem
 
 Builder = Callable[[Problem], Estimator[Any]]
 SPELT_OUT = 8  # sets of more beams are labelled by ranges
-PATIENCE = 60.0  # s for a trial of a plug-in, unless the study says otherwise
+TRIAL_TIMEOUT_S = 60.0  # s for a trial of a plug-in, unless the study says otherwise
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedEstimator:
     """A builder for an estimator known by name: `build(name, problem, **options)`."""
 
     name: str
@@ -37,9 +37,9 @@ class Named:
 
     def made(self, factory: Any, problem: Problem) -> Estimator[Any]:
         """The estimator that it makes for a problem; whatever the factory raises comes out."""
-        from ..filters.registry import made
+        from ..filters.registry import build_with
 
-        return made(self.name, factory, problem, self.options)
+        return build_with(self.name, factory, problem, self.options)
 
     @property
     def ours(self) -> bool:
@@ -146,7 +146,7 @@ class Experiment:
         builder = self.estimators[label]
         if self.timeout is not None:
             return self.timeout or None
-        return PATIENCE if isinstance(builder, Named) and not builder.ours else None
+        return TRIAL_TIMEOUT_S if isinstance(builder, NamedEstimator) and not builder.ours else None
 
     def masks(self) -> BoolArray:
         """Which beams each set holds, (S, B)."""

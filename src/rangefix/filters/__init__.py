@@ -18,7 +18,7 @@ from .models import (
     Uniform,
     WithHeading,
     WithVelocity,
-    is_clear,
+    in_line_of_sight,
     sample_runs,
     sweep,
 )
@@ -56,7 +56,7 @@ __all__ = [
     "WithVelocity",
     "available",
     "build",
-    "is_clear",
+    "in_line_of_sight",
     "pose_space",
     "position_space",
     "sample_runs",

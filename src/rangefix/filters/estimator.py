@@ -112,7 +112,7 @@ class CanSample(Protocol[Sampled]):
         ...
 
 
-def draw(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
+def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
     """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
 
     A plug-in for single runs, lifted by `EachRun`, is asked run by run.

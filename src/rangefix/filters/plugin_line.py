@@ -12,7 +12,7 @@ BETWEEN = ("<", str(Path(importlib.__file__).parent))  # what imports files
 SHARED = ("site-packages", "dist-packages")
 
 
-def located(where: TracebackType | FrameType | None) -> str:
+def plugin_line(where: TracebackType | FrameType | None) -> str:
     """The innermost line of a plug-in's own code: " (my_filter.py, line 12, in update)", or empty.
 
     The code is that which we called first, and what lies beside it or below its folder; lines of the

@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from .estimator import EachRun, Estimator
-from .plugin_line import located
+from .plugin_line import plugin_line
 from .problem import Problem
 
 GROUP = "rangefix.estimators"
@@ -56,10 +56,10 @@ def build(name: str, problem: Problem, **options: Any) -> Estimator[Any]:
         TypeError: If it has no such option, or lacks one of the four verbs.
         ValueError: If an option's value does not fit.
     """
-    return made(name, resolve(name), problem, options)
+    return build_with(name, resolve(name), problem, options)
 
 
-def made(name: str, factory: Any, problem: Problem, options: Mapping[str, Any]) -> Estimator[Any]:
+def build_with(name: str, factory: Any, problem: Problem, options: Mapping[str, Any]) -> Estimator[Any]:
     """What the factory behind a name makes of a problem: see `build`.
 
     Raises:
@@ -119,7 +119,7 @@ def _load(target: str, name: str) -> Any:
         missing = error.name or where if isinstance(error, ModuleNotFoundError) else ""
         if name == target and (isinstance(error, _NoFile) or f"{where}.".startswith(f"{missing or ' '}.")):
             raise KeyError(f"no estimator {name!r}: {error}") from None
-        cause = f"{type(error).__name__}: {' '.join(str(error).split())}{located(error.__traceback__)}"
+        cause = f"{type(error).__name__}: {' '.join(str(error).split())}{plugin_line(error.__traceback__)}"
         raise ImportError(f"estimator {name!r} failed to import: {cause}") from error
     try:
         return attrgetter(attribute)(module)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, BoolArray
 from .base import Hits, MapError, beam_vectors, check_bearings, check_points, check_poses, range_gradients
 
-BLOCK = 8192  # poses at a time: the work arrays stay in the cache
+POSES_PER_BLOCK = 8192  # poses at a time: the work arrays stay in the cache
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class RectangularRoom:
         flat = poses.reshape(-1, 3)
         out = np.empty((len(flat), len(bearings)))
         with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0 on a wall along it: fmin passes over it
-            for start in range(0, len(flat), BLOCK):
-                rows = slice(start, start + BLOCK)
+            for start in range(0, len(flat), POSES_PER_BLOCK):
+                rows = slice(start, start + POSES_PER_BLOCK)
                 self._fill(flat[rows], bearings, out[rows])
         return out.reshape(*poses.shape[:-1], len(bearings))
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from rangefix.evaluation import Experiment, Named, load, run, streams, summarise
+from rangefix.evaluation import Experiment, NamedEstimator, load, run, streams, summarise
 from rangefix.evaluation.consistency import (
-    DRAWS,
+    RANK_DRAWS,
     belief_arrays,
     histogram,
     judge_belief,
@@ -24,9 +24,9 @@ from rangefix.evaluation.consistency.scores import crps, energy_score
 from rangefix.evaluation.figures.ranks import OUTSIDE, ranks_figure
 from rangefix.evaluation.figures.style import CLAIMED
 from rangefix.evaluation.monte_carlo.simulate import simulate
-from rangefix.evaluation.results import Plan, read_part, trials_path, write_part
+from rangefix.evaluation.results import FolderLayout, read_part, trials_path, write_part
 from rangefix.filters import EachRun, build, pose_space, position_space
-from rangefix.filters.estimator import CanSample, draw
+from rangefix.filters.estimator import CanSample, sample_belief
 
 from ..conftest import PriorOnly, make_problem
 
@@ -59,7 +59,7 @@ def truth() -> np.ndarray:
 
 def measured(truth: np.ndarray, squeeze: float) -> Any:
     lifted = EachRun(Ring(squeeze))  # type: ignore[type-var]
-    draws = draw(lifted, [None] * len(truth), DRAWS, streams(1, "belief", range(len(truth))))
+    draws = sample_belief(lifted, [None] * len(truth), RANK_DRAWS, streams(1, "belief", range(len(truth))))
     assert draws is not None
     return measure(draws, truth, SPACE)
 
@@ -92,15 +92,15 @@ def test_energy_from_draws_agrees_with_the_gaussian_claim():
 def test_a_run_s_draws_are_its_own(truth):
     """The same numbers alone and in a batch."""
     lifted = EachRun(Ring())  # type: ignore[type-var]
-    whole = draw(lifted, [None] * 3, 9, streams(1, "belief", range(3)))
-    alone = draw(lifted, [None], 9, streams(1, "belief", [2]))
+    whole = sample_belief(lifted, [None] * 3, 9, streams(1, "belief", range(3)))
+    alone = sample_belief(lifted, [None], 9, streams(1, "belief", [2]))
     assert whole is not None
     assert alone is not None
     np.testing.assert_array_equal(whole[2:], alone)
 
 
 def test_estimators_that_cannot_sample_are_let_be():
-    assert draw(object(), None, 9, streams(1, "belief", range(2))) is None
+    assert sample_belief(object(), None, 9, streams(1, "belief", range(2))) is None
     assert not isinstance(object(), CanSample)
 
 
@@ -111,7 +111,7 @@ def test_bad_draws_are_refused(shape, says):
             return np.full(shape, np.nan)
 
     with pytest.raises(ValueError, match=says):
-        draw(Bad(), None, 9, streams(1, "belief", range(2)))
+        sample_belief(Bad(), None, 9, streams(1, "belief", range(2)))
 
 
 def test_main_mode():
@@ -162,7 +162,7 @@ def test_beliefs_survive_in_parts(tmp_path):
     results = run(Experiment(make_problem(), {"prior": PriorOnly}, runs=6, block=4), tmp_path, timing=False)
     assert results.trials[0].belief(0) is None
     assert summarise(results)[0].beliefs is None
-    plan = Plan.read(results.manifest)
+    plan = FolderLayout.read(results.manifest)
     for first, end in plan.blocks():
         path = trials_path(tmp_path, "prior", "all", first, end)
         truth = results.truth[first:end, 0]
@@ -212,7 +212,7 @@ def test_ranks_of_headings_are_uniform_on_the_whole_circle():
     Cut half a turn from the mean of the draws alone, the truth would have the outer ranks too often.
     """
     rng = np.random.default_rng(38)
-    draws, truth = (rng.uniform(-np.pi, np.pi, size=(2500, *shape, 3)) for shape in ((DRAWS,), ()))
+    draws, truth = (rng.uniform(-np.pi, np.pi, size=(2500, *shape, 3)) for shape in ((RANK_DRAWS,), ()))
     found = measure(draws, truth, pose_space())
     assert uniform_p_value(rank_histogram(found.ranks[:, 2])) > 1e-3
     middle = np.arctan2(np.sin(draws[..., 2]).mean(1), np.cos(draws[..., 2]).mean(1))
@@ -239,7 +239,7 @@ BUILT_IN: dict[str, dict[str, Any]] = {
 def world() -> Any:
     """600 truths from the prior in the paper's room, and one reading of the first beam."""
     problem = make_problem()
-    made = simulate(Experiment(problem, {"exact": Named("point-mass")}, runs=600, seed=9), 0, 600)
+    made = simulate(Experiment(problem, {"exact": NamedEstimator("point-mass")}, runs=600, seed=9), 0, 600)
     measurement = made.measurement[:, 0].copy()
     measurement[:, 1:] = np.nan
     return problem, made.truth[:, 0], measurement
@@ -329,7 +329,7 @@ def test_ranks_come_from_a_study_to_rows_summary_and_figure(tmp_path):
     An exact filter has p < 0.001 for 1 seed in 1000, and more than 3 of 30 bars outside for 1 in 10 000.
     """
     sure = make_problem(0.01)  # told a fifth of the noise
-    estimators = {"exact": Named("point-mass", {"cell": 0.1}), "prior": PriorOnly}
+    estimators = {"exact": NamedEstimator("point-mass", {"cell": 0.1}), "prior": PriorOnly}
     experiment = Experiment(make_problem(), estimators, runs=200, beliefs=True, beam_sets=[[2]])
     results = run(experiment, tmp_path / "one", timing=False)
     exact, prior = summarise(results)
@@ -344,7 +344,7 @@ def test_ranks_come_from_a_study_to_rows_summary_and_figure(tmp_path):
     assert set(columns) == set(header.split(","))
     assert second.split(",")[header.split(",").index("belief_crps_x2")] == "nan"
     assert first.count("nan") < second.count("nan")
-    told = Experiment(make_problem(), {"sure": Named("ekf")}, runs=200, beliefs=True, assumed=sure)
+    told = Experiment(make_problem(), {"sure": NamedEstimator("ekf")}, runs=200, beliefs=True, assumed=sure)
     wrong = summarise(run(told, timing=False))
     assert wrong[0].flat()["belief_rank_p_x2"] < 1e-6
     figure = ranks_figure(summarise(results), "2", "ranks")

@@ -17,10 +17,10 @@ import pytest
 from scipy.stats import binom
 
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
-from rangefix.evaluation.consistency import ALARMS, MUCH, decide_overall, overconfident
+from rangefix.evaluation.consistency import ALARMS, LARGE_FACTOR, decide_overall, is_overconfident
 from rangefix.evaluation.consistency.from_arrays import judge
 from rangefix.evaluation.consistency.intervals import p_value
-from rangefix.evaluation.consistency.verdict import BY_ANEES, verdict
+from rangefix.evaluation.consistency.verdict import BY_ANEES, verdict_text
 from rangefix.filters import Estimate, Estimator, Problem, Rangefinder, StudentT, build
 
 from ..conftest import PriorOnly, make_problem
@@ -144,8 +144,8 @@ def test_what_is_infinite_or_absent():
     errors = np.random.default_rng(4).normal(size=(50, 2))
     certain = credibility(np.zeros(2), errors, np.zeros((2, 2)))
     assert decide(certain).severe
-    assert overconfident(certain)
-    assert verdict(certain) == "DO NOT TRUST: claims certainty, and errs"
+    assert is_overconfident(certain)
+    assert verdict_text(certain) == "DO NOT TRUST: claims certainty, and errs"
     nothing = credibility(np.zeros(2), np.full((3, 2), np.nan), np.eye(2))
     assert decide(nothing).kind == "failed"
     assert "all 3 runs failed (3 nan)" in decide(nothing).notes[0]
@@ -240,7 +240,7 @@ def test_the_harness_can_accuse():
         for seed in range(10)
     ]
     assert all(decide(row).kind == "overconfident" for row in studies)
-    assert all(row.anees.value < MUCH * 1.2 for row in studies)
+    assert all(row.anees.value < LARGE_FACTOR * 1.2 for row in studies)
 
 
 if __name__ == "__main__":

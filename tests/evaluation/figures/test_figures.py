@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rangefix.evaluation import Experiment, Named, ResultsError, run
+from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.drawing import draw
 from rangefix.evaluation.figures import INK, styled
 from rangefix.evaluation.figures.style import COLOURS
@@ -25,7 +25,7 @@ PAPER = {"figure2_maps", "figure2_surfaces", "figure3_map", "figure3_surface"}
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a small study of two estimators."""
     folder = tmp_path_factory.mktemp("study")
-    estimators = {"point-mass": Named("point-mass", {"cell": 0.1}), "ekf": Named("ekf")}
+    estimators = {"point-mass": NamedEstimator("point-mass", {"cell": 0.1}), "ekf": NamedEstimator("ekf")}
     run(Experiment(table1.example(), estimators, runs=40, beam_sets=[[1], [1, 2, 3]]), folder)
     return folder
 
@@ -100,7 +100,7 @@ def test_runs_that_all_failed_are_drawn(study: Path, tmp_path: Path) -> None:
     """An estimator that never answers leaves its place empty and the figures whole."""
     source = tmp_path / "failing.py"
     source.write_text("def build(problem):\n    return Never()\n" + NEVER, encoding="utf-8")
-    estimators = {"never": Named(f"{source}:build"), "ekf": Named("ekf")}
+    estimators = {"never": NamedEstimator(f"{source}:build"), "ekf": NamedEstimator("ekf")}
     run(Experiment(table1.example(), estimators, runs=10), tmp_path / "out")
     assert len(draw(tmp_path / "out")) >= 10
 

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rangefix.evaluation import Experiment, Named, run
+from rangefix.evaluation import Experiment, NamedEstimator, run
 from rangefix.evaluation.drawing import draw
 from rangefix.evaluation.figures import study_figures
 from rangefix.evaluation.figures.labels import LONGEST, drawable
@@ -28,7 +28,7 @@ def words(figure: Figure) -> list[str]:
 
 def test_any_label_and_title_can_be_drawn(tmp_path: Path) -> None:
     """None is taken for a formula, none runs into its neighbour; the files are there."""
-    estimators = {label: Named("ekf") for label in LABELS}
+    estimators = {label: NamedEstimator("ekf") for label in LABELS}
     title = r"Costs $5 and $10: \frac{"
     run(Experiment(make_problem(), estimators, runs=10, title=title), tmp_path, timing=False)
     assert {"errors.png", "runs.png", "covariance.svg"} <= {path.name for path in draw(tmp_path)}

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from rangefix.cli import main
-from rangefix.evaluation import Experiment, Named, Results, parse_study, run
+from rangefix.evaluation import Experiment, NamedEstimator, Results, parse_study, run
 from rangefix.evaluation.isolation import look
-from rangefix.evaluation.isolation.checks import check_apart
+from rangefix.evaluation.isolation.checks import run_checks_isolated
 from rangefix.evaluation.monte_carlo import guard
 from rangefix.filters.checks import check_names
 
@@ -141,7 +141,7 @@ def ran(folder: Path) -> dict[str, Results]:
     """The good ones alone, beside those that stop a process, and beside the others without a limit."""
 
     def compare(names: tuple[str, ...], timeout: float = 0.3) -> Results:
-        estimators = {name: Named(f"{folder}/{name}" if ":" in name else name) for name in names}
+        estimators = {name: NamedEstimator(f"{folder}/{name}" if ":" in name else name) for name in names}
         made = Experiment(make_problem(), estimators, runs=4, timeout=timeout, controls=[[]])
         return run(made, timing=False)
 
@@ -240,7 +240,7 @@ def test_options_of_plug_ins_are_checked(folder: Path) -> None:
 )
 def test_the_conformance_suite_comes_back(folder: Path, name: str, failed: list[str], seen: str) -> None:
     """Within its limit, with one line for what stopped it; what was not tried says so."""
-    results = list(check_apart(f"{folder}/{name}", {}, limit=1.0))
+    results = list(run_checks_isolated(f"{folder}/{name}", {}, limit=1.0))
     assert [result.name for result in results if result.outcome == "failed"] == failed
     assert re.search(seen, next(result.detail for result in results if result.outcome == "failed"))
     assert [result.outcome for result in results[-10:]] == ["skipped"] * 10
@@ -249,7 +249,7 @@ def test_the_conformance_suite_comes_back(folder: Path, name: str, failed: list[
 
 def test_an_expected_failure_may_be_a_hang(folder: Path) -> None:
     reasons = dict.fromkeys(("shapes_and_dtypes", "moments_are_sound"), "it waits for a lorry")
-    results = list(check_apart(f"{folder}/bad.py:Hangs", {}, reasons, limit=0.5))
+    results = list(run_checks_isolated(f"{folder}/bad.py:Hangs", {}, reasons, limit=0.5))
     assert [result.outcome for result in results[:3]] == ["passed", "expected_failure", "expected_failure"]
     assert results[1].detail.startswith("it waits for a lorry (it took longer than 0.5 s")
 

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, run
+from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.isolation import process as process_module
 from rangefix.evaluation.monte_carlo import backends, keys, worker
 from rangefix.evaluation.monte_carlo.simulate import Simulation
@@ -72,9 +72,9 @@ def test_a_killed_worker_changes_no_bit(dask, tmp_path):
     plugin = tmp_path / "slow.py"
     plugin.write_text(PLUGIN)
     estimators = {
-        "slow": Named(f"{plugin}:Slow"),
-        "point-mass": Named("point-mass", {"cell": 0.2}),
-        "particle": Named("particle", {"particles": 200}),
+        "slow": NamedEstimator(f"{plugin}:Slow"),
+        "point-mass": NamedEstimator("point-mass", {"cell": 0.2}),
+        "particle": NamedEstimator("particle", {"particles": 200}),
     }
     experiment = Experiment(make_problem(), estimators, runs=100, block=10, beam_sets=[[1], [1, 2, 3]])
     seen = []
@@ -96,13 +96,17 @@ def test_without_dask(monkeypatch, tmp_path):
 
     monkeypatch.setattr(backends.importlib, "import_module", missing)
     with pytest.raises(ResultsError, match=r"pip install 'rangefix\[dask\]'"):
-        run(Experiment(make_problem(), {"ekf": Named("ekf")}, runs=3), tmp_path, cluster="tcp://127.0.0.1:1")
+        run(
+            Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3),
+            tmp_path,
+            cluster="tcp://127.0.0.1:1",
+        )
 
 
 def test_other_code_is_refused():
     """A worker whose source, libraries or plug-ins are not the caller's computes nothing."""
-    experiment = Experiment(make_problem(), {"ekf": Named("ekf")}, runs=3)
-    content, prints = process_module.pickled(experiment), keys.fingerprint(experiment)
+    experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3)
+    content, prints = process_module.to_pickle(experiment), keys.code_fingerprint(experiment)
     assert backends._crew_on_cluster(content, tuple(prints.items())).experiment.runs == 3
     with pytest.raises(ResultsError, match="another numpy"):
         backends._crew_on_cluster(content, tuple((prints | {"numpy": "1.0"}).items()))
@@ -110,8 +114,8 @@ def test_other_code_is_refused():
 
 def test_blocks_reach_the_workers_with_their_measurements(tmp_path):
     """What a worker is sent is what it needs: it reads no file of the caller."""
-    experiment = Experiment(make_problem(), {"ekf": Named("ekf")}, runs=20, block=10)
-    payload = process_module.pickled(experiment), keys.fingerprint(experiment)
+    experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=20, block=10)
+    payload = process_module.to_pickle(experiment), keys.code_fingerprint(experiment)
     results = run(experiment, tmp_path, timing=False)
     task = worker.Task("ekf", 0, 10, 20)
     _, part = backends._work_on_cluster(

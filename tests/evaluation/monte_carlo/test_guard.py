@@ -13,10 +13,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from rangefix.evaluation import STATUSES, Experiment, Named, experiment, run
+from rangefix.evaluation import STATUSES, Experiment, NamedEstimator, experiment, run
 from rangefix.evaluation.monte_carlo import guard
-from rangefix.evaluation.monte_carlo.built_estimator import Contestant
-from rangefix.evaluation.monte_carlo.guard import Guard
+from rangefix.evaluation.monte_carlo.built_estimator import BuiltEstimator
+from rangefix.evaluation.monte_carlo.guard import GuardedEstimator
 from rangefix.evaluation.monte_carlo.trial import Trial
 from rangefix.evaluation.results.outcome import is_covariance
 
@@ -78,8 +78,8 @@ def guarded(plugin):
 
     def start(name, timeout=0.3):
         trial = Trial(make_problem(), np.zeros((0, 0)), 3)
-        made.append(Guard.over(trial, Named(f"{plugin}:{name}"), timeout))
-        return made[-1], Contestant.of(trial, Named(f"{plugin}:{name}"))
+        made.append(GuardedEstimator.over(trial, NamedEstimator(f"{plugin}:{name}"), timeout))
+        return made[-1], BuiltEstimator.of(trial, NamedEstimator(f"{plugin}:{name}"))
 
     yield start
     for each in made:
@@ -121,7 +121,7 @@ def test_one_that_always_hangs_is_given_up(guarded, monkeypatch):
 def test_a_builder_that_hangs(plugin, monkeypatch):
     monkeypatch.setattr(guard, "BUILD", 0.5)
     monkeypatch.setattr(experiment, "PATIENCE", 0.5)
-    estimators = {"slow": Named(f"{plugin}:Slow"), "ekf": Named("ekf")}
+    estimators = {"slow": NamedEstimator(f"{plugin}:Slow"), "ekf": NamedEstimator("ekf")}
     results = run(Experiment(make_problem(), estimators, runs=5))
     assert results.get("slow").failures == {"timeout": 5}
     assert results.get("slow").reasons[0] == f"estimator '{plugin}:Slow': building it took longer than 1 s"
@@ -154,7 +154,11 @@ def test_what_cannot_be_sent_says_so():
 
 
 def test_who_is_limited(plugin):
-    estimators = {"ours": Named("ekf"), "plug-in": Named(f"{plugin}:Single"), "object": PriorOnly}
+    estimators = {
+        "ours": NamedEstimator("ekf"),
+        "plug-in": NamedEstimator(f"{plugin}:Single"),
+        "object": PriorOnly,
+    }
     made = Experiment(make_problem(), estimators)
     assert [made.limit(label) for label in estimators] == [None, 60.0, None]
     assert Experiment(make_problem(), estimators, timeout=0).limit("plug-in") is None
@@ -172,7 +176,7 @@ def test_who_is_limited(plugin):
     ],
 )
 def test_no_covariance(plugin, covariance, words):
-    builder = Named(f"{plugin}:Batch", {"covariance": covariance})
+    builder = NamedEstimator(f"{plugin}:Batch", {"covariance": covariance})
     results = run(Experiment(make_problem(), {"bad": builder}, runs=4, timeout=0), timing=False)
     assert results.get("bad").failures == {"error": 4}
     assert results.get("bad").reasons[0] == f"estimate(): the covariance is {words} at measurement 1"
@@ -194,7 +198,7 @@ def test_what_is_a_covariance():
 
 def test_beliefs_are_judged_where_they_can_be_sampled(plugin):
     """The same in this process and in another, and no other number changes."""
-    estimators = {"sampler": Named(f"{plugin}:Sampler"), "silent": Named(f"{plugin}:Batch")}
+    estimators = {"sampler": NamedEstimator(f"{plugin}:Sampler"), "silent": NamedEstimator(f"{plugin}:Batch")}
     results = {}
     with TemporaryDirectory() as folder:
         for name, timeout in (("here", 0.0), ("there", 5.0)):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, load, run, summarise
+from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, summarise
 from rangefix.evaluation.monte_carlo import keys
 from rangefix.evaluation.monte_carlo import worker as crew_module
 
@@ -57,8 +57,8 @@ def plugin(tmp_path):
 
 def experiment(plugin: Path, **changes):
     estimators = {
-        "point-mass": Named("point-mass", {"cell": 0.2}),
-        "guess": Named(f"{plugin}:make", {"spread": 0.5}),
+        "point-mass": NamedEstimator("point-mass", {"cell": 0.2}),
+        "guess": NamedEstimator(f"{plugin}:make", {"spread": 0.5}),
     }
     usual = {"estimators": estimators, "runs": 50, "seed": 7, "beam_sets": [[1], [1, 2, 3]], "block": 20}
     usual["timeout"] = 0  # in this process
@@ -144,13 +144,13 @@ def test_an_interrupted_run_resumes_to_the_same_bits(plugin, tmp_path, monkeypat
 
 def count_work(monkeypatch):
     done = []
-    work = crew_module.Crew.work
+    work = crew_module.Worker.work
 
     def counted(self, task, *rest):
         done.append(task)
         return work(self, task, *rest)
 
-    monkeypatch.setattr(crew_module.Crew, "work", counted)
+    monkeypatch.setattr(crew_module.Worker, "work", counted)
     return done
 
 
@@ -169,7 +169,7 @@ def test_what_is_done_again(plugin, tmp_path, monkeypatch):
     assert tasks(experiment(plugin)) == []
     assert tasks(experiment(plugin, runs=70)) == ["point-mass"] * 4 + ["guess"] * 4
     assert len(tasks(experiment(plugin, seed=8))) == 12
-    changed = experiment(plugin).estimators | {"point-mass": Named("point-mass", {"cell": 0.25})}
+    changed = experiment(plugin).estimators | {"point-mass": NamedEstimator("point-mass", {"cell": 0.25})}
     assert set(tasks(experiment(plugin, seed=8, estimators=changed))) == {"point-mass"}
     plugin.write_text(PLUGIN + "\n# another version\n")
     assert set(tasks(experiment(plugin, seed=8, estimators=changed))) == {"guess"}
@@ -297,12 +297,14 @@ def test_a_worker_that_is_killed_is_replaced(tmp_path):
     """The numbers are those of a serial run; one that always kills its worker ends the run in a line."""
     file = tmp_path / "deadly.py"
     file.write_text(DEADLY)
-    once = Named(f"{file}:Deadly", {"once": str(tmp_path / "died")})
-    made = experiment(file, estimators={"deadly": once, "ekf": Named("ekf")})
+    once = NamedEstimator(f"{file}:Deadly", {"once": str(tmp_path / "died")})
+    made = experiment(file, estimators={"deadly": once, "ekf": NamedEstimator("ekf")})
     run(made, tmp_path / "parallel", workers=2, timing=False)
     assert (tmp_path / "died").exists()
     run(made, tmp_path / "serial", timing=False)
     assert contents(tmp_path / "parallel") == contents(tmp_path / "serial")
-    made = experiment(file, estimators={"deadly": Named(f"{file}:Deadly"), "ekf": Named("ekf")})
+    made = experiment(
+        file, estimators={"deadly": NamedEstimator(f"{file}:Deadly"), "ekf": NamedEstimator("ekf")}
+    )
     with pytest.raises(ResultsError, match="workers died 3 times"):
         run(made, tmp_path / "never", workers=2, timing=False)

@@ -64,7 +64,7 @@ def test_the_printed_figures_lie_in_their_bands(solved: Paper) -> None:
 def test_a_wrong_figure_would_lie_outside(solved: Paper) -> None:
     """Negative control: 0.70 m for beam 1 is in no draw's reach."""
     row = solved.row("1")
-    wrong = table1.Row(row.beams, row.std, row.mean, ("0.70", "0.96"), row.band, row.percentile)
+    wrong = table1.Table1Row(row.beams, row.std, row.mean, ("0.70", "0.96"), row.band, row.percentile)
     assert wrong.in_band() == [False, True]
 
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, load, parse_gates, run, write_report
-from rangefix.evaluation.consistency import DRAWS, belief_arrays
+from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, parse_gates, run, write_report
+from rangefix.evaluation.consistency import RANK_DRAWS, belief_arrays
 from rangefix.evaluation.consistency.belief_scores import measure
 from rangefix.evaluation.report.charts import Scale
 from rangefix.evaluation.report.html import VOID, Html, tag, text
 from rangefix.evaluation.report.report import render
-from rangefix.evaluation.results import Plan, read_part, trials_path, write_json, write_part
+from rangefix.evaluation.results import FolderLayout, read_part, trials_path, write_json, write_part
 from rangefix.evaluation.results.files import read_json
 from rangefix.filters import RandomWalk
 
@@ -59,7 +59,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four estimators, one of them failing, on two sets of beams."""
     folder = tmp_path_factory.mktemp("study")
     estimators = {
-        "exact": Named("point-mass", {"cell": 0.05}),
+        "exact": NamedEstimator("point-mass", {"cell": 0.05}),
         "sure": partial(PriorOnly, scale=0.01),
         "cautious": partial(PriorOnly, scale=4.0),
         LABEL: Broken,
@@ -87,10 +87,10 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     experiment = Experiment(moving, {"prior": PriorOnly}, runs=100, controls=np.zeros((4, 0)))
     results = run(experiment, folder, timing=False)
     rng = np.random.default_rng(5)
-    plan = Plan.read(results.manifest)
+    plan = FolderLayout.read(results.manifest)
     for first, end in plan.blocks():
         path = trials_path(folder, "prior", "all", first, end)
-        draws = rng.uniform([0, 0], [4, 6], size=(5, end - first, DRAWS, 2))
+        draws = rng.uniform([0, 0], [4, 6], size=(5, end - first, RANK_DRAWS, 2))
         found = [measure(draws[t], results.truth[first:end, t], problem.space) for t in range(5)]
         write_part(path, read_part(path) | belief_arrays(found), plan.key("prior", "all"))
     return folder

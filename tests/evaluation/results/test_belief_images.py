@@ -12,7 +12,7 @@ from rangefix.cli.tables import comparison, console
 from rangefix.evaluation import load, load_study, parse_study, run, summarise
 from rangefix.evaluation.consistency import factor, unit
 from rangefix.evaluation.figures import study_figures, styled, write
-from rangefix.evaluation.results import FILE, load_pictures, whole
+from rangefix.evaluation.results import FILE, load_pictures, read_if_valid
 
 TWO_MODES = """
 runs = 6
@@ -111,7 +111,7 @@ def test_pictures_are_kept_while_what_they_show_is_the_same(two_modes: Path) -> 
     path.write_bytes(before[0][:100])
     run(parse_study(TWO_MODES), two_modes)
     assert path.read_bytes() == before[0]
-    assert whole(path, "another key") is None
+    assert read_if_valid(path, "another key") is None
 
 
 def test_figures_of_headings_and_drives(two_modes: Path, drive: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, Named, ResultsError, load, mean_interval, run, summarise
+from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, mean_interval, run, summarise
 from rangefix.evaluation.consistency.intervals import Moments
 from rangefix.evaluation.results import dataframes, results
 
@@ -19,7 +19,7 @@ from ..conftest import PriorOnly, make_problem
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "out"
     estimators = {
-        "point-mass": Named("point-mass", {"cell": 0.2}),
+        "point-mass": NamedEstimator("point-mass", {"cell": 0.2}),
         "wild": lambda p: PriorOnly(p, 0.5, 0.1, 1.0),
     }
     made = Experiment(make_problem(), estimators, runs=95, beam_sets=[[1], [1, 2, 3]], block=10)
@@ -119,5 +119,5 @@ def test_a_folder_that_is_read_only(study, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.write_bytes", refuse)
     with pytest.raises(ResultsError, match=r"cannot write .*manifest.json: Permission denied"):
-        run(Experiment(make_problem(), {"ekf": Named("ekf")}, runs=3), study)
+        run(Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3), study)
     assert load(study).runs == 95

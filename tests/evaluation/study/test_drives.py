@@ -23,7 +23,7 @@ from rangefix.filters import (
     Stationary,
     StudentT,
     build,
-    is_clear,
+    in_line_of_sight,
     pose_space,
     position_space,
 )
@@ -81,7 +81,7 @@ def test_random_drives_keep_clear_of_walls(seed: int) -> None:
     assert drive.states.shape == (201, 3)
     assert drive.controls.shape == (200, 3)
     np.testing.assert_allclose(replayed(drive), drive.states, atol=1e-9)
-    assert is_clear(PLAN, drive.states[:-1, :2], drive.states[1:, :2]).all()
+    assert in_line_of_sight(PLAN, drive.states[:-1, :2], drive.states[1:, :2]).all()
     assert clearances(drive.states).min() > 0.8 * 0.4
     np.testing.assert_array_equal(
         random_drive(PLAN, 200, 0.2, np.random.default_rng(seed), clearance=0.4).states, drive.states
@@ -132,7 +132,7 @@ def test_truths_stay_in_free_space_and_follow_the_drive() -> None:
     truths = follow(motion, starts, drive.controls, streams(4, "motion", range(120)))
     assert truths.shape == (120, 61, 3)
     assert PLAN.is_free(truths[..., :2]).all()
-    assert is_clear(PLAN, truths[:, :-1, :2], truths[:, 1:, :2]).all()
+    assert in_line_of_sight(PLAN, truths[:, :-1, :2], truths[:, 1:, :2]).all()
     error = SPACE.difference(truths[:, 1], drive.states[1])
     covariance = motion.noise_covariance(drive.states[0], drive.controls[0])
     stds = np.sqrt(np.diagonal(covariance))

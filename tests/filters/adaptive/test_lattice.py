@@ -9,7 +9,7 @@ import pytest
 
 from rangefix.filters import pose_space, position_space
 from rangefix.filters.adaptive.lattice import TooManyCells, _Keys, ball, grow, halved
-from rangefix.filters.adaptive.mode_gaussians import draws, smoothed
+from rangefix.filters.adaptive.mode_gaussians import sample_modes, smoothed
 from rangefix.filters.adaptive.modes import Accuracy
 
 SPACE = position_space()
@@ -166,7 +166,7 @@ def test_smoothing_keeps_mean_and_covariance(density, noise):
 def test_draws_have_the_moments_of_the_lattice():
     """100 000 draws: mean within 5 standard errors, covariance within 2 %; a seed in a million fails."""
     lattice = lattice_of(gaussian, 0.8)
-    found = draws((lattice,), 100_000, np.random.default_rng(1))
+    found = sample_modes((lattice,), 100_000, np.random.default_rng(1))
     error = np.sqrt(np.diagonal(COVARIANCE) / 1e5)
     assert (np.abs(found.mean(axis=0) - MEAN) < 5 * error).all()
     np.testing.assert_allclose(np.cov(found.T), COVARIANCE, rtol=0.02)

@@ -18,7 +18,7 @@ from rangefix.filters import (
     Rangefinder,
     Uniform,
     build,
-    is_clear,
+    in_line_of_sight,
     pose_space,
     position_space,
 )
@@ -248,7 +248,7 @@ def test_fans_tell_what_steps_walls_stop():
     fans = PLAN.ranges(np.column_stack([starts, np.zeros(4)]), TWO_PI / 120 * np.arange(120))
     ends = rng.uniform([0, 0], [2.4, 1.8], size=(4, 5000, 2))
     free = PLAN.is_free(ends)
-    exact = is_clear(PLAN, np.broadcast_to(starts[:, None], ends.shape), ends)
+    exact = in_line_of_sight(PLAN, np.broadcast_to(starts[:, None], ends.shape), ends)
     assert (reached(ends, free, starts, fans) != exact).mean() < 0.02
     centres = starts + 0.1
     logs = log_reached(

@@ -19,9 +19,9 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.kalman import (
-    BatchExtendedKalmanFilter,
-    BatchUnscentedKalmanFilter,
     ExtendedKalmanFilter,
+    FilterpyExtendedKalmanFilter,
+    FilterpyUnscentedKalmanFilter,
     GaussianBelief,
     UnscentedKalmanFilter,
     cubature,
@@ -32,11 +32,11 @@ ROOM = RectangularRoom(width=4.0, length=6.0)
 BEARINGS = np.deg2rad([326.3, 0.0, 33.7])
 NAN, INF = np.nan, np.inf
 PAIRS = {
-    "ekf": (ExtendedKalmanFilter, BatchExtendedKalmanFilter, {}),
-    "iterated-ekf": (ExtendedKalmanFilter, BatchExtendedKalmanFilter, {"iterations": 4}),
-    "ukf": (UnscentedKalmanFilter, BatchUnscentedKalmanFilter, {}),
-    "ukf-0.5": (UnscentedKalmanFilter, BatchUnscentedKalmanFilter, {"alpha": 0.5}),
-    "ukf-cubature": (UnscentedKalmanFilter, BatchUnscentedKalmanFilter, {"beta": 0.0, "kappa": 0.0}),
+    "ekf": (FilterpyExtendedKalmanFilter, ExtendedKalmanFilter, {}),
+    "iterated-ekf": (FilterpyExtendedKalmanFilter, ExtendedKalmanFilter, {"iterations": 4}),
+    "ukf": (FilterpyUnscentedKalmanFilter, UnscentedKalmanFilter, {}),
+    "ukf-0.5": (FilterpyUnscentedKalmanFilter, UnscentedKalmanFilter, {"alpha": 0.5}),
+    "ukf-cubature": (FilterpyUnscentedKalmanFilter, UnscentedKalmanFilter, {"beta": 0.0, "kappa": 0.0}),
 }
 
 
@@ -148,9 +148,9 @@ def test_an_update_that_leaves_no_covariance_is_flagged():
     problem = problem_in(position_space())
     options = {"alpha": 1.0, "beta": -60.0, "kappa": 0.0}
     reading = np.array([2.5, 1.0, 4.0])
-    single = UnscentedKalmanFilter(problem, **options)
+    single = FilterpyUnscentedKalmanFilter(problem, **options)
     one = single.update(single.init(problem.prior, None), reading, None)
-    batch = BatchUnscentedKalmanFilter(problem, **options)
+    batch = UnscentedKalmanFilter(problem, **options)
     many = batch.update(batch.init(problem.prior, [None] * 2), np.stack([reading, [NAN] * 3]), [None] * 2)
     assert one.log_evidence == -INF
     assert (many.log_evidence == [-INF, 0.0]).all()
@@ -164,7 +164,7 @@ def test_beta_2_leaves_a_covariance_for_every_alpha(alpha):
     """The identity in the docstring of the filter: no run of 500 is flagged."""
     problem = problem_in(position_space())
     rng = np.random.default_rng(8)
-    estimator = BatchUnscentedKalmanFilter(problem, alpha=alpha)
+    estimator = UnscentedKalmanFilter(problem, alpha=alpha)
     truths = problem.prior.sample(500, rng)
     readings = problem.sensor.sample(truths, rng)
     belief = estimator.update(estimator.init(problem.prior, [rng] * 500), readings, [rng] * 500)
@@ -179,7 +179,7 @@ def test_iterating_comes_nearer_to_the_most_probable_state():
     reading = problem.sensor.expected(np.array([[2.3, 3.4, 0.02]]))
     off = []
     for iterations in (1, 6):
-        estimator = BatchExtendedKalmanFilter(problem, iterations=iterations)
+        estimator = ExtendedKalmanFilter(problem, iterations=iterations)
         after = estimator.update(start, reading, [None])
         off.append(np.abs(problem.sensor.expected(after.mean) - reading).max())
     assert off[1] < 0.02 < 5 * off[1] + 0.1 < off[0] + 0.2
@@ -190,9 +190,9 @@ def test_iterating_comes_nearer_to_the_most_probable_state():
     [
         (make, options)
         for makes, wrong in (
-            ((ExtendedKalmanFilter, BatchExtendedKalmanFilter), [{"iterations": 0}, {"iterations": 1.5}]),
+            ((FilterpyExtendedKalmanFilter, ExtendedKalmanFilter), [{"iterations": 0}, {"iterations": 1.5}]),
             (
-                (UnscentedKalmanFilter, BatchUnscentedKalmanFilter),
+                (FilterpyUnscentedKalmanFilter, UnscentedKalmanFilter),
                 [{"alpha": 0.0}, {"alpha": NAN}, {"kappa": -2.0}, {"beta": INF}],
             ),
         )

@@ -19,7 +19,7 @@ from rangefix.filters import (
     StateSpace,
     Stationary,
     build,
-    is_clear,
+    in_line_of_sight,
     pose_space,
     position_space,
     sample_runs,
@@ -244,7 +244,7 @@ def test_is_clear_in_closed_form() -> None:
     )
     start = np.array([0.5, 3.0])
     ends = np.array([[0.5, 5.0], [3.5, 3.0], [2.0, 3.0], [5.0, 3.0], [3.5, 5.5], [0.5, 3.0]])
-    assert is_clear(plan, start, ends).tolist() == [True, False, False, False, True, True]
+    assert in_line_of_sight(plan, start, ends).tolist() == [True, False, False, False, True, True]
 
 
 @pytest.mark.parametrize(

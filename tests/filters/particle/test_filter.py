@@ -16,7 +16,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.particle import ParticleFilter
-from rangefix.filters.particle.metropolis import Posterior, kernel_step, metropolis, root_of
+from rangefix.filters.particle.metropolis import Posterior, covariance_root, kernel_step, metropolis
 from rangefix.filters.particle.weights import effective_number, equal, longest_stage
 from rangefix.maps import RectangularRoom
 
@@ -265,7 +265,7 @@ def test_the_kernel_keeps_mean_and_covariance():
     rng = np.random.default_rng(9)
     covariance = np.array([[0.5, 0.2], [0.2, 0.3]])
     mean = np.array([1.0, 2.0])
-    points = mean + rng.standard_normal((size, 2)) @ root_of(covariance).T
+    points = mean + rng.standard_normal((size, 2)) @ covariance_root(covariance).T
     width = 0.5 / (4 / (size * 4)) ** (1 / 6)
     moved = kernel_step(points, mean, covariance, width, SPACE, rng)
     assert (np.abs(moved.mean(0) - mean) < 5 * np.sqrt(np.diag(covariance) / size)).all()
@@ -289,7 +289,7 @@ def test_metropolis_steps_leave_the_posterior_as_it_is():
     posterior = Posterior(PAPER.prior, PAPER.sensor, [reading])
     mean, covariance = SPACE.moments(exact, np.full(size, 1 / size))
     logs_there = posterior.log_densities(exact)
-    moved, _ = metropolis(exact, logs_there, posterior, 0.0, root_of(covariance), SPACE, 5, rng)
+    moved, _ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), SPACE, 5, rng)
     assert (moved != exact).any(1).mean() > 0.5
     difference = moved - exact
     assert (np.abs(difference.mean(0)) < 5 * difference.std(0) / np.sqrt(size)).all()

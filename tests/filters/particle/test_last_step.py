@@ -17,7 +17,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.particle.last_step import LastStep
-from rangefix.filters.particle.metropolis import best_width, spread_alike
+from rangefix.filters.particle.metropolis import best_width, separate_copies
 from rangefix.maps import FloorPlan
 
 from ..adaptive.brute_motion import recursion
@@ -74,7 +74,7 @@ def test_points_that_are_alike_are_spread_and_others_are_not():
     places = np.array([0.6, 0.9]) + 0.02 * rng.standard_normal((10, 2))
     states, size = np.repeat(places, 2000, axis=0), 20_000
     weights = np.full(size, 1 / size)
-    moved, starts = spread_alike(states, states - 0.1, weights, problem, rng)
+    moved, starts = separate_copies(states, states - 0.1, weights, problem, rng)
     np.testing.assert_allclose(moved - starts, 0.1)
     assert len(np.unique(moved[:, 0])) == size
     covariance = SPACE.moments(states, weights)[1]
@@ -84,7 +84,7 @@ def test_points_that_are_alike_are_spread_and_others_are_not():
     band = np.sqrt((np.outer(stds, stds) ** 2 + claimed**2) / size)
     assert (np.abs(added - claimed) < 5 * band).all()
     few = rng.standard_normal((1000, 2))
-    assert spread_alike(few, states, weights, problem, rng)[0] is few
+    assert separate_copies(few, states, weights, problem, rng)[0] is few
 
 
 def narrow_walk():

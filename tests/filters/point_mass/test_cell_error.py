@@ -22,8 +22,8 @@ from rangefix.filters import (
     sweep,
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
-from rangefix.filters.point_mass.cell_error import add_error, missed, missed_about
-from rangefix.filters.point_mass.mode_shape import PICKS, pick
+from rangefix.filters.point_mass.cell_error import add_unresolved, unresolved_covariance, unresolved_variance
+from rangefix.filters.point_mass.mode_shape import PICKS, choose_probe_cells
 from rangefix.maps import RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -47,8 +47,8 @@ def squared_error(covariance: Array, reach: int, places: int) -> Array:
 def test_one_component_is_summed_exactly(deviation: float) -> None:
     """Both branches, against the average over 400 places: 1e-5 of a squared cell, and 0.2 %."""
     by_force = squared_error(np.array([[deviation**2]]), 8, 400)[0, 0]
-    assert missed(deviation**2) == pytest.approx(by_force, abs=1e-5)
-    assert missed(deviation**2) == pytest.approx(by_force, rel=2e-3)
+    assert unresolved_variance(deviation**2) == pytest.approx(by_force, abs=1e-5)
+    assert unresolved_variance(deviation**2) == pytest.approx(by_force, rel=2e-3)
 
 
 def claimed_against_true(covariance: Array, reach: int, places: int) -> tuple[Array, Array]:
@@ -56,7 +56,7 @@ def claimed_against_true(covariance: Array, reach: int, places: int) -> tuple[Ar
     size = len(covariance)
     true = covariance + squared_error(covariance, reach, places)
     error = np.empty((size, size))
-    missed_about(np.linalg.inv(covariance), covariance, error)
+    unresolved_covariance(np.linalg.inv(covariance), covariance, error)
     alone = np.diag(np.exp(-2 * np.pi**2 * np.diag(covariance)) / 12)
     answers = []
     for claimed in (covariance + error, covariance + alone):
@@ -96,7 +96,7 @@ def test_picks_are_spread_by_weight() -> None:
     """Of 16 picks each cell has its share to within one, and a mode of 1/16 or more is never missed."""
     weights = np.random.default_rng(0).dirichlet(np.full(9, 0.5))
     picks = np.full(PICKS, -1)
-    pick(np.arange(9), 3.0 * weights, 3.0, picks)
+    choose_probe_cells(np.arange(9), 3.0 * weights, 3.0, picks)
     counts = np.bincount(picks, minlength=9)
     assert counts.sum() == PICKS
     assert (np.abs(counts - PICKS * weights) < 1).all()
@@ -204,6 +204,6 @@ def test_what_is_taken_away_leaves_half_in_every_direction() -> None:
     """Errors that would make a covariance indefinite, among others that stay as they are."""
     covariance = np.array([np.diag([0.01, 0.2]), np.diag([0.0, 0.2]), np.diag([0.3, 0.2])])
     error = np.array([[[-0.05, 0.0], [0.0, 0.08]], [[0.08, 0.0], [0.0, -0.3]], [[0.01, 0.0], [0.0, 0.02]]])
-    add_error(covariance, error)
+    add_unresolved(covariance, error)
     expected = [np.diag([0.005, 0.28]), np.diag([0.08, 0.1]), np.diag([0.31, 0.22])]
     np.testing.assert_allclose(covariance, expected, atol=1e-9)

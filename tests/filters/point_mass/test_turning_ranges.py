@@ -21,8 +21,8 @@ from rangefix.filters import (
     sweep,
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
-from rangefix.filters.point_mass.cell_ranges import EachCell, cast
-from rangefix.filters.point_mass.turning_ranges import TurningRanges, directions
+from rangefix.filters.point_mass.cell_ranges import RangesByCell, cast_cells
+from rangefix.filters.point_mass.turning_ranges import RangesByDirection, directions
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -94,7 +94,7 @@ def test_equals_brute_force(case: str, std: float, monkeypatch: pytest.MonkeyPat
     bearings, options = CASES[case]
     problem = problem_with(bearings, std)
     estimator = PointMassFilter(problem, cell=0.3, **options)  # type: ignore[arg-type]
-    assert isinstance(estimator.cells, TurningRanges)
+    assert isinstance(estimator.cells, RangesByDirection)
     readings = drawn(problem, 6, 1)
     mean, covariance, log_evidence, posterior = updated(estimator, readings)
     for run, reading in enumerate(readings):
@@ -138,7 +138,7 @@ def test_the_transform_gives_every_cell_s_log_likelihood(std: float, room: objec
     bearings = np.deg2rad(2.0 * np.arange(-75, 76) + 1.0 * (np.arange(-75, 76) % 2))
     problem = problem_with(bearings, std, room)
     cells = PointMassFilter(problem, cell=0.25, heading_cell=np.deg2rad(4.0)).cells
-    assert isinstance(cells, TurningRanges)
+    assert isinstance(cells, RangesByDirection)
     (reading,) = drawn(problem, 1, 3)
     used = ~np.isnan(reading)
     assert np.isinf(reading[used]).any() == (room is not PLAN)
@@ -159,13 +159,13 @@ def test_the_transform_is_used_for_wide_posteriors_and_only_where_it_is_exact(
     wide, narrow = (problem_with(bearings, std) for std in (5.0, 1e-5))
     estimator = PointMassFilter(wide, cell=0.25, heading_cell=np.deg2rad(2.0))
     cells, precision = estimator.cells, np.full(len(bearings), 1 / 5.0**2)
-    assert isinstance(cells, TurningRanges)
+    assert isinstance(cells, RangesByDirection)
     (reading,) = drawn(wide, 1, 4, missing=0.0)
     assert cells._transforms(reading, precision)
     assert not cells._transforms(reading, np.full(len(bearings), 1e10))
     log_mass = estimator.grid.log_mass[None]
-    answers, calls, correlate = [], [], TurningRanges._correlate
-    monkeypatch.setattr(TurningRanges, "_correlate", lambda *args: calls.append(1) or correlate(*args))
+    answers, calls, correlate = [], [], RangesByDirection._correlate
+    monkeypatch.setattr(RangesByDirection, "_correlate", lambda *args: calls.append(1) or correlate(*args))
     for each in (cells, Blocks(**{name: getattr(cells, name) for name in FIELDS})):
         mean, covariance = np.zeros((1, 3)), np.zeros((1, 3, 3))
         found = each.moments(reading[None], precision[None], log_mass, each.top(log_mass), mean, covariance)
@@ -181,7 +181,7 @@ def test_the_transform_is_used_for_wide_posteriors_and_only_where_it_is_exact(
 FIELDS = ("grid", "places", "headings", "kind", "shift", "table", "low", "high")
 
 
-class Blocks(TurningRanges):
+class Blocks(RangesByDirection):
     """A table that never transforms."""
 
     def _transforms(self, reading: Array, precision: Array) -> bool:
@@ -193,7 +193,7 @@ def test_an_arc_of_headings_is_a_table_too() -> None:
     bearings = sweep(np.deg2rad(7.5))
     problem = problem_with(bearings, 0.3, ROOM, headings=(0.5, 1.5))
     estimator = PointMassFilter(problem, cell=0.5, heading_cell=1 / 40)
-    assert isinstance(estimator.cells, TurningRanges)
+    assert isinstance(estimator.cells, RangesByDirection)
     centres = estimator.grid.centres
     np.testing.assert_allclose(
         estimator.cells.expected(0, len(centres)), problem.sensor.expected(centres), atol=1e-9
@@ -259,7 +259,7 @@ def test_noise_that_is_not_gaussian_uses_the_table() -> None:
     problem = problem_with(np.deg2rad(30.0 * np.arange(-4, 5)), 0.1)
     heavy = replace(problem, sensor=replace(problem.sensor, noise=StudentT(0.1, 3.0)))  # type: ignore[type-var]
     estimator = PointMassFilter(heavy, cell=0.3, heading_cell=np.deg2rad(5.0))
-    assert isinstance(estimator.cells, TurningRanges)
+    assert isinstance(estimator.cells, RangesByDirection)
     readings = drawn(heavy, 2, 6)
     *_, log_evidence, posterior = updated(estimator, readings)
     for run, reading in enumerate(readings):
@@ -297,7 +297,7 @@ def test_a_sensor_of_another_make_has_ranges_cell_by_cell(monkeypatch: pytest.Mo
     options = {"cell": 0.3, "heading_cell": np.deg2rad(5.0)}
     ours = PointMassFilter(problem, **options)  # type: ignore[arg-type]
     theirs = PointMassFilter(own, **options)  # type: ignore[arg-type]
-    assert isinstance(theirs.cells, EachCell)
+    assert isinstance(theirs.cells, RangesByCell)
     for one, other in zip(updated(ours, readings), updated(theirs, readings), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
-    assert isinstance(cast(ours.grid, problem.sensor, 1e9), TurningRanges)
+    assert isinstance(cast_cells(ours.grid, problem.sensor, 1e9), RangesByDirection)

@@ -1,17 +1,17 @@
 """Whether to trust it: claimed against true errors."""
 
-from .belief_scores import DRAWS, belief_arrays, judge_belief, rank_histogram
+from .belief_scores import RANK_DRAWS, belief_arrays, judge_belief, rank_histogram
 from .calibration import Curve, Reliability, coverage_curve, curve, histogram, pit, reliability, uniform_band
 from .compare import Comparison, Difference
 from .formatting import (
+    beams_in_words,
     capital,
     factor,
-    measured,
-    name_beams,
-    percent_interval,
+    format_factor,
+    format_interval,
+    format_number,
+    format_percent_interval,
     scaled,
-    short,
-    times,
     unit,
     visible,
 )
@@ -20,13 +20,13 @@ from .gates import Gate, GateLine, check_gates, need_sound, parse_gates
 from .intervals import Interval, mean_interval, ratio_interval, share_interval, uniform_p_value
 from .normalised import anees_band, is_positive, nees
 from .row import Row, to_csv
-from .verdict import ALARMS, CERTAIN, MUCH, Kind, Verdict, decide, decide_overall, overconfident
+from .verdict import ALARMS, CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall, is_overconfident
 
 __all__ = [
     "ALARMS",
     "CERTAIN",
-    "DRAWS",
-    "MUCH",
+    "LARGE_FACTOR",
+    "RANK_DRAWS",
     "Comparison",
     "Curve",
     "Difference",
@@ -38,6 +38,7 @@ __all__ = [
     "Row",
     "Verdict",
     "anees_band",
+    "beams_in_words",
     "belief_arrays",
     "capital",
     "check_gates",
@@ -48,26 +49,25 @@ __all__ = [
     "decide",
     "decide_overall",
     "factor",
+    "format_factor",
+    "format_interval",
+    "format_number",
+    "format_percent_interval",
     "histogram",
+    "is_overconfident",
     "is_positive",
     "judge_belief",
     "mean_interval",
-    "measured",
-    "name_beams",
     "need_sound",
     "nees",
     "noncredibility",
-    "overconfident",
     "parse_gates",
-    "percent_interval",
     "pit",
     "rank_histogram",
     "ratio_interval",
     "reliability",
     "scaled",
     "share_interval",
-    "short",
-    "times",
     "to_csv",
     "uniform_band",
     "uniform_p_value",

@@ -13,7 +13,7 @@ from ..results import BeliefScores
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, UNKNOWN, Interval, Moments, can_divide, share_interval
 from .normalised import anees_band, is_positive, nees
-from .row import Beliefs, Row, Scores
+from .row import BeliefSummary, ClaimScores, Row
 from .scores import BINS, crps, energy_score, log_score_of
 
 PLACE = ("x1", "x2")  # whose claim the energy score judges
@@ -21,7 +21,7 @@ LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
 PASSES = 3  # over the runs: means; what varies about the means; what varies about G
 
 
-class Chunk:
+class RunBlock:
     """Some runs that went well: errors (M, n), claimed covariances (M, n, n), and their NEES (M,).
 
     Where they are known, also log evidence (M,) and what draws from the beliefs come to.
@@ -48,7 +48,7 @@ class Chunk:
         return nees(self.errors, self.covariance)
 
 
-class Judgement:
+class Accumulator:
     """What all runs of one estimator come to; each chunk is added in each pass, in the same order."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -65,14 +65,14 @@ class Judgement:
         self.inverse: Array | None = None
         self.infinite = False
 
-    def add_all(self, chunks: list[Chunk]) -> None:
+    def add_all(self, chunks: list[RunBlock]) -> None:
         """All passes over chunks that are at hand."""
         for number in range(PASSES):
             for chunk in chunks:
                 self.add(number, chunk)
             self.end(number)
 
-    def add(self, number: int, chunk: Chunk) -> None:
+    def add(self, number: int, chunk: RunBlock) -> None:
         """Add a chunk in a pass, 0, 1 or 2."""
         if len(chunk.errors):
             (self._means, self._variations, self._indices)[number](chunk)
@@ -88,7 +88,7 @@ class Judgement:
         elif number == 1 and self.runs:
             self.slopes = self.slopes / self.runs
 
-    def _means(self, chunk: Chunk) -> None:
+    def _means(self, chunk: RunBlock) -> None:
         errors, covariance = chunk.errors, chunk.covariance
         self.runs += len(errors)
         self.G = self.G + errors.T @ errors
@@ -102,7 +102,7 @@ class Judgement:
         for level in LEVELS:
             self.inside[level] += int((chunk.nees <= chdtri(self.size, 1 - level)).sum())
 
-    def _scores(self, chunk: Chunk) -> None:
+    def _scores(self, chunk: RunBlock) -> None:
         errors, covariance = chunk.errors, chunk.covariance
         self.log_score.add(log_score_of(chunk.nees, covariance, chunk.positive))
         self.evidence.add(chunk.log_evidence)
@@ -115,7 +115,7 @@ class Judgement:
         if chunk.belief is not None:
             self.beliefs.add(chunk.belief)
 
-    def _variations(self, chunk: Chunk) -> None:
+    def _variations(self, chunk: RunBlock) -> None:
         for i, (g, p) in enumerate(zip(self.g, self.p, strict=True)):
             if can_divide(g, p):
                 squares, claims = chunk.errors[:, i] ** 2, chunk.covariance[:, i, i]
@@ -129,7 +129,7 @@ class Judgement:
             weights = np.where(apart, signs / np.where(apart, true, 1.0), 0.0) / np.log(10.0)
             self.slopes[k] += whitened.T @ (whitened * weights[:, None])
 
-    def _indices(self, chunk: Chunk) -> None:
+    def _indices(self, chunk: RunBlock) -> None:
         if self.inverse is None:
             return
         errors = chunk.errors
@@ -142,7 +142,7 @@ class Judgement:
             influence = ((errors @ slope) * errors).sum(-1) - float((slope * self.G).sum())
             moments.add(10.0 * (signs * logs + influence))
 
-    def _logs(self, chunk: Chunk, whitened: Array) -> tuple[Array, Array]:
+    def _logs(self, chunk: RunBlock, whitened: Array) -> tuple[Array, Array]:
         """e' G^-1 e, and log10 of e' P^-1 e over it; 0 where there is no error."""
         true = (whitened * chunk.errors).sum(-1)
         apart = true > 0
@@ -213,7 +213,7 @@ class Judgement:
             indefinite=share_interval(self.indefinite, self.runs),
             diverged=share_interval(failures.get("diverged", 0), planned),
             improbable=share_interval(improbable, self.runs),
-            scores=Scores(
+            scores=ClaimScores(
                 self.log_score.interval(),
                 self.energy.interval(),
                 tuple(moments.interval() for moments in self.crps),
@@ -247,11 +247,11 @@ class BeliefTotals:
             all_draws.add(whole[:, i, i])
             main.add(mode[:, i, i])
 
-    def summary(self) -> Beliefs | None:
+    def summary(self) -> BeliefSummary | None:
         """What they come to; None where no belief was sampled."""
         if not self.energy.count:
             return None
-        return Beliefs(
+        return BeliefSummary(
             energy=self.energy.interval(),
             crps=_intervals(self.crps),
             whole=_intervals(self.whole),

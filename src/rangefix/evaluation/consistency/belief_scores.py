@@ -19,12 +19,12 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, wrap
 from ...filters import StateSpace
-from ...filters.estimator import draw
+from ...filters.estimator import sample_belief
 from ..results import PREFIX, BeliefScores
 from ..seeds import streams
 from .scores import BINS
 
-DRAWS = 99  # of each belief: ranks 0 to 99, ten to a bin
+RANK_DRAWS = 99  # of each belief: ranks 0 to 99, ten to a bin
 GAP = 4.0  # a longer link than this many times the usual long one separates modes
 
 
@@ -114,7 +114,7 @@ def _main_mode(lengths: Array, size: int) -> BoolArray:
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def rank_histogram(ranks: Array, draws: int = DRAWS, bins: int = BINS) -> Array:
+def rank_histogram(ranks: Array, draws: int = RANK_DRAWS, bins: int = BINS) -> Array:
     """Counts of ranks 0 to `draws` in equal bins.
 
     Raises:
@@ -133,7 +133,7 @@ def judge_belief(
     Raises:
         ValueError: If `sample` gives draws of the wrong shape or not finite.
     """
-    draws = draw(estimator, belief, DRAWS, streams(seed, f"belief {step}", runs))
+    draws = sample_belief(estimator, belief, RANK_DRAWS, streams(seed, f"belief {step}", runs))
     return None if draws is None else measure(draws, truth, space)
 
 

@@ -20,17 +20,17 @@ def factor(name: str) -> float:
     return math.degrees(1.0) if name == "heading" else 1.0
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """A share in per cent, to two digits."""
-    return f"{times(100 * share)} %"
+    return f"{format_factor(100 * share)} %"
 
 
-def times(value: float) -> str:
+def format_factor(value: float) -> str:
     """A factor to two digits, or to three from 100."""
     return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
 
 
-def name_beams(label: str) -> str:
+def beams_in_words(label: str) -> str:
     """The label of a set of beams in words: "1" -> "beam 1", "1+2" -> "beams 1 + 2"."""
     if label == "all":
         return "all beams"
@@ -38,7 +38,7 @@ def name_beams(label: str) -> str:
     return f"beam{'s' * several} {label.replace('+', ' + ')}"
 
 
-def short(value: float) -> str:
+def format_number(value: float) -> str:
     """Three digits, and no powers of ten below a million."""
     return f"{value:.0f}" if 100 <= abs(value) < 1e6 else f"{value:.3g}"
 
@@ -51,13 +51,13 @@ def visible(value: object) -> str:
     )
 
 
-def measured(interval: Interval) -> str:
+def format_interval(interval: Interval) -> str:
     """A figure with its interval."""
     if not math.isfinite(interval.value):
         return "\u221e" if interval.value == math.inf else "-"
     if not math.isfinite(interval.low + interval.high):
-        return short(interval.value)
-    return f"{short(interval.value)} [{short(interval.low)}, {short(interval.high)}]"
+        return format_number(interval.value)
+    return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
 
 
 def scaled(interval: Interval, by: float) -> Interval:
@@ -70,7 +70,7 @@ def capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:] + ("" if sentence.endswith((".", ":")) else ".")
 
 
-def percent_interval(share: Interval) -> str:
+def format_percent_interval(share: Interval) -> str:
     """A share with its interval, in per cent."""
     if math.isnan(share.value):
         return "-"

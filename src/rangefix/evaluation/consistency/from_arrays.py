@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ...arrays import Array, wrap
-from .accumulator import Chunk, Judgement
+from .accumulator import Accumulator, RunBlock
 from .intervals import LEVEL, Interval, share_interval
 from .normalised import anees_band, is_positive, nees
 from .row import Row
@@ -32,8 +32,8 @@ def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tu
     Returns:
         (NCI, inclination); inf where a P is not positive definite, NaN where G is singular.
     """
-    judgement = Judgement(_names(np.shape(errors)[-1]))
-    judgement.add_all([Chunk(np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float))])
+    judgement = Accumulator(_names(np.shape(errors)[-1]))
+    judgement.add_all([RunBlock(np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float))])
     return judgement.noncredibility(level)
 
 
@@ -114,8 +114,8 @@ def judge(
     one_truth: bool = False,
 ) -> Row:
     """The row of the runs that went well, errors (M, n) and covariances (M, n, n), out of those planned."""
-    judgement = Judgement(names)
-    judgement.add_all([Chunk(errors, covariance)])
+    judgement = Accumulator(names)
+    judgement.add_all([RunBlock(errors, covariance)])
     return judgement.row(
         planned=planned,
         failures=failures,

@@ -17,11 +17,11 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from .formatting import name_beams, short
+from .formatting import beams_in_words, format_number
 from .from_arrays import credibility
 from .intervals import UNKNOWN
-from .row import Beliefs, Row
-from .verdict import decide, overconfident
+from .row import BeliefSummary, Row
+from .verdict import decide, is_overconfident
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures
 FORM = "ESTIMATOR, FIGURE=LOW:HIGH or ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25"
@@ -128,7 +128,7 @@ def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
     row = credibility(np.zeros(size), np.zeros((2, size)), np.eye(size), names=names)
     if beliefs:
         each = (UNKNOWN,) * size
-        row = replace(row, beliefs=Beliefs(UNKNOWN, each, each, each, UNKNOWN, np.ones((size + 1, 2))))
+        row = replace(row, beliefs=BeliefSummary(UNKNOWN, each, each, each, UNKNOWN, np.ones((size + 1, 2))))
     return tuple(name for name in row.flat() if name not in LABELS)
 
 
@@ -165,13 +165,13 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
 
 
 def _where(row: Row) -> str:
-    beams = f", {name_beams(row.beams)}" if row.beams else ""
+    beams = f", {beams_in_words(row.beams)}" if row.beams else ""
     return f"{row.estimator}{beams}, measurement {row.step + 1}"
 
 
 def _verdict_line(gate: Gate, row: Row) -> GateLine:
     found = decide(row)
-    passed = bool(row.ok) and not overconfident(row)
+    passed = bool(row.ok) and not is_overconfident(row)
     text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {found.words}"
     return GateLine(gate, row, passed, found.kind != "unsure", text)
 
@@ -184,8 +184,8 @@ def _line(gate: Gate, row: Row) -> GateLine:
     inside, meets = gate.low <= low and high <= gate.high, high >= gate.low and low <= gate.high
     settled = inside if passed else not meets
     band = f"[{gate.low:g}, {gate.high:g}]"
-    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {gate.figure} = {short(value)}"
-    text += f" [{short(low)}, {short(high)}]" if (low, high) != (value, value) else ""
+    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {gate.figure} = {format_number(value)}"
+    text += f" [{format_number(low)}, {format_number(high)}]" if (low, high) != (value, value) else ""
     text += f" is {'in' if passed else 'not in'} {band}"
     text += "" if settled else f"; {row.ok} runs do not settle it"
     return GateLine(gate, row, passed, settled, text)

@@ -13,7 +13,7 @@ from ..results import FAILURES
 from .intervals import Interval, uniform_p_value
 
 
-class Scores(NamedTuple):
+class ClaimScores(NamedTuple):
     """Mean scores of what is claimed, N(mean, P); lower is better, but for the evidence. See `scores.py`.
 
     log: Minus log density of the Gaussian claim at the truth, nats.
@@ -29,7 +29,7 @@ class Scores(NamedTuple):
     evidence: Interval
 
 
-class Beliefs(NamedTuple):
+class BeliefSummary(NamedTuple):
     """What draws from the beliefs themselves come to, whatever their shape. See `belief_scores.py`.
 
     energy: Mean energy score of the position, m.
@@ -103,11 +103,11 @@ class Row:
     indefinite: Interval
     diverged: Interval
     improbable: Interval
-    scores: Scores
+    scores: ClaimScores
     seconds: float
     doubts: dict[str, float] = field(default_factory=dict)
     one_truth: bool = False
-    beliefs: Beliefs | None = None
+    beliefs: BeliefSummary | None = None
 
     @property
     def rmse(self) -> tuple[Interval, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ..results import STATUSES, Results
-from .accumulator import PASSES, Chunk, Judgement
+from .accumulator import PASSES, Accumulator, RunBlock
 from .row import Row
 
 
@@ -26,10 +26,10 @@ def summarise(results: Results) -> list[Row]:
 def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
     """The rows of one estimator on one set of beams, block by block."""
     blocks = list(results.blocks())
-    judgements: list[Judgement] = []
+    judgements: list[Accumulator] = []
     counts = np.zeros(len(STATUSES), dtype=int)
     improbable: Array = np.zeros(0, dtype=int)
-    chunks: list[Chunk] = []
+    chunks: list[RunBlock] = []
     for number in range(PASSES):
         for first, end in blocks:
             if number == 0 or len(blocks) > 1:
@@ -37,13 +37,13 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
                 errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
                 ok = trials.ok
                 chunks = [
-                    Chunk(
+                    RunBlock(
                         errors[ok, t], trials.covariance[ok, t], trials.log_evidence[ok, t], trials.belief(t)
                     )
                     for t in range(errors.shape[1])
                 ]
                 if number == 0:
-                    judgements = judgements or [Judgement(results.space.names) for _ in chunks]
+                    judgements = judgements or [Accumulator(results.space.names) for _ in chunks]
                     counts += np.bincount(trials.status, minlength=len(STATUSES))
                     improbable = trials.improbable.sum(0) + (improbable if improbable.size else 0)
             for judgement, chunk in zip(judgements, chunks, strict=True):

@@ -17,16 +17,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from .formatting import factor, name_beams, percent, short, times, unit
+from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
 from .intervals import Interval
 from .row import Row
 
-MUCH = 1.5  # ANEES / n beyond this, or its inverse, is no longer "a little"; an interval must tell that much
+LARGE_FACTOR = (
+    1.5  # ANEES / n beyond this, or its inverse, is no longer "a little"; an interval must tell that much
+)
 BY_ANEES, BY_CAUTION, BY_COMPONENTS = 0.05, 0.02, 0.005  # two-sided p-values below which a figure accuses
 CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 COMPONENT_RUNS = 100  # with fewer, p-values as small as components need are not to be relied on
-SAID = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
+MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
 Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "unsure", "failed"]
 WORST_FIRST: tuple[Kind, ...] = (
     "overconfident", "uneven", "biased", "cautious", "failed", "unsure", "honest",
@@ -60,16 +62,16 @@ class Verdict:
     def severe(self) -> bool:
         """Whether it must not be trusted: much more error than claimed, or no answer at all."""
         return self.kind in ("uneven", "failed") or (
-            self.kind == "overconfident" and self.factor.value > MUCH
+            self.kind == "overconfident" and self.factor.value > LARGE_FACTOR
         )
 
 
-def overconfident(row: Row) -> bool:
+def is_overconfident(row: Row) -> bool:
     """Whether the errors are larger than claimed, on the whole or in a component."""
     return decide(row).kind in ("overconfident", "uneven")
 
 
-def verdict(row: Row) -> str:
+def verdict_text(row: Row) -> str:
     """One phrase on a row, for readers who do not know what ANEES is."""
     return decide(row).words
 
@@ -87,7 +89,9 @@ def decide(row: Row, family: int = 1) -> Verdict:
         return Verdict("failed", row.anees, "no run went well", _caveats(row))
     notes = (*_component_notes(row, family), *_caveats(row))
     if value > CERTAIN:
-        share = f"in {percent(row.indefinite.value)} of the runs its covariance is not positive definite"
+        share = (
+            f"in {format_percent(row.indefinite.value)} of the runs its covariance is not positive definite"
+        )
         some = (share,) if row.indefinite.value else ("in some runs its covariance all but vanishes",)
         return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", some + notes)
     p = row.doubts.get("anees", math.nan if low <= 1 <= high else 0.0)
@@ -104,7 +108,7 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if wrong := _suspects(row, "bias_", family):
         parts = ", ".join(_bias_words(row, name) for name in wrong)
         return Verdict("biased", row.anees, f"errs as much as it claims, but is biased: {parts}", notes)
-    if not (low == low and high <= MUCH and low >= 1 / MUCH):
+    if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         return Verdict("unsure", row.anees, f"cannot tell with {row.ok} runs", (_needed(row), *notes))
     return Verdict("honest", row.anees, "honest: errs as it claims", (_how_honest(row.anees), *notes))
 
@@ -123,7 +127,9 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     worst, row = min(found, key=lambda each: (WORST_FIRST.index(each[0].kind), -_size(each[0].factor.value)))
     alike = sum(each.kind == worst.kind for each, _ in found)
     settings = "settings" if any(row.step for row in rows) else "sets of beams"
-    where = f"{name_beams(row.beams)}{f', measurement {row.step + 1}' if any(r.step for r in rows) else ''}"
+    where = (
+        f"{beams_in_words(row.beams)}{f', measurement {row.step + 1}' if any(r.step for r in rows) else ''}"
+    )
     words = worst.words
     if len(rows) > 1:
         if alike == len(rows):
@@ -141,10 +147,10 @@ def _size(value: float) -> float:
 
 def _factor_words(value: float) -> str:
     if value > 1:
-        words = f"overconfident by a factor of {times(value)}"
-        return f"DO NOT TRUST: {words}" if value > MUCH else f"a little {words}"
-    inverse = times(1 / value) if value else "any number"
-    return f"{'too' if value * MUCH < 1 else 'a little'} cautious by a factor of {inverse}"
+        words = f"overconfident by a factor of {format_factor(value)}"
+        return f"DO NOT TRUST: {words}" if value > LARGE_FACTOR else f"a little {words}"
+    inverse = format_factor(1 / value) if value else "any number"
+    return f"{'too' if value * LARGE_FACTOR < 1 else 'a little'} cautious by a factor of {inverse}"
 
 
 def _suspects(row: Row, prefix: str, family: int) -> list[str]:
@@ -162,14 +168,14 @@ def _suspects(row: Row, prefix: str, family: int) -> list[str]:
 def _ratio_words(row: Row, name: str) -> str:
     value = row.ratio[row.names.index(name)].value
     if value > 1:
-        return f"overconfident in {name} by a factor of {times(value)}"
-    return f"too cautious in {name} by a factor of {times(1 / value) if value else 'any number'}"
+        return f"overconfident in {name} by a factor of {format_factor(value)}"
+    return f"too cautious in {name} by a factor of {format_factor(1 / value) if value else 'any number'}"
 
 
 def _bias_words(row: Row, name: str) -> str:
     bias = row.bias[row.names.index(name)]
     side = "low" if bias.value > 0 else "high"
-    size = short(factor(name) * abs(bias.value))
+    size = format_number(factor(name) * abs(bias.value))
     return f"estimates of {name} are {size} {unit(name)} too {side} on average"
 
 
@@ -187,8 +193,8 @@ def _caveats(row: Row) -> tuple[str, ...]:
         failed = ", ".join(f"{count} {name}" for name, count in row.failures.items())
         some = f"judged by the {row.ok} of {row.planned} runs that went well ({failed})"
         notes.append(some if row.ok else f"all {row.planned} runs failed ({failed})")
-    if row.improbable.value > SAID:
-        share = percent(row.improbable.value)
+    if row.improbable.value > MENTION_SHARE:
+        share = format_percent(row.improbable.value)
         notes.append(f"in {share} of the runs its own model all but excludes what was measured")
     if row.one_truth:
         notes.append(
@@ -208,10 +214,10 @@ def _needed(row: Row) -> str:
     _, low, high = row.anees
     if not (0 < low < math.inf and 0 < high < math.inf):
         return "too few runs for an interval"
-    wide = max(math.log(high), -math.log(low)) / math.log(MUCH)
+    wide = max(math.log(high), -math.log(low)) / math.log(LARGE_FACTOR)
     about = row.ok * wide**2
     digits = 10 ** max(0, math.floor(math.log10(about)) - 1)
     return (
-        f"squared errors may be {short(low)} to {short(high)} times what is claimed; about "
+        f"squared errors may be {format_number(low)} to {format_number(high)} times what is claimed; about "
         f"{math.ceil(about / digits) * digits} runs would tell"
     )

@@ -18,7 +18,7 @@ from .errors import ellipse
 from .room import BEAM, draw_truth, draw_walls
 from .style import CLAIMED, INK, label_positions, panel_title
 
-MOST = 6  # estimators side by side
+MAX_BELIEFS_SHOWN = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
 
 
@@ -28,7 +28,7 @@ def beliefs_figure(results: Results, pictures: Sequence[Picture], beams: str, ti
     A density where the estimator has one to show; the 95 % ellipse and the Gaussian of what it claims.
     """
     shown = {picture.estimator: picture for picture in pictures}
-    estimators = results.estimators[:MOST]
+    estimators = results.estimators[:MAX_BELIEFS_SHOWN]
     turning = bool(results.space.is_angle.any())
     scene = dict(results.scene) | {"truth": results.space.poses(results.truth[0, -1])}
     left, right, lower, upper = scene["extent"]

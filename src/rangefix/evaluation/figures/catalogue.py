@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from matplotlib.figure import Figure
 
-from ..consistency import name_beams
+from ..consistency import beams_in_words
 from ..consistency.summarise import summarise
 from ..results import Results, load_pictures
 from .beliefs import beliefs_figure
@@ -24,7 +24,7 @@ def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
     results, labels = drawable(results)
     rows = summarise(results)
     beams = results.beam_sets[-1]
-    label = name_beams(beams)
+    label = beams_in_words(beams)
     name = results.manifest.get("title") or results.manifest.get("name", "study")
     study = f"{name} ({len(results.truth)} runs)"
     if results.scene:

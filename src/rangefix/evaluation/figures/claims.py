@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..consistency import Interval, Row, factor, name_beams, short, unit
+from ..consistency import Interval, Row, beams_in_words, factor, format_number, unit
 from .style import CLAIMED, COLOURS, MARKERS, TRUE, plain_numbers, symbol
 
 CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
@@ -30,7 +30,7 @@ def _places(rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, str]]]:
         if row.beams != beams:
             y -= 0.5 if beams is None else 0.9
             beams = row.beams
-            heads.append((y, name_beams(beams)))
+            heads.append((y, beams_in_words(beams)))
             y -= 0.9
         heights.append(y)
         y -= 1.0
@@ -138,7 +138,7 @@ def anees_figure(rows: Sequence[Row], title: str) -> Figure:
         )
         if np.isfinite(row.anees.value):
             axes.annotate(
-                short(row.anees.value),
+                format_number(row.anees.value),
                 (max(row.anees.value, np.nan_to_num(row.anees.high), high), y),
                 xytext=(5, 0),
                 textcoords="offset points",

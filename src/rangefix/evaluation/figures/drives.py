@@ -15,7 +15,7 @@ from .errors import ellipse
 from .room import draw_walls
 from .style import CLAIMED, COLOURS, MARKERS, label_positions, panel_title, plain_numbers, symbol
 
-MOST = 6  # estimators side by side
+MAX_DRIVES_SHOWN = 6  # estimators side by side
 ELLIPSES = 6  # along a way
 STEEP = 1e3  # ANEES / n beyond which the axis ends
 
@@ -67,7 +67,7 @@ def _credibility(axes: Axes, place: Array, figures: Sequence[Interval], style: d
 
 def ways_figure(results: Results, beams: str, title: str) -> Figure:
     """The true way of the first run beside the way that each estimator believes, with ellipses along it."""
-    estimators = results.estimators[:MOST]
+    estimators = results.estimators[:MAX_DRIVES_SHOWN]
     left, right, lower, upper = results.scene["extent"]
     columns = min(3, len(estimators))
     count = -(-len(estimators) // columns)

@@ -11,7 +11,7 @@ from ..consistency import Row, uniform_band
 from .claims import last_step
 from .style import CLAIMED, symbol
 
-MOST = 8  # estimators under each other
+MAX_ESTIMATORS_SHOWN = 8  # estimators under each other
 OUTSIDE = "#D55E00"
 
 
@@ -24,7 +24,7 @@ def ranks_figure(rows: Sequence[Row], beams: str, title: str) -> Figure | None:
     sampled = [(row, row.beliefs.ranks) for row in last_step(rows) if row.beams == beams and row.beliefs]
     if not sampled:
         return None
-    sampled = sampled[:MOST]
+    sampled = sampled[:MAX_ESTIMATORS_SHOWN]
     names = sampled[0][0].names
     columns = [*(f"rank of {symbol(name)}" for name in names), "rank of the distance"]
     size = (1.0 + 1.9 * len(columns), 1.2 + 1.25 * len(sampled))

@@ -1,7 +1,18 @@
 """Work in a process of its own, which may hang or die."""
 
-from .look import Look, describe
+from .look import PluginInfo, signature_of
 from .marks import At, Note, during, silent
-from .process import Child, Refused, Stopped, pickled
+from .process import IsolatedProcess, Lost, Raised, to_pickle
 
-__all__ = ["At", "Child", "Look", "Note", "Refused", "Stopped", "describe", "during", "pickled", "silent"]
+__all__ = [
+    "At",
+    "IsolatedProcess",
+    "Lost",
+    "Note",
+    "PluginInfo",
+    "Raised",
+    "during",
+    "signature_of",
+    "silent",
+    "to_pickle",
+]

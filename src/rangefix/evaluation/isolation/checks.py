@@ -8,14 +8,14 @@ from typing import Any
 from ...filters.checks import Check, CheckResult, checks_for
 from ...filters.registry import resolve
 from .marks import At, silent
-from .process import Child, Refused, Stopped
+from .process import IsolatedProcess, Lost, Raised
 
 LIMIT = 60.0  # s for each check
 MEND = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
 IN_A_ROW = 2  # checks lost one after the other: the rest is not tried
 
 
-def check_apart(
+def run_checks_isolated(
     target: str,
     options: Mapping[str, Any],
     expected_failures: Mapping[str, str] | None = None,
@@ -39,14 +39,14 @@ def check_apart(
     """
     expected = dict(expected_failures or {})
     checks = checks_for(target, expected_failures=expected, **options)
-    child, lost, why = Child(), 0, ""
+    child, lost, why = IsolatedProcess(), 0, ""
     try:
         try:
             child.ask("call", (_find, target), lambda count: limit, where=True)
-        except Refused as refused:
+        except Raised as refused:
             if refused.kind == "KeyError":
                 raise KeyError(refused.text) from None
-        except Stopped as stopped:
+        except Lost as stopped:
             yield _lost(checks[0], str(stopped))
             why = "it was not imported"
         for check in checks[1 if why else 0 :]:
@@ -57,10 +57,10 @@ def check_apart(
             try:
                 result: CheckResult = child.ask("call", question, lambda count: limit, where=True)
                 lost = 0
-            except Refused as refused:
+            except Raised as refused:
                 result = _lost(check, str(refused))
-            except Stopped as stopped:
-                result, lost, child = _lost(check, str(stopped)), lost + 1, Child()
+            except Lost as stopped:
+                result, lost, child = _lost(check, str(stopped)), lost + 1, IsolatedProcess()
             yield result
             if check is checks[0] and result.outcome in ("failed", "expected_failure"):
                 why = "it was not built"

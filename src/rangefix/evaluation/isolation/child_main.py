@@ -17,7 +17,7 @@ from threading import Lock, Thread, main_thread
 from typing import IO, Any
 
 from ...errors import one_line
-from ...filters.plugin_line import located
+from ...filters.plugin_line import plugin_line
 from .marks import Marks
 
 ANSWER, WHERE = "answer", "where"
@@ -88,10 +88,10 @@ def main(marks_file: str) -> None:
                 )
             answer(ANSWER, (True, value))
         except BaseException as error:  # a plug-in may raise anything, SystemExit too
-            text = one_line(error) + located(error.__traceback__)
+            text = one_line(error) + plugin_line(error.__traceback__)
             answer(ANSWER, (False, (type(error).__name__, text)))
 
 
 def _where() -> str:
     frame = sys._current_frames().get(main_thread().ident or 0)
-    return located(frame) if frame else ""
+    return plugin_line(frame) if frame else ""

@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 
 from ...errors import one_line
 from ...filters import Problem
-from ...filters.plugin_line import located
-from ...filters.registry import made, resolve
+from ...filters.plugin_line import plugin_line
+from ...filters.registry import build_with, resolve
 from .marks import At
-from .process import Child, Refused, Stopped, pickled
+from .process import IsolatedProcess, Lost, Raised, to_pickle
 
-PATIENCE = 30.0  # s for importing it, and for building it; a run waits longer
+LOOK_TIMEOUT_S = 30.0  # s for importing it, and for building it; a run waits longer
 Options = Mapping[str, Any]
 
 
-class Look(NamedTuple):
+class PluginInfo(NamedTuple):
     """What was seen of an estimator.
 
     summary: First line of its documentation.
@@ -37,7 +37,7 @@ class Look(NamedTuple):
     missing: bool = False
 
 
-def look(name: str, problem: Problem | None = None, options: Sequence[Options] = ()) -> Look:
+def inspect_plugin(name: str, problem: Problem | None = None, options: Sequence[Options] = ()) -> PluginInfo:
     """Import an estimator and, for a problem, build it with each of some options.
 
     Args:
@@ -45,20 +45,20 @@ def look(name: str, problem: Problem | None = None, options: Sequence[Options] =
         problem: What to build it for; without one it is imported alone.
         options: Options to build it with.
     """
-    child = Child()
+    child = IsolatedProcess()
     try:
-        content = pickled((name, problem, [dict(each) for each in options]))
-        found: Look = child.ask("call", (_look, content), lambda count: PATIENCE)
+        content = to_pickle((name, problem, [dict(each) for each in options]))
+        found: PluginInfo = child.ask("call", (_look, content), lambda count: LOOK_TIMEOUT_S)
         return found
-    except Refused as refused:
-        return Look(fault=refused.text, missing=refused.kind == "KeyError")
-    except Stopped as stopped:
-        return Look(fault=f"estimator {name!r}: {stopped}")
+    except Raised as refused:
+        return PluginInfo(fault=refused.text, missing=refused.kind == "KeyError")
+    except Lost as stopped:
+        return PluginInfo(fault=f"estimator {name!r}: {stopped}")
     finally:
         child.kill()
 
 
-def describe(name: str, factory: Any) -> Look:
+def signature_of(name: str, factory: Any) -> PluginInfo:
     """The options and the documentation of a factory.
 
     Raises:
@@ -68,19 +68,19 @@ def describe(name: str, factory: Any) -> Look:
         raise KeyError(f"no estimator {name!r}: it is a {type(factory).__name__}, not a class or function")
     given = list(inspect.signature(factory).parameters.values())
     named = [each for each in given[1:] if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)]
-    return Look(
+    return PluginInfo(
         summary=(inspect.getdoc(factory) or "").split("\n")[0],
         parameters={each.name: _plain(each.default) for each in named},
         any_option=any(each.kind is each.VAR_KEYWORD for each in given),
     )
 
 
-def _look(content: bytes, at: At) -> Look:
+def _look(content: bytes, at: At) -> PluginInfo:
     """In the process of its own."""
     name, problem, options = pickle.loads(content)
     at("importing it", 0)
     factory = resolve(name)
-    found = describe(name, factory)
+    found = signature_of(name, factory)
     unfit, fault = [], ""
     for place, each in enumerate(options):
         try:
@@ -92,9 +92,9 @@ def _look(content: bytes, at: At) -> Look:
             continue
         at("building it", 0)
         try:
-            made(name, factory, problem, each)
+            build_with(name, factory, problem, each)
         except (Exception, SystemExit) as error:
-            text = f"{type(error).__name__}: {one_line(error)}{located(error.__traceback__)}"
+            text = f"{type(error).__name__}: {one_line(error)}{plugin_line(error.__traceback__)}"
             fault = f"building estimator {name!r} failed: {text}"
     return found._replace(unfit=tuple(unfit), fault=fault)
 

@@ -27,12 +27,12 @@ sys.path[:] = sys.argv[2:]
 from rangefix.evaluation.isolation.child_main import main
 main(sys.argv[1])
 """
-STARTING = 60.0  # s for a process to begin at all, on a machine however busy
+IMPORT_TIMEOUT_S = 60.0  # s for a process to begin at all, on a machine however busy
 PRINTED = 2000  # bytes that a process may print; then what it prints is dropped
-PATIENCE = 2.0  # s for a process that takes too long to say where it is
+WHEREABOUTS_TIMEOUT_S = 2.0  # s for a process that takes too long to say where it is
 
 
-class Stopped(Exception):
+class Lost(Exception):
     """The process was killed or ended while it did `count` runs from `place` on; 0 for other work."""
 
     def __init__(self, status: str, reason: str, place: int = 0, count: int = 0) -> None:
@@ -40,7 +40,7 @@ class Stopped(Exception):
         self.status, self.reason, self.place, self.count = status, reason, place, count
 
 
-class Refused(Exception):
+class Raised(Exception):
     """What was raised there, as one line; `kind` is the name of its type."""
 
     def __init__(self, kind: str, text: str) -> None:
@@ -48,7 +48,7 @@ class Refused(Exception):
         self.kind, self.text = kind, text
 
 
-class Child:
+class IsolatedProcess:
     """One process. What it is at is read from a file that both map, so that telling it costs nothing."""
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class Child:
         with suppress(OSError):  # if it has ended, the answer will say so
             send(self._process.stdin, (verb, arguments))
         while True:
-            limit = allowed(seen.count) if begun else max(STARTING, allowed(seen.count))
+            limit = allowed(seen.count) if begun else max(IMPORT_TIMEOUT_S, allowed(seen.count))
             try:
                 kind, answer = self._answers.get(timeout=min(0.2, limit / 5))
             except Empty:
@@ -103,29 +103,29 @@ class Child:
                 raise self._ended()
             fine, value = answer
             if not fine:
-                raise Refused(*value)
+                raise Raised(*value)
             return value
 
-    def _too_long(self, limit: float, where: bool) -> Stopped:
+    def _too_long(self, limit: float, where: bool) -> Lost:
         mark, line = self.marks.read(), ""
         if where:
             assert self._process.stdin is not None
             with suppress(OSError, Empty):
                 send(self._process.stdin, (WHERE, ()))
-                kind, answer = self._answers.get(timeout=PATIENCE)
+                kind, answer = self._answers.get(timeout=WHEREABOUTS_TIMEOUT_S)
                 line = answer if kind == WHERE else ""
         self.kill()
         if mark.count:
             reason = f"the trial took longer than {limit:g} s (timeout_s), in {mark.words or 'no method'}"
         else:
             reason = f"{mark.words or 'it'} took longer than {limit:g} s"
-        return Stopped("timeout", reason + line, mark.place, mark.count)
+        return Lost("timeout", reason + line, mark.place, mark.count)
 
-    def _ended(self) -> Stopped:
+    def _ended(self) -> Lost:
         mark = self.marks.read()
         self.kill()
         reason = f"{mark.words or 'it'} ended the process ({_end(self._process.returncode)})"
-        return Stopped("error", reason, mark.place, mark.count)
+        return Lost("error", reason, mark.place, mark.count)
 
 
 def _listen(pipe: IO[bytes], answers: SimpleQueue[Any]) -> None:
@@ -165,7 +165,7 @@ def _end(code: int) -> str:
     return f"signal {-code}"
 
 
-def pickled(thing: object) -> bytes:
+def to_pickle(thing: object) -> bytes:
     """The thing by cloudpickle, which joblib brings: functions of a script or notebook included."""
     try:
         pickler = importlib.import_module("cloudpickle")

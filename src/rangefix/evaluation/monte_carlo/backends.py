@@ -17,17 +17,17 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..experiment import Experiment
-from ..isolation import pickled
+from ..isolation import to_pickle
 from ..results import ResultsError
-from .keys import fingerprint
+from .keys import code_fingerprint
 from .simulate import Simulation
-from .worker import Crew, Task
+from .worker import Task, Worker
 
 Part = dict[str, NDArray[Any]]
 BREAKS = 3  # pools that die one after the other without having finished a task
-OFTEN = 0.1  # s between two calls of `progress` within a part
+PROGRESS_INTERVAL_S = 0.1  # s between two calls of `progress` within a part
 AHEAD = 3  # tasks for each thread of the cluster that are sent before one is back
-PATIENCE = "10s"  # for the scheduler to answer
+SCHEDULER_TIMEOUT = "10s"  # for the scheduler to answer
 ALONE = Lock()  # the threads of a worker take turns: our kernels use threads of their own
 
 
@@ -49,7 +49,7 @@ def on_workers(
     ):
         warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
         payload = Path(shared) / "experiment"
-        payload.write_bytes(pickled(experiment))
+        payload.write_bytes(to_pickle(experiment))
         while left:
             pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
             try:
@@ -74,16 +74,16 @@ def _work(payload: Path, task: Task, world: Simulation) -> tuple[Task, Part]:
 
 
 @lru_cache(maxsize=1)
-def _crew(payload: Path) -> Crew:
+def _crew(payload: Path) -> Worker:
     """The crew of a worker process; the experiment is read from our own temporary file once."""
     import pickle
 
     experiment: Experiment = pickle.loads(payload.read_bytes())
-    return Crew(experiment)
+    return Worker(experiment)
 
 
 def _here(
-    crew: Crew,
+    crew: Worker,
     tasks: Sequence[Task],
     world: Callable[[Task], Simulation],
     begun: Callable[[Task, int], None],
@@ -94,7 +94,7 @@ def _here(
 
         def note(place: int, count: int, task: Task = task) -> None:
             nonlocal last
-            if monotonic() - last > OFTEN:
+            if monotonic() - last > PROGRESS_INTERVAL_S:
                 last = monotonic()
                 begun(task, place)
 
@@ -115,13 +115,13 @@ def on_cluster(
     except ModuleNotFoundError:
         raise ResultsError("--cluster needs dask: pip install 'rangefix[dask]'") from None
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:  # a TimeoutError is an OSError
         cause = " ".join(str(error).split())
         raise ResultsError(f"--cluster {address}: no dask scheduler answers: {cause}") from None
     with client, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sending large graph")
-        payload = pickled(experiment), fingerprint(experiment)
+        payload = to_pickle(experiment), code_fingerprint(experiment)
         try:
             yield from _work_all(distributed, client, payload, tasks, world)
         except distributed.KilledWorker:
@@ -165,14 +165,14 @@ def _work_on_cluster(
 
 
 @lru_cache(maxsize=1)
-def _crew_on_cluster(content: bytes, wanted: tuple[tuple[str, str | None], ...]) -> Crew:
+def _crew_on_cluster(content: bytes, wanted: tuple[tuple[str, str | None], ...]) -> Worker:
     """The crew of a worker.
 
     Raises:
         ResultsError: If it would compute with other code than the one who asks.
     """
     experiment: Experiment = pickle.loads(content)
-    here = fingerprint(experiment)
+    here = code_fingerprint(experiment)
     if other := [name for name, value in wanted if here.get(name) != value]:
         raise ResultsError(f"a worker of the cluster has another {', '.join(other)}: install the same there")
-    return Crew(experiment)
+    return Worker(experiment)

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from ...arrays import Array
 from ...filters import Estimator
-from ..experiment import Builder, Named
+from ..experiment import Builder, NamedEstimator
 from ..isolation import At, Note, silent
-from ..results import Outcome, joined
+from ..results import Outcome, concatenate
 from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
 from .trial import Trial
@@ -22,14 +22,14 @@ class Probe(NamedTuple):
     seconds: float
 
 
-class Contestant(NamedTuple):
+class BuiltEstimator(NamedTuple):
     """An estimator that was built, and the trials it is put to."""
 
     trial: Trial
     estimator: Estimator[Any]
 
     @classmethod
-    def of(cls, trial: Trial, builder: Builder, at: At = silent) -> Contestant:
+    def of(cls, trial: Trial, builder: Builder, at: At = silent) -> BuiltEstimator:
         """The one that a builder makes; whatever the builder raises comes out.
 
         Args:
@@ -37,7 +37,7 @@ class Contestant(NamedTuple):
             builder: What makes it.
             at: Hears whether it is being imported or built.
         """
-        if isinstance(builder, Named):
+        if isinstance(builder, NamedEstimator):
             factory = builder.factory()
             at("building it", 0)
             return cls(trial, builder.made(factory, trial.problem))
@@ -74,7 +74,7 @@ class Contestant(NamedTuple):
             true = None if truth is None else truth[here]
             some = measurement[here]
             outcomes.append(self.trial.run(self.estimator, some, first + start, noted, true, at))
-        return joined(outcomes) if len(outcomes) != 1 else outcomes[0]
+        return concatenate(outcomes) if len(outcomes) != 1 else outcomes[0]
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

@@ -49,7 +49,7 @@ def cpu_name() -> str:
     return platform.processor() or platform.machine()
 
 
-def surroundings() -> dict[str, Any]:
+def environment() -> dict[str, Any]:
     """What a manifest says of versions, machine and threads."""
     names = ("rangefix", *LIBRARIES, "joblib", "pydantic", "matplotlib")
     return {

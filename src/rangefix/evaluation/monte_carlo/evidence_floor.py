@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
 
-DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
+SHORTFALL_DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
 LONG = 10.0  # m
 RARE = 1e-9  # share of honest measurements that the best pose explains worse than the floor
 ALLOWANCE = 30.0  # nats for how much wider the prior is than the posterior
@@ -43,7 +43,7 @@ def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolAr
     rng = np.random.default_rng(0)
     beams = len(sensor.bearings)
     longest = min(getattr(sensor, "max_range", LONG), LONG)
-    expected = rng.uniform(0.0, longest, (-(-DRAWS // beams), beams))
+    expected = rng.uniform(0.0, longest, (-(-SHORTFALL_DRAWS // beams), beams))
     drawn = read(expected, rng)
     short = sensor.beam_log_density(drawn, drawn) - sensor.beam_log_density(drawn, expected)
     short = short[~np.isnan(drawn)]

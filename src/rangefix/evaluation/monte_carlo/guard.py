@@ -9,19 +9,19 @@ from typing import Any
 
 from ...arrays import Array
 from ..experiment import Builder
-from ..isolation import Child, Refused, Stopped, pickled
-from ..results import Outcome, blank, joined
-from .built_estimator import Contestant, Probe
+from ..isolation import IsolatedProcess, Lost, Raised, to_pickle
+from ..results import Outcome, concatenate, failed_outcome
+from .built_estimator import BuiltEstimator, Probe
 from .trial import Trial
 
 BUILD = 60.0  # s for building an estimator, beyond the time of a trial
-GRACE = 20.0  # s for the first runs in a new process, which compile and import
-SLACK = 20  # a batch may last as many times what its runs took by two
+FIRST_RUNS_EXTRA_S = 20.0  # s for the first runs in a new process, which compile and import
+BATCH_TIME_FACTOR = 20  # a batch may last as many times what its runs took by two
 IN_A_ROW = 5  # trials lost one after the other: the rest of the part is not tried
 
 
 @dataclass
-class Guard:
+class GuardedEstimator:
     """An estimator in a child process; a child that was killed is replaced.
 
     Args:
@@ -33,16 +33,16 @@ class Guard:
     content: bytes
     size: int
     timeout: float
-    _child: Child | None = None
-    _unbuilt: Refused | Stopped | None = None
+    _child: IsolatedProcess | None = None
+    _unbuilt: Raised | Lost | None = None
     _ends: int = 0
     _fresh: bool = True
     _probes: dict[bytes, Probe | None] = field(default_factory=dict)
 
     @classmethod
-    def over(cls, trial: Trial, builder: Builder, timeout: float) -> Guard:
+    def over(cls, trial: Trial, builder: Builder, timeout: float) -> GuardedEstimator:
         """A guard over the estimator that a builder makes; whatever pickling them raises comes out."""
-        return cls(pickled((trial, builder)), trial.problem.space.size, timeout)
+        return cls(to_pickle((trial, builder)), trial.problem.space.size, timeout)
 
     def start(self) -> None:
         """Have the estimator built, if it is not.
@@ -57,12 +57,12 @@ class Guard:
         if self._unbuilt is not None:
             raise self._unbuilt
         if self._child is None:
-            child = Child()
+            child = IsolatedProcess()
             try:
-                child.ask("build", (Contestant.of, self.content), lambda count: BUILD + self.timeout)
-            except (Refused, Stopped) as error:
+                child.ask("build", (BuiltEstimator.of, self.content), lambda count: BUILD + self.timeout)
+            except (Raised, Lost) as error:
                 child.kill()
-                self._ends += isinstance(error, Stopped) and error.status == "error"
+                self._ends += isinstance(error, Lost) and error.status == "error"
                 if self._ends == 1:
                     return self.start()
                 self._unbuilt = error
@@ -80,7 +80,7 @@ class Guard:
         assert self._child is not None
         try:
             return self._child.ask(verb, arguments, allowed)
-        except Stopped:
+        except Lost:
             self._child = None
             raise
 
@@ -92,10 +92,10 @@ class Guard:
         self.start()
         known = first_two.tobytes()
         if known not in self._probes or (self._fresh and self._probes[known] is not None):
-            limit = GRACE + 4 * self.timeout
+            limit = FIRST_RUNS_EXTRA_S + 4 * self.timeout
             try:
                 found = self._ask("probe", (first_two,), lambda count: limit)
-            except Stopped:
+            except Lost:
                 found = None
             self._probes.setdefault(known, found)
             self._fresh = False
@@ -104,9 +104,9 @@ class Guard:
     def time(self, measurement: Array) -> dict[str, Any]:
         """What `Contestant.time` gives, or seconds None if that takes too long."""
         try:
-            limit = GRACE + 20 * self.timeout
+            limit = FIRST_RUNS_EXTRA_S + 20 * self.timeout
             answer: dict[str, Any] = self._ask("time", (measurement,), lambda count: limit)
-        except (Stopped, Refused):
+        except (Lost, Raised):
             return {"seconds": None}
         return answer
 
@@ -134,10 +134,10 @@ class Guard:
                 piece = (measurement[start:end], first + start, at_once, true)
                 done[start] = self._piece(piece, first_two)
                 continue
-            except Refused as refused:  # not by the estimator's verbs: by something in our own way to it
+            except Raised as refused:  # not by the estimator's verbs: by something in our own way to it
                 done[start] = self._blank(measurement[start:end], "error", str(refused))
                 continue
-            except Stopped as stopped:
+            except Lost as stopped:
                 stop = stopped
             where, count = start + stop.place, max(1, stop.count)
             after = where + count
@@ -157,17 +157,17 @@ class Guard:
                     todo.clear()
             if where > start:  # they went well, and were lost with the process
                 todo.append((start, where, at_once))
-        return joined([done[place] for place in sorted(done)])
+        return concatenate([done[place] for place in sorted(done)])
 
     def _piece(self, piece: tuple[Array, int, int, Array | None], first_two: Array) -> Outcome:
         probe = self.probe(first_two)
         each = 0.0 if probe is None else probe.seconds
 
         def allowed(count: int) -> float:
-            return max(self.timeout, min(count * self.timeout, SLACK * count * each))
+            return max(self.timeout, min(count * self.timeout, BATCH_TIME_FACTOR * count * each))
 
         outcome: Outcome = self._ask("run", piece, allowed)
         return outcome
 
     def _blank(self, measurement: Array, status: str, reason: str) -> Outcome:
-        return blank(measurement.shape, self.size, status, reason)
+        return failed_outcome(measurement.shape, self.size, status, reason)

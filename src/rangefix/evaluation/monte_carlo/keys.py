@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ...filters.registry import module_of
-from ..experiment import Builder, Experiment, Named
-from ..isolation import pickled
-from ..results import digest
+from ..experiment import Builder, Experiment, NamedEstimator
+from ..isolation import to_pickle
+from ..results import hash_of
 from .environment import LIBRARIES, PACKAGE, version_of
 
 NUMERIC = (
@@ -48,7 +48,7 @@ def source_digest(root: Path, inside: tuple[str, ...] = ("",)) -> str:
 
 def _identity(thing: object) -> str:
     try:
-        return sha256(pickled(thing)).hexdigest()
+        return sha256(to_pickle(thing)).hexdigest()
     except Exception:  # what cannot be pickled is never the same again
         return f"unpicklable {id(thing)} {datetime.datetime.now().isoformat()}"
 
@@ -60,7 +60,7 @@ def plugin_source(builder: Builder, of_module: Callable[[str], str] | None = Non
     """
     of_module = of_module or _module_source
     target: Any = builder
-    if isinstance(builder, Named):
+    if isinstance(builder, NamedEstimator):
         where = builder.name.rpartition(":")[0]
         if where.endswith(".py"):
             path = Path(where)
@@ -88,7 +88,7 @@ def _module_source(module: str) -> str:
     return sha256(Path(spec.origin or "").read_bytes()).hexdigest()
 
 
-def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
+def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
     """The key of the simulated runs, and the key of each estimator's trials by label.
 
     They hold the config, the seed, the source of this package and of the plug-in, and the versions of the
@@ -96,7 +96,7 @@ def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
     estimators reuse what there is.
     """
     problem = experiment.identity or _identity((experiment.truth, experiment.assumed))
-    world = digest(
+    world = hash_of(
         problem,
         experiment.seed,
         experiment.block,
@@ -107,16 +107,20 @@ def keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
     )
     trials, of_module = {}, cache(_module_source)
     for label, builder in experiment.estimators.items():
-        who = [builder.name, dict(builder.options)] if isinstance(builder, Named) else _identity(builder)
+        who = (
+            [builder.name, dict(builder.options)]
+            if isinstance(builder, NamedEstimator)
+            else _identity(builder)
+        )
         try:
             source = plugin_source(builder, of_module)
         except Exception:  # its trials will say what is wrong
             source = "not found"
-        trials[label] = digest(world, who, source, experiment.limit(label), experiment.beliefs)
+        trials[label] = hash_of(world, who, source, experiment.limit(label), experiment.beliefs)
     return world, trials
 
 
-def fingerprint(experiment: Experiment) -> dict[str, str | None]:
+def code_fingerprint(experiment: Experiment) -> dict[str, str | None]:
     """What must be the same on all machines that compute: our source, the libraries and the plug-ins."""
     prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, NUMERIC)}
     prints |= {name: version_of(name) for name in LIBRARIES}

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from ...arrays import TWO_PI, Array, wrap
 from ...filters import StateSpace, Stationary
-from ...filters.estimator import draw
+from ...filters.estimator import sample_belief
 from ...filters.kalman import GaussianBelief
-from ..experiment import Experiment, Named
-from ..results import FILE, Picture, digest, whole, write_part
+from ..experiment import Experiment, NamedEstimator
+from ..results import FILE, Picture, hash_of, read_if_valid, write_part
 from ..seeds import streams
 from .simulate import simulate
 
-RUN = 0  # the run whose beliefs are kept
-DRAWS = 20_000  # of beliefs that can only be drawn from
+SHOWN_RUN = 0  # the run whose beliefs are kept
+IMAGE_DRAWS = 20_000  # of beliefs that can only be drawn from
 PIXELS = 120  # along the longer side of the room, where the belief has no cells of its own
 BINS = 180  # of the heading likewise
 
@@ -39,8 +39,8 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
     if not (turning and isinstance(experiment.told.motion, Stationary)):
         path.unlink(missing_ok=True)
         return
-    key = digest(key, RUN, DRAWS, PIXELS, BINS)
-    if whole(path, key) is not None:
+    key = hash_of(key, SHOWN_RUN, IMAGE_DRAWS, PIXELS, BINS)
+    if read_if_valid(path, key) is not None:
         return
     arrays: dict[str, NDArray[Any]] = {}
     for place, picture in enumerate(_pictures(experiment)):
@@ -50,17 +50,17 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
 
 def _pictures(experiment: Experiment) -> Iterator[Picture]:
     problem = experiment.told
-    measurement = simulate(experiment, RUN, RUN + 1).measurement
+    measurement = simulate(experiment, SHOWN_RUN, SHOWN_RUN + 1).measurement
     seen = np.where(experiment.masks()[-1], measurement, np.nan)
     for label, builder in experiment.estimators.items():
-        ours = isinstance(builder, Named) and builder.ours
+        ours = isinstance(builder, NamedEstimator) and builder.ours
         if experiment.limit(label) is not None and not ours:
             continue  # it may hang or crash, from its building on
         try:
             estimator = builder(problem)
             if not _ours(estimator):
                 continue
-            rngs = streams(experiment.seed, "estimator", [RUN])
+            rngs = streams(experiment.seed, "estimator", [SHOWN_RUN])
             belief = estimator.init(problem.prior, rngs)
             for step in range(experiment.steps):
                 if step:
@@ -96,10 +96,10 @@ def picture(
             return _of_points(label, states, np.exp(logs - logs.max()), space, bounds)
     if isinstance(single, GaussianBelief):
         return None  # figures draw what it claims in any case
-    draws = draw(estimator, belief, DRAWS, streams(0, "picture", [RUN]))
+    draws = sample_belief(estimator, belief, IMAGE_DRAWS, streams(0, "picture", [SHOWN_RUN]))
     if draws is None:
         return None
-    return _of_points(label, draws[0], np.ones(DRAWS), space, bounds)
+    return _of_points(label, draws[0], np.ones(IMAGE_DRAWS), space, bounds)
 
 
 def _of_cells(label: str, grid: Any, masses: Array, space: StateSpace) -> Picture:

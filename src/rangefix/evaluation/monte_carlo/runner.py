@@ -15,15 +15,15 @@ from ..experiment import Experiment
 from ..results import (
     MANIFEST,
     TIMING,
-    Plan,
+    FolderLayout,
     Results,
-    digest,
+    hash_of,
     load,
+    read_if_valid,
     read_part,
     read_timing,
-    sweep,
+    remove_partial_files,
     trials_path,
-    whole,
     world_path,
     write_bytes,
     write_json,
@@ -31,14 +31,14 @@ from ..results import (
     write_part,
 )
 from .backends import _here, on_cluster, on_workers
-from .environment import surroundings
-from .keys import keys
+from .environment import environment
+from .keys import part_keys
 from .record_beliefs import save_pictures
 from .simulate import Simulation, simulate
-from .worker import Crew, Task
+from .worker import Task, Worker
 
 TIMED = 128  # runs timed at once, at most
-KEPT = 20  # blocks of truths and measurements held in memory
+BLOCKS_IN_MEMORY = 20  # blocks of truths and measurements held in memory
 
 
 class Progress(NamedTuple):
@@ -109,33 +109,33 @@ def run(
             )
             return results.in_memory()
     folder = Path(out)
-    plan = Plan.of(experiment, *keys(experiment))
-    manifest = plan.manifest(experiment, surroundings(), list(command_line or ()))
+    plan = FolderLayout.of(experiment, *part_keys(experiment))
+    manifest = plan.manifest(experiment, environment(), list(command_line or ()))
     write_json(folder / MANIFEST, manifest | {"state": "running"})
-    sweep(folder / "parts")  # what a run left that was killed while writing
+    remove_partial_files(folder / "parts")  # what a run left that was killed while writing
     _simulate_all(experiment, plan, folder, resume)
-    with closing(Crew(experiment)) as crew:
+    with closing(Worker(experiment)) as crew:
         _work_all(crew, plan, folder, workers, cluster, progress, resume)
         if timing:
             _time_all(crew, plan, folder, resume)
     _save_scene(experiment, folder)
-    save_pictures(experiment, folder, digest(dict(plan.trials), plan.beams[-1]))
+    save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
     write_json(folder / MANIFEST, manifest | {"state": "complete"})
     results = load(folder)
     write_bytes(folder / "summary.csv", to_csv(summarise(results)).encode())
     return results
 
 
-def _simulate_all(experiment: Experiment, plan: Plan, folder: Path, resume: bool) -> None:
+def _simulate_all(experiment: Experiment, plan: FolderLayout, folder: Path, resume: bool) -> None:
     for first, end in experiment.blocks():
         path = world_path(folder, first, end)
-        if not resume or whole(path, plan.world) is None:
+        if not resume or read_if_valid(path, plan.world) is None:
             write_part(path, simulate(experiment, first, end)._asdict(), plan.world)
 
 
 def _work_all(
-    crew: Crew,
-    plan: Plan,
+    crew: Worker,
+    plan: FolderLayout,
     folder: Path,
     workers: int,
     cluster: str | None,
@@ -155,7 +155,7 @@ def _work_all(
     def path(task: Task) -> Path:
         return trials_path(folder, task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
 
-    @lru_cache(maxsize=KEPT)
+    @lru_cache(maxsize=BLOCKS_IN_MEMORY)
     def block(first: int, end: int) -> Simulation:
         return Simulation(**read_part(world_path(folder, first, end), plan.world))
 
@@ -171,7 +171,7 @@ def _work_all(
         for beams in range(len(experiment.beam_labels)):
             for first, end in experiment.blocks():
                 task = Task(label, beams, first, end)
-                saved = whole(path(task), key(task)) if resume else None
+                saved = read_if_valid(path(task), key(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
                 else:
@@ -189,7 +189,7 @@ def _work_all(
         tell(task.estimator, task.end - task.first, len(part["failed"]))
 
 
-def _time_all(crew: Crew, plan: Plan, folder: Path, resume: bool) -> None:
+def _time_all(crew: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
     """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
     path, experiment = folder / TIMING, crew.experiment
     before = read_timing(path) if resume else {}
@@ -198,7 +198,7 @@ def _time_all(crew: Crew, plan: Plan, folder: Path, resume: bool) -> None:
     rows = {}
     for label in experiment.estimators:
         for beams, beam_label in enumerate(experiment.beam_labels):
-            key = digest(plan.key(label, beam_label), TIMED, min(TIMED, experiment.runs))
+            key = hash_of(plan.key(label, beam_label), TIMED, min(TIMED, experiment.runs))
             part = read_part(trials_path(folder, label, beam_label, first, end))
             some = measurement[part["status"] == 0][:TIMED]
             rows[key] = before.get(key) or crew.time(label, beams, some)

@@ -13,7 +13,7 @@ from ...filters import Motion, Sensor, sample_runs
 from ..experiment import Experiment
 from ..seeds import streams
 
-MOST = 1 << 20  # ranges cast at once
+MAX_RANGES_PER_CAST = 1 << 20  # ranges cast at once
 
 
 class Simulation(NamedTuple):
@@ -39,7 +39,7 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
         truth = follow(problem.motion, starts, moves, streams(seed, "motion", runs))
     measurement = np.empty((*truth.shape[:2], len(problem.sensor.bearings)))
     read = getattr(problem.sensor, "read", None)
-    size = max(1, MOST // measurement[0].size)
+    size = max(1, MAX_RANGES_PER_CAST // measurement[0].size)
     for place in range(0, len(runs), size):
         part = slice(place, place + size)
         expected = _expected(problem.sensor, truth[part]) if read else None

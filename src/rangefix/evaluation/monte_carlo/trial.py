@@ -9,9 +9,9 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import EachRun, Estimator, Problem
-from ...filters.plugin_line import located
+from ...filters.plugin_line import plugin_line
 from ..isolation import At, Note, during, silent
-from ..results import STATUSES, Outcome, blank, judged
+from ..results import STATUSES, Outcome, failed_outcome, with_status
 from ..seeds import Streams
 
 
@@ -74,7 +74,7 @@ class Trial(NamedTuple):
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = " ".join(str(error).split()) or "no message"
             text += "; copy what you write to" if "read-only" in text else ""
-            what, where = during(verb, step), located(error.__traceback__)
+            what, where = during(verb, step), plugin_line(error.__traceback__)
             raise TrialError(f"{what} failed: {type(error).__name__}: {text}{where}") from error
         return mean, covariance, log_evidence, judge.arrays()
 
@@ -100,10 +100,10 @@ class Trial(NamedTuple):
             try:
                 runs = range(first, first + count)
                 *estimates, beliefs = self.attempt(estimator, measurement, runs, truth, at)
-                return judged(*estimates)._replace(beliefs=beliefs)
+                return with_status(*estimates)._replace(beliefs=beliefs)
             except TrialError:
                 pass  # whose fault it is will show
-        outcome = blank(measurement.shape, self.problem.space.size)
+        outcome = failed_outcome(measurement.shape, self.problem.space.size)
         failed, beliefs = {}, {}
         for place in range(count):
             note(place, 1)
@@ -119,7 +119,7 @@ class Trial(NamedTuple):
             for name, array in found.items():
                 whole = np.full((count, *array.shape[1:]), np.nan)
                 beliefs.setdefault(name, whole)[place] = array[0]
-        outcome = judged(*outcome[:3])._replace(beliefs=beliefs)
+        outcome = with_status(*outcome[:3])._replace(beliefs=beliefs)
         outcome.status[list(failed)] = STATUSES.index("error")
         outcome.reasons.update(failed)
         return outcome

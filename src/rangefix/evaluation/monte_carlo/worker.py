@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...errors import one_line
-from ...filters.plugin_line import located
-from ..experiment import Experiment, Named
-from ..isolation import Note, Refused, Stopped, silent
-from ..results import Outcome, blank, part_arrays
+from ...filters.plugin_line import plugin_line
+from ..experiment import Experiment, NamedEstimator
+from ..isolation import Lost, Note, Raised, silent
+from ..results import Outcome, failed_outcome, part_arrays
 from .batch_size import batch_size
-from .built_estimator import Contestant
+from .built_estimator import BuiltEstimator
 from .evidence_floor import evidence_floor
-from .guard import Guard
+from .guard import GuardedEstimator
 from .simulate import Simulation, simulate
 from .trial import Trial
 
@@ -31,7 +31,7 @@ class Task(NamedTuple):
     end: int
 
 
-class Unbuilt(Exception):
+class BuildFailure(Exception):
     """Why there is no estimator: the status of its trials, and the reason."""
 
     def __init__(self, reason: str, status: str = "error") -> None:
@@ -40,12 +40,12 @@ class Unbuilt(Exception):
 
 
 @dataclass
-class Crew:
+class Worker:
     """Builds what tasks share, once in each process: the experiment's estimators and their batch sizes."""
 
     experiment: Experiment
-    built: dict[str, Contestant | Unbuilt] = field(default_factory=dict)
-    guards: dict[str, Guard] = field(default_factory=dict)
+    built: dict[str, BuiltEstimator | BuildFailure] = field(default_factory=dict)
+    guards: dict[str, GuardedEstimator] = field(default_factory=dict)
     sizes: dict[tuple[str, int], int] = field(default_factory=dict)
     first: Array | None = None
 
@@ -56,7 +56,7 @@ class Crew:
         moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
         return Trial(self.experiment.told, moves, self.experiment.seed)
 
-    def contestant(self, label: str) -> Contestant:
+    def contestant(self, label: str) -> BuiltEstimator:
         """The estimator, in this process.
 
         Raises:
@@ -64,16 +64,16 @@ class Crew:
         """
         if label not in self.built:
             try:
-                self.built[label] = Contestant.of(self.trial, self.experiment.estimators[label])
+                self.built[label] = BuiltEstimator.of(self.trial, self.experiment.estimators[label])
             except (Exception, SystemExit) as error:  # a plug-in may raise anything
-                text = one_line(error) + located(error.__traceback__)
-                self.built[label] = self._unbuilt(label, Refused(type(error).__name__, text))
+                text = one_line(error) + plugin_line(error.__traceback__)
+                self.built[label] = self._unbuilt(label, Raised(type(error).__name__, text))
         found = self.built[label]
-        if isinstance(found, Unbuilt):
+        if isinstance(found, BuildFailure):
             raise found
         return found
 
-    def guard(self, label: str, limit: float) -> Guard:
+    def guard(self, label: str, limit: float) -> GuardedEstimator:
         """The estimator in a process of its own; those of other estimators are ended.
 
         Raises:
@@ -83,23 +83,25 @@ class Crew:
             self.guards[other].close()
         if label not in self.guards:
             try:
-                self.guards[label] = Guard.over(self.trial, self.experiment.estimators[label], limit)
+                self.guards[label] = GuardedEstimator.over(
+                    self.trial, self.experiment.estimators[label], limit
+                )
             except Exception as error:  # whatever refuses to be pickled
                 text = f"it cannot be sent to a process of its own: {type(error).__name__}: {one_line(error)}"
-                raise Unbuilt(f"{text}; timeout 0 runs it in this one") from None
+                raise BuildFailure(f"{text}; timeout 0 runs it in this one") from None
         try:
             self.guards[label].start()
-        except (Refused, Stopped) as error:
+        except (Raised, Lost) as error:
             raise self._unbuilt(label, error) from None
         return self.guards[label]
 
-    def _unbuilt(self, label: str, error: Refused | Stopped) -> Unbuilt:
+    def _unbuilt(self, label: str, error: Raised | Lost) -> BuildFailure:
         """Names the plug-in and the stage."""
         builder = self.experiment.estimators[label]
-        name = f"estimator {(builder.name if isinstance(builder, Named) else label)!r}"
-        if isinstance(error, Stopped):
-            return Unbuilt(f"{name}: {error}", error.status)
-        return Unbuilt(error.text if error.kind == "ImportError" else f"building {name} failed: {error}")
+        name = f"estimator {(builder.name if isinstance(builder, NamedEstimator) else label)!r}"
+        if isinstance(error, Lost):
+            return BuildFailure(f"{name}: {error}", error.status)
+        return BuildFailure(error.text if error.kind == "ImportError" else f"building {name} failed: {error}")
 
     def close(self) -> None:
         """End the processes of guarded estimators."""
@@ -123,11 +125,11 @@ class Crew:
         size = self.experiment.told.space.size
         try:
             outcome = self._outcome(task, seen, truth, note)
-        except Unbuilt as unbuilt:
-            outcome = blank(seen.shape, size, unbuilt.status, str(unbuilt))
-        except (Refused, Stopped) as error:  # it was built, and cannot be built again
+        except BuildFailure as unbuilt:
+            outcome = failed_outcome(seen.shape, size, unbuilt.status, str(unbuilt))
+        except (Raised, Lost) as error:  # it was built, and cannot be built again
             again = self._unbuilt(task.estimator, error)
-            outcome = blank(seen.shape, size, again.status, str(again))
+            outcome = failed_outcome(seen.shape, size, again.status, str(again))
         return part_arrays(outcome, evidence_floor(self.experiment.told.sensor, seen))
 
     def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:
@@ -156,5 +158,5 @@ class Crew:
             probe = guard.probe(self.first_two(beams))
             size = 1 if probe is None else probe.size
             return row | guard.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
-        except (Unbuilt, Refused, Stopped):
+        except (BuildFailure, Raised, Lost):
             return row

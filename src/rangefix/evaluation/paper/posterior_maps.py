@@ -10,16 +10,16 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from ..consistency import name_beams
+from ..consistency import beams_in_words
 from ..figures import INK, draw_beams, draw_truth, draw_walls, label_positions
-from .table1 import Paper, Row
+from .table1 import Paper, Table1Row
 
 
 def _numbers(beams: str) -> list[int]:
     return [int(number) for number in beams.split("+")]
 
 
-def _density_image(axes: Axes, paper: Paper, row: Row, star: float = 11.0) -> Any:
+def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> Any:
     density = paper.densities[row.beams]
     image = axes.imshow(
         density / density.max(),
@@ -49,7 +49,7 @@ def _density_image(axes: Axes, paper: Paper, row: Row, star: float = 11.0) -> An
     return image
 
 
-def _map_panel(axes: Axes, paper: Paper, row: Row) -> Any:
+def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> Any:
     left, right, lower, upper = paper.scene["extent"]
     image = _density_image(axes, paper, row)
     axes.set_xlim(left - 0.12, right + 0.12)
@@ -61,11 +61,11 @@ def _map_panel(axes: Axes, paper: Paper, row: Row) -> Any:
     axes.set_yticks(range(int(upper) + 1))
     axes.spines[:].set_visible(False)
     stds = rf"$\sigma_1$ = {row.std[0]:.3f} m, $\sigma_2$ = {row.std[1]:.3f} m"
-    axes.set_title(f"{name_beams(row.beams).capitalize()}\n{stds}")
+    axes.set_title(f"{beams_in_words(row.beams).capitalize()}\n{stds}")
     return image
 
 
-def _close_up(axes: Axes, paper: Paper, row: Row) -> None:
+def _close_up(axes: Axes, paper: Paper, row: Table1Row) -> None:
     """The surroundings of the true position once more, in the empty lower part of the room."""
     x1, x2 = paper.scene["truth"][:2]
     inset = axes.inset_axes((x1 - 1.15, 0.35, 2.3, 2.0), transform=axes.transData)

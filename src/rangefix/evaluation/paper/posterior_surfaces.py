@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...arrays import Array, IntArray
-from ..consistency import name_beams
+from ..consistency import beams_in_words
 from ..figures import INK
 from .table1 import Paper
 
@@ -96,7 +96,7 @@ def _surface(axes: Any, paper: Paper, beams: str, half_width: float = np.inf) ->
 
 def posterior_surfaces(paper: Paper, beam_sets: Sequence[str], title: str) -> Figure:
     """Posterior densities as surfaces over the room; a single one with a close-up beside it."""
-    panels = [(beams, np.inf, name_beams(beams).capitalize()) for beams in beam_sets]
+    panels = [(beams, np.inf, beams_in_words(beams).capitalize()) for beams in beam_sets]
     if len(panels) == 1:
         panels.append((beam_sets[0], CLOSE_UP, f"The same, within {CLOSE_UP:g} m of the true position"))
     columns = min(len(panels), 3)

@@ -40,12 +40,14 @@ FIGURE_2 = ("1", "2", "3", "1+2", "2+3", "1+3")
 FIGURE_3 = ("1+2+3",)
 CELLS = (0.10, 0.05, 0.02, 0.01)  # m; the last is the table's
 BAND_CELL = 0.02  # m
-ROUNDING = 1e-5  # m; beam 2 alone gives 0.05 m whatever the draw, a sum over cells a little less or more
+CELL_SUM_ROUNDING = (
+    1e-5  # m; beam 2 alone gives 0.05 m whatever the draw, a sum over cells a little less or more
+)
 BAND = (5.0, 95.0)  # percent of the draws
 
 
 @dataclass(frozen=True)
-class Row:
+class Table1Row:
     """One beam set of Table 1; axis 0 holds x1, x2.
 
     Attributes:
@@ -86,7 +88,7 @@ class Paper:
         scene: Walls, beams and true position, as the drawing of maps takes them.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[Table1Row, ...]
     convergence: Mapping[float, Array]
     agreeing: float
     draws: int
@@ -95,7 +97,7 @@ class Paper:
     densities: Mapping[str, Array]
     scene: Mapping[str, Array]
 
-    def row(self, beams: str) -> Row:
+    def row(self, beams: str) -> Table1Row:
         """The table's row for a beam set."""
         return next(row for row in self.rows if row.beams == beams)
 
@@ -132,7 +134,7 @@ def cut_off_interval(digits: str) -> tuple[float, float]:
     """The numbers that cut off to these digits, less rounding below: "0.64" -> (0.64, 0.65)."""
     places = len(digits.partition(".")[2])
     low = round(float(digits) * 10**places)
-    return low / 10**places - ROUNDING, (low + 1) / 10**places
+    return low / 10**places - CELL_SUM_ROUNDING, (low + 1) / 10**places
 
 
 def example() -> Problem:
@@ -178,7 +180,7 @@ def solve(draws: int = 1000, seed: int = 0) -> Paper:
     density = grid.image(finest.posterior(_update(finest, noise_free))) / grid.step.prod()
     edges = np.reshape(grid.extent, (2, 2))
     return Paper(
-        rows=tuple(Row(*row) for row in rows),
+        rows=tuple(Table1Row(*row) for row in rows),
         convergence=convergence,
         agreeing=float((below[..., 1] & ~below[..., 0]).all(axis=(0, 2)).mean()),
         draws=draws,
@@ -229,7 +231,7 @@ def load(folder: Path) -> Paper:
         std, mean, band, percentile = (
             np.array(row[name]) for name in ("std_m", "mean_m", "band_std_m", "paper_percentile")
         )
-        rows.append(Row(beams, std, mean, PRINTED[beams], band, percentile))
+        rows.append(Table1Row(beams, std, mean, PRINTED[beams], band, percentile))
     draws = text["noise_draws"]
     return Paper(
         rows=tuple(rows),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..consistency import CERTAIN, MUCH, Interval, Kind, Verdict, measured, times
+from ..consistency import CERTAIN, LARGE_FACTOR, Interval, Kind, Verdict, format_factor, format_interval
 from .html import Html, tag
 
 SIGNS: dict[Kind, tuple[str, str]] = {
@@ -26,15 +26,15 @@ def badge(verdict: Verdict, factor: bool = False) -> Html:
     sign, word = SIGNS[verdict.kind]
     value = verdict.factor.value
     if verdict.kind in ("overconfident", "cautious") and 0 < value <= CERTAIN:
-        if 1 / MUCH <= value <= MUCH:
+        if 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
             word = f"a little {word.removeprefix('too ')}"
         if factor:
-            word += f" \u00d7 {times(max(value, 1 / value))}"
+            word += f" \u00d7 {format_factor(max(value, 1 / value))}"
     mark = tag("span", sign, class_="sign", aria_hidden="true")
     return tag("span", mark, word, class_=f"badge {colour(verdict)}")
 
 
 def stacked(interval: Interval) -> Html:
     """The same, with the interval small beneath."""
-    value, _, ends = measured(interval).partition(" ")
+    value, _, ends = format_interval(interval).partition(" ")
     return tag("span", value, tag("small", ends) if ends else None, class_="stacked")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..consistency import CERTAIN, MUCH, Curve, Interval, Reliability, short, uniform_band
+from ..consistency import CERTAIN, LARGE_FACTOR, Curve, Interval, Reliability, format_number, uniform_band
 from .html import Html, tag
 
 INSET = 2.0  # per cent at each end of a lane, so that dots are not cut
@@ -82,7 +82,7 @@ def lanes(
         groups: Heading and lanes.
         scale: The axis.
         unit: What stands under the axis.
-        honest: Whether to mark 1, and what is within `MUCH` of it.
+        honest: Whether to mark 1, and what is within `LARGE_FACTOR` of it.
     """
     return tag(
         "div",
@@ -98,7 +98,7 @@ def lanes(
 def _lane(lane: Lane, scale: Scale, honest: bool) -> Html:
     drawn = []
     if honest:
-        left, right = scale.share(1 / MUCH), scale.share(MUCH)
+        left, right = scale.share(1 / LARGE_FACTOR), scale.share(LARGE_FACTOR)
         width = f"{(100 - 2 * INSET) * (right - left):.2f}%"
         drawn.append(tag("rect", x=_percent(left), y=0, width=width, height="100%", class_="zone"))
         one = _percent(scale.share(1.0))
@@ -137,7 +137,7 @@ def _axis(scale: Scale, unit: str) -> Html:
     for tick in scale.ticks():
         x = _percent(scale.share(tick))
         drawn.append(tag("line", x1=x, x2=x, y1=0, y2=5, class_="tick"))
-        drawn.append(tag("text", short(tick), x=x, y=17, class_="tick-label"))
+        drawn.append(tag("text", format_number(tick), x=x, y=17, class_="tick-label"))
     plot = tag("svg", drawn, class_="lane-plot axis", aria_hidden="true", focusable="false")
     return tag(
         "div", tag("span", class_="lane-name"), plot, tag("span", unit, class_="lane-unit"), class_="lane"
@@ -250,17 +250,19 @@ def reliability_panel(title: str, points: Sequence[Reliability], unit: str) -> H
 def steps_chart(values: Sequence[Interval], kinds: Sequence[str]) -> Html:
     """ANEES / n after each measurement, on a logarithmic axis."""
     ends = [min(end, CERTAIN) for interval in values for end in interval]
-    scale = Scale.over(ends, 1 / MUCH / 1.2, MUCH * 1.2)
+    scale = Scale.over(ends, 1 / LARGE_FACTOR / 1.2, LARGE_FACTOR * 1.2)
 
     def height(value: float) -> str:
         return f"{4 + 82 * (1 - scale.share(value)):.2f}%"
 
     drawn = []
-    band = 82 * (scale.share(MUCH) - scale.share(1 / MUCH))
-    drawn.append(tag("rect", x="8%", y=height(MUCH), width="90%", height=f"{band:.2f}%", class_="zone"))
+    band = 82 * (scale.share(LARGE_FACTOR) - scale.share(1 / LARGE_FACTOR))
+    drawn.append(
+        tag("rect", x="8%", y=height(LARGE_FACTOR), width="90%", height=f"{band:.2f}%", class_="zone")
+    )
     drawn.append(tag("line", x1="8%", x2="98%", y1=height(1.0), y2=height(1.0), class_="one"))
     for tick in scale.ticks(5):
-        drawn.append(tag("text", short(tick), x="7%", y=height(tick), class_="tick-label end middle"))
+        drawn.append(tag("text", format_number(tick), x="7%", y=height(tick), class_="tick-label end middle"))
     for step, (interval, kind) in enumerate(zip(values, kinds, strict=True)):
         x = f"{10 + 86 * (step / max(len(values) - 1, 1)):.2f}%"
         if math.isfinite(interval.low) and math.isfinite(interval.high):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import Array
 from ..consistency import (
-    DRAWS,
+    RANK_DRAWS,
     Curve,
     Gate,
     GateLine,
@@ -31,7 +31,7 @@ from ..consistency import (
     reliability,
 )
 from ..consistency.summarise import summarise
-from ..results import MOST, BeliefScores, Results, Trials
+from ..results import MAX_RUNS_IN_MEMORY, BeliefScores, Results, Trials
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Setting:
         if self.belief is not None and len(self.errors):
             levels = curves[0][0].levels
             ranks = self.belief.distance_rank
-            curves.append((curve((ranks + 0.5) / (DRAWS + 1), levels, levels), "belief"))
+            curves.append((curve((ranks + 0.5) / (RANK_DRAWS + 1), levels, levels), "belief"))
         return curves
 
     def histogram(self, component: int) -> tuple[Array, bool]:
@@ -91,7 +91,7 @@ class Failures:
 
 
 @dataclass(frozen=True)
-class Digest:
+class ReportData:
     """All that a report shows of a study.
 
     Attributes:
@@ -122,18 +122,18 @@ class Digest:
         return decide_overall(self.rows_of(estimator))
 
 
-def digest(results: Results, gates: Sequence[Gate] = ()) -> Digest:
+def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
     """Work out what a report shows."""
     rows = summarise(results)
     settings, failures = {}, []
     for row in {(row.estimator, row.beams): row for row in rows}.values():  # the last step of each
-        trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MOST))
+        trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MAX_RUNS_IN_MEMORY))
         settings[row.estimator, row.beams] = _setting(results, trials, row)
         if row.failures:
             failures.append(
                 Failures(row.estimator, row.beams, row.failures, Counter(trials.reasons.values()))
             )
-    return Digest(results, rows, settings, failures, check_gates(gates, rows))
+    return ReportData(results, rows, settings, failures, check_gates(gates, rows))
 
 
 def _setting(results: Results, trials: Trials, row: Row) -> Setting:

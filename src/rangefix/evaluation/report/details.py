@@ -6,19 +6,19 @@ from collections.abc import Iterable
 
 from ..consistency import (
     CERTAIN,
+    beams_in_words,
     capital,
     decide,
     factor,
-    measured,
-    name_beams,
-    percent_interval,
+    format_interval,
+    format_number,
+    format_percent_interval,
     scaled,
-    short,
     unit,
 )
 from .badges import badge, colour
 from .charts import Lane, Mark, Scale, coverage_panel, histogram_panel, lanes, reliability_panel, steps_chart
-from .data import Digest, Setting
+from .data import ReportData, Setting
 from .html import Child, Html, tag
 
 KEYS = {
@@ -32,19 +32,19 @@ KEYS = {
 }
 
 
-def charts(digest: Digest) -> Html:
+def charts(digest: ReportData) -> Html:
     """Claimed against true, and ANEES / n, of all settings on common axes."""
     settings = digest.settings
     ends = [min(end, CERTAIN) for each in settings.values() for end in each.row.anees]
     scale = Scale.over(ends, 0.4, 2.5)
     grouped = [
         (
-            name_beams(beams),
+            beams_in_words(beams),
             [
                 Lane(
                     name,
                     [Mark(settings[name, beams].row.anees, colour(settings[name, beams].verdict))],
-                    measured(settings[name, beams].row.anees),
+                    format_interval(settings[name, beams].row.anees),
                 )
                 for name in digest.results.estimators
             ],
@@ -67,7 +67,7 @@ def charts(digest: Digest) -> Html:
     return tag("section", parts, id="charts")
 
 
-def _deviations(digest: Digest, i: int, name: str) -> list[Html]:
+def _deviations(digest: ReportData, i: int, name: str) -> list[Html]:
     settings = digest.settings
     ends = [
         factor(name) * end
@@ -84,9 +84,9 @@ def _deviations(digest: Digest, i: int, name: str) -> list[Html]:
         for estimator in digest.results.estimators:
             row = settings[estimator, beams].row
             true, claimed = (scaled(each.sqrt(), factor(name)) for each in (row.g[i], row.p[i]))
-            figure = f"{short(true.value)} / {short(claimed.value)}" if row.ok else "-"
+            figure = f"{format_number(true.value)} / {format_number(claimed.value)}" if row.ok else "-"
             some.append(Lane(estimator, [Mark(claimed, "claimed"), Mark(true, "true")], figure))
-        grouped.append((name_beams(beams), some))
+        grouped.append((beams_in_words(beams), some))
     key = tag(
         "p",
         tag("span", class_="key true"),
@@ -103,7 +103,7 @@ def _deviations(digest: Digest, i: int, name: str) -> list[Html]:
     ]
 
 
-def details(digest: Digest) -> Html:
+def details(digest: ReportData) -> Html:
     """Estimator by estimator."""
     return tag(
         "section",
@@ -118,7 +118,7 @@ def details(digest: Digest) -> Html:
     )
 
 
-def _detail(digest: Digest, estimator: str) -> Html:
+def _detail(digest: ReportData, estimator: str) -> Html:
     overall = digest.overall(estimator)
     described = digest.results.manifest.get("estimators", {}).get(estimator, {})
     options = ", ".join(f"{key} = {value}" for key, value in (described.get("options") or {}).items())
@@ -135,11 +135,11 @@ def _detail(digest: Digest, estimator: str) -> Html:
     )
 
 
-def _setting(digest: Digest, setting: Setting) -> Html:
+def _setting(digest: ReportData, setting: Setting) -> Html:
     row = setting.row
     found = setting.verdict
     parts: list[Child] = [
-        tag("h4", name_beams(row.beams)),
+        tag("h4", beams_in_words(row.beams)),
         tag("p", badge(found), " ", capital(found.words), " ", (capital(note) + " " for note in found.notes)),
     ]
     if row.ok:
@@ -169,34 +169,41 @@ def _facts(setting: Setting) -> Iterable[Html]:
     row, scores, beliefs = setting.row, setting.row.scores, setting.row.beliefs
     pairs: list[tuple[str, str]] = []
     for i, name in enumerate(row.names):
-        pairs.append((f"G / P of {name} (1 = honest)", measured(row.ratio[i])))
-        pairs.append((f"mean error of {name}, {unit(name)}", measured(scaled(row.bias[i], factor(name)))))
+        pairs.append((f"G / P of {name} (1 = honest)", format_interval(row.ratio[i])))
         pairs.append(
-            (f"CRPS of {name}, {unit(name)} (Gaussian claim)", measured(scaled(scores.crps[i], factor(name))))
+            (f"mean error of {name}, {unit(name)}", format_interval(scaled(row.bias[i], factor(name))))
+        )
+        pairs.append(
+            (
+                f"CRPS of {name}, {unit(name)} (Gaussian claim)",
+                format_interval(scaled(scores.crps[i], factor(name))),
+            )
         )
     pairs += [
-        ("ANEES / n", measured(row.anees)),
-        ("NCI, dB", measured(row.nci)),
-        ("inclination, dB", measured(row.inclination)),
-        ("energy score of the position, m (Gaussian claim)", measured(scores.energy)),
-        ("log score, nats (Gaussian claim at the truth; lower is better)", measured(scores.log)),
-        ("log evidence, nats (of the measurements; higher is better)", measured(scores.evidence)),
+        ("ANEES / n", format_interval(row.anees)),
+        ("NCI, dB", format_interval(row.nci)),
+        ("inclination, dB", format_interval(row.inclination)),
+        ("energy score of the position, m (Gaussian claim)", format_interval(scores.energy)),
+        ("log score, nats (Gaussian claim at the truth; lower is better)", format_interval(scores.log)),
+        ("log evidence, nats (of the measurements; higher is better)", format_interval(scores.evidence)),
     ]
     pairs += [
-        (f"inside the {100 * level:g} % ellipse", percent_interval(share))
+        (f"inside the {100 * level:g} % ellipse", format_percent_interval(share))
         for level, share in row.coverage.items()
     ]
     if row.indefinite.value > 0:
-        pairs.append(("covariance not positive definite", percent_interval(row.indefinite)))
+        pairs.append(("covariance not positive definite", format_percent_interval(row.indefinite)))
     if row.improbable.value > 0:
-        pairs.append(("improbable measurements", percent_interval(row.improbable)))
+        pairs.append(("improbable measurements", format_percent_interval(row.improbable)))
     if beliefs is not None:
-        pairs.append(("energy score of the position, m (sampled belief)", measured(beliefs.energy)))
-        pairs.append(("mean share of the main mode", percent_interval(beliefs.share)))
+        pairs.append(("energy score of the position, m (sampled belief)", format_interval(beliefs.energy)))
+        pairs.append(("mean share of the main mode", format_percent_interval(beliefs.share)))
         for i, name in enumerate(row.names):
             k, shown = factor(name), unit(name)
-            pairs.append((f"CRPS of {name}, {shown} (sampled belief)", measured(scaled(beliefs.crps[i], k))))
-            whole, mode = (short(k * each[i].sqrt().value) for each in (beliefs.whole, beliefs.mode))
+            pairs.append(
+                (f"CRPS of {name}, {shown} (sampled belief)", format_interval(scaled(beliefs.crps[i], k)))
+            )
+            whole, mode = (format_number(k * each[i].sqrt().value) for each in (beliefs.whole, beliefs.mode))
             pairs.append((f"std of {name}, {shown}: whole belief / main mode", f"{whole} / {mode}"))
     for label, value in pairs:
         yield tag("div", tag("dt", label), tag("dd", value))

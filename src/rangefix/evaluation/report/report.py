@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..consistency import Gate
 from ..results import Results, load, write_bytes
-from .data import digest
+from .data import collect
 from .details import charts, details
 from .html import page, tag
 from .pictures import pictures
@@ -47,7 +47,7 @@ def write_report(folder: Path | str, out: Path | str | None = None, gates: Seque
 
 def render(results: Results, gates: Sequence[Gate] = ()) -> str:
     """The page."""
-    found = digest(results, gates)
+    found = collect(results, gates)
     manifest = results.manifest
     version = (manifest.get("versions") or {}).get("rangefix", "")
     body = [

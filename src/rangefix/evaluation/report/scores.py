@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ..consistency import Interval, Row, factor, name_beams, scaled, short, uniform_p_value, unit
+from ..consistency import Interval, Row, beams_in_words, factor, format_number, scaled, uniform_p_value, unit
 from .badges import stacked
-from .data import Digest
+from .data import ReportData
 from .html import Child, Html, tag
 
-LEAST = 1e-6  # p-value that is told
+SMALLEST_P_VALUE_SHOWN = 1e-6  # p-value that is told
 SCORES = (
     "Lower is better, also for the logarithm. A score judges what is claimed as a whole, over all "
     "runs{}: \u201cclaim\u201d is the Gaussian with the claimed mean and covariance, \u201cbelief\u201d what "
@@ -20,14 +20,14 @@ BELIEFS = (
 )
 
 
-def scores(digest: Digest) -> Html:
+def scores(digest: ReportData) -> Html:
     """All settings after the last measurement."""
     rows = [setting.row for setting in digest.settings.values()]
     sampled = any(row.beliefs is not None for row in rows)
     columns = _columns(rows[0].names, sampled)
     bodies = []
     for beams in digest.results.beam_sets:
-        group = tag("th", name_beams(beams), colspan=len(columns), scope="rowgroup")
+        group = tag("th", beams_in_words(beams), colspan=len(columns), scope="rowgroup")
         some = [
             _row(digest.settings[estimator, beams].row, columns, sampled)
             for estimator in digest.results.estimators
@@ -61,7 +61,7 @@ def _row(row: Row, columns: list[str], sampled: bool) -> Html:
     cells: list[Child] = [stacked(claim.log), *(_score(*pair, sampled) for pair in pairs)]
     if found is not None:
         for k, whole, mode in zip(factors, found.whole, found.mode, strict=True):
-            cells.append(f"{short(k * whole.sqrt().value)} / {short(k * mode.sqrt().value)}")
+            cells.append(f"{format_number(k * whole.sqrt().value)} / {format_number(k * mode.sqrt().value)}")
         cells += [f"{100 * found.share.value:.3g} %", _p_value(uniform_p_value(found.ranks[-1]))]
     elif sampled:
         cells += ["-"] * (len(row.names) + 2)
@@ -76,11 +76,11 @@ def _score(claim: Interval, belief: Interval | None, k: float, sampled: bool) ->
     """The score of the claim with its interval or, where beliefs are sampled, beside that of the belief."""
     if not sampled:
         return stacked(scaled(claim, k))
-    value = short(k * claim.value) if claim.value == claim.value else "-"
-    return f"{value} / {short(k * belief.value) if belief else '-'}"
+    value = format_number(k * claim.value) if claim.value == claim.value else "-"
+    return f"{value} / {format_number(k * belief.value) if belief else '-'}"
 
 
 def _p_value(p: float) -> str:
     if p != p:
         return "-"
-    return f"{p:.2g}" if p >= LEAST else f"< {LEAST:g}"
+    return f"{p:.2g}" if p >= SMALLEST_P_VALUE_SHOWN else f"< {SMALLEST_P_VALUE_SHOWN:g}"

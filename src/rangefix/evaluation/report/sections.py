@@ -6,10 +6,10 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from ..consistency import ALARMS, capital, factor, measured, name_beams, short, unit
+from ..consistency import ALARMS, beams_in_words, capital, factor, format_interval, format_number, unit
 from ..results import FAILURES
 from .badges import badge, colour, stacked
-from .data import Digest, Setting
+from .data import ReportData, Setting
 from .html import Child, Html, tag
 
 REASONS = 8  # that are listed for one estimator
@@ -23,7 +23,7 @@ TABLE = (
 )
 
 
-def heading(digest: Digest) -> Html:
+def heading(digest: ReportData) -> Html:
     """Title, and what was done."""
     manifest = digest.results.manifest
     name = manifest.get("name") or "study"
@@ -51,7 +51,7 @@ def heading(digest: Digest) -> Html:
     )
 
 
-def verdicts(digest: Digest) -> Html:
+def verdicts(digest: ReportData) -> Html:
     """First of all: whom to trust."""
     found = {name: digest.overall(name) for name in digest.results.estimators}
     honest = [name for name, verdict in found.items() if verdict.kind == "honest"]
@@ -72,7 +72,7 @@ def verdicts(digest: Digest) -> Html:
             tag("h3", name),
             badge(verdict),
             tag("p", capital(verdict.words), class_="words"),
-            tag("p", f"ANEES / n {measured(verdict.factor)}", class_="factor")
+            tag("p", f"ANEES / n {format_interval(verdict.factor)}", class_="factor")
             if verdict.kind != "failed"
             else None,
             tag("ul", (tag("li", capital(note)) for note in verdict.notes)) if verdict.notes else None,
@@ -99,7 +99,7 @@ def _names(names: Sequence[str]) -> list[Child]:
     return parts
 
 
-def gates(digest: Digest) -> Html | None:
+def gates(digest: ReportData) -> Html | None:
     """What became of the gates, if there were any."""
     if not digest.lines:
         return None
@@ -109,7 +109,7 @@ def gates(digest: Digest) -> Html | None:
     return tag("div", tag("h3", f"Gates: {state}"), tag("ul", shown, class_="gates"), class_="gate-box")
 
 
-def table(digest: Digest) -> Html:
+def table(digest: ReportData) -> Html:
     """All settings after the last measurement."""
     names = digest.results.space.names
     columns = [
@@ -123,7 +123,7 @@ def table(digest: Digest) -> Html:
     ]
     bodies = []
     for beams in digest.results.beam_sets:
-        group = tag("th", name_beams(beams), colspan=len(columns), scope="rowgroup")
+        group = tag("th", beams_in_words(beams), colspan=len(columns), scope="rowgroup")
         rows = [
             _table_row(digest.settings[estimator, beams], columns) for estimator in digest.results.estimators
         ]
@@ -142,10 +142,10 @@ def table(digest: Digest) -> Html:
 def _table_row(setting: Setting, columns: Sequence[str]) -> Html:
     row = setting.row
     pairs = [
-        f"{short(k * g.sqrt().value)} / {short(k * p.sqrt().value)}" if row.ok else "-"
+        f"{format_number(k * g.sqrt().value)} / {format_number(k * p.sqrt().value)}" if row.ok else "-"
         for g, p, k in zip(row.g, row.p, map(factor, row.names), strict=True)
     ]
-    seconds = short(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"
+    seconds = format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"
     cells: list[Child] = [
         row.ok if row.ok == row.planned else f"{row.ok} of {row.planned}",
         *pairs,
@@ -166,7 +166,7 @@ def _table_row(setting: Setting, columns: Sequence[str]) -> Html:
     )
 
 
-def failures(digest: Digest) -> Html:
+def failures(digest: ReportData) -> Html:
     """What went wrong, how often and why."""
     bad = digest.failures
     if not bad:
@@ -177,7 +177,7 @@ def failures(digest: Digest) -> Html:
         tag(
             "tr",
             tag("th", each.estimator, scope="row"),
-            tag("td", name_beams(each.beams), data_label="beams"),
+            tag("td", beams_in_words(each.beams), data_label="beams"),
             (tag("td", each.counts.get(name, 0), data_label=name) for name in FAILURES),
         )
         for each in bad
@@ -192,7 +192,7 @@ def failures(digest: Digest) -> Html:
     )
 
 
-def _reasons(digest: Digest, estimator: str) -> list[Html]:
+def _reasons(digest: ReportData, estimator: str) -> list[Html]:
     mine = [each.reasons for each in digest.failures if each.estimator == estimator]
     counts = sum(mine, Counter[str]())
     listed = [
@@ -204,7 +204,7 @@ def _reasons(digest: Digest, estimator: str) -> list[Html]:
     return [tag("h3", estimator), tag("ul", listed, class_="reasons")]
 
 
-def provenance(digest: Digest) -> Html:
+def provenance(digest: ReportData) -> Html:
     """Where the numbers come from, and how to have them again."""
     manifest = digest.results.manifest
     git = manifest.get("git") or {}

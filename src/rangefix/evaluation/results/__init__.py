@@ -2,44 +2,71 @@
 
 from ...arrays import Array
 from .belief_images import FILE, Picture, load_pictures
-from .files import ResultsError, digest, read_part, sweep, write_bytes, write_json, write_npz, write_part
-from .folder import MANIFEST, TIMING, Plan, part_arrays, read_timing, trials_path, whole, world_path
+from .files import (
+    ResultsError,
+    hash_of,
+    read_part,
+    remove_partial_files,
+    write_bytes,
+    write_json,
+    write_npz,
+    write_part,
+)
+from .folder import (
+    MANIFEST,
+    TIMING,
+    FolderLayout,
+    part_arrays,
+    read_if_valid,
+    read_timing,
+    trials_path,
+    world_path,
+)
 from .map_snapshot import Scene, scene
-from .outcome import FAILURES, PREFIX, STATUSES, BeliefScores, Outcome, blank, joined, judged
-from .results import MOST, Results, load
+from .outcome import (
+    FAILURES,
+    PREFIX,
+    STATUSES,
+    BeliefScores,
+    Outcome,
+    concatenate,
+    failed_outcome,
+    with_status,
+)
+from .results import MAX_RUNS_IN_MEMORY, Results, load
 from .trials import Source, Trials
 
 __all__ = [
     "FAILURES",
     "FILE",
     "MANIFEST",
-    "MOST",
+    "MAX_RUNS_IN_MEMORY",
     "PREFIX",
     "STATUSES",
     "TIMING",
     "Array",
     "BeliefScores",
+    "FolderLayout",
     "Outcome",
     "Picture",
-    "Plan",
     "Results",
     "ResultsError",
     "Scene",
     "Source",
     "Trials",
-    "blank",
-    "digest",
-    "joined",
-    "judged",
+    "concatenate",
+    "failed_outcome",
+    "hash_of",
     "load",
     "load_pictures",
     "part_arrays",
+    "read_if_valid",
     "read_part",
     "read_timing",
+    "remove_partial_files",
     "scene",
-    "sweep",
     "trials_path",
-    "whole",
+    "with_status",
     "world_path",
     "write_bytes",
     "write_json",

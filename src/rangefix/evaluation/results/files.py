@@ -42,7 +42,7 @@ def write_bytes(path: Path, content: bytes) -> None:
         ) from None
 
 
-def sweep(folder: Path) -> None:
+def remove_partial_files(folder: Path) -> None:
     """Remove files that were being written when a run was killed."""
     for left in folder.glob("**/*.tmp"):
         try:
@@ -129,6 +129,6 @@ def read_part(path: Path, key: str | None = None) -> dict[str, NDArray[Any]]:
     return sealed
 
 
-def digest(*parts: object) -> str:
+def hash_of(*parts: object) -> str:
     """SHA-256 of a JSON list of the parts."""
     return sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from ..experiment import Experiment, Named
-from .files import ResultsError, digest, read_json, read_part
+from ..experiment import Experiment, NamedEstimator
+from .files import ResultsError, hash_of, read_json, read_part
 from .outcome import Outcome
 
 FORMAT = 1
@@ -23,7 +23,7 @@ MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
-class Plan:
+class FolderLayout:
     """What parts an experiment has.
 
     Attributes:
@@ -45,14 +45,14 @@ class Plan:
     trials: Mapping[str, str]
 
     @classmethod
-    def of(cls, experiment: Experiment, world: str, trials: Mapping[str, str]) -> Plan:
+    def of(cls, experiment: Experiment, world: str, trials: Mapping[str, str]) -> FolderLayout:
         """The plan of an experiment with the given keys."""
         shape = (experiment.steps, experiment.truth.space.size, len(experiment.truth.sensor.bearings))
         labels = tuple(experiment.estimators), experiment.beam_labels
         return cls(*labels, experiment.runs, experiment.block, shape, world, trials)
 
     @classmethod
-    def read(cls, manifest: Mapping[str, Any]) -> Plan:
+    def read(cls, manifest: Mapping[str, Any]) -> FolderLayout:
         """The plan that a manifest holds."""
         plan: dict[str, Any] = dict(manifest["plan"])
         steps, size, beams = plan.pop("shape")
@@ -61,7 +61,7 @@ class Plan:
 
     def key(self, estimator: str, beams: str) -> str:
         """The key of one estimator's trials on one set of beams."""
-        return digest(self.trials[estimator], beams)
+        return hash_of(self.trials[estimator], beams)
 
     def blocks(self) -> list[tuple[int, int]]:
         """First run and end of each part."""
@@ -82,7 +82,7 @@ class Plan:
             "beam_sets": dict(zip(self.beams, map(list, experiment.beam_sets), strict=True)),
             "estimators": {
                 label: {"name": builder.name, "options": dict(builder.options)}
-                if isinstance(builder, Named)
+                if isinstance(builder, NamedEstimator)
                 else {"builder": repr(builder)}
                 for label, builder in experiment.estimators.items()
             },
@@ -125,7 +125,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> dict[str, NDArray[Any]]:
     }
 
 
-def whole(path: Path, key: str) -> dict[str, NDArray[Any]] | None:
+def read_if_valid(path: Path, key: str) -> dict[str, NDArray[Any]] | None:
     """A part that is there, undamaged and made with the key; None if it must be made again."""
     try:
         return read_part(path, key)

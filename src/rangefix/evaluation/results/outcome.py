@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
 
-ROUNDING = 1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
+CORRELATION_ROUNDING = (
+    1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
+)
 PREFIX = "belief_"  # of the arrays in a part
 FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
 STATUSES = ("ok", *FAILURES)  # the code of a status is its place here
@@ -30,7 +32,7 @@ class Outcome(NamedTuple):
     beliefs: Mapping[str, Array] = {}
 
 
-def blank(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
+def failed_outcome(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
     """An outcome without estimates for measurements of a shape (M, T, B): all runs of one status."""
     runs, steps = shape[:2]
     return Outcome(
@@ -42,7 +44,7 @@ def blank(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "
     )
 
 
-def judged(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
+def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     """Estimates with their status: "nan" before "error" before "diverged" before "ok".
 
     A covariance with a negative eigenvalue, or one that is not symmetric, is none: "error". A singular one
@@ -74,12 +76,14 @@ def is_covariance(covariance: Array) -> BoolArray:
     except np.linalg.LinAlgError:
         std = np.sqrt(np.where(variance > 0, variance, 1.0))
         scaled = 0.5 * (covariance + np.swapaxes(covariance, -1, -2)) / std[..., None] / std[..., None, :]
-        semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -ROUNDING)
+        semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -CORRELATION_ROUNDING)
     gap = np.abs(covariance - np.swapaxes(covariance, -1, -2))
     if not gap.any():
         return semidefinite
     std = np.sqrt(np.abs(variance))
-    return np.asarray(semidefinite & (gap <= ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1)))
+    return np.asarray(
+        semidefinite & (gap <= CORRELATION_ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1))
+    )
 
 
 def _fault(covariance: Array) -> str:
@@ -90,7 +94,7 @@ def _fault(covariance: Array) -> str:
     return f"positive definite (smallest eigenvalue {values[0]:.3g})"
 
 
-def joined(outcomes: list[Outcome]) -> Outcome:
+def concatenate(outcomes: list[Outcome]) -> Outcome:
     """Outcomes of batches that follow each other, as one."""
     reasons: dict[int, str] = {}
     place = 0

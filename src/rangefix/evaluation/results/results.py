@@ -16,10 +16,12 @@ from ...arrays import Array
 from ...filters import StateSpace
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json, read_npz
-from .folder import FORMAT, MANIFEST, TIMING, Plan, read_timing
-from .trials import Held, Saved, Source, Trials
+from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing
+from .trials import InFolder, InMemory, Source, Trials
 
-MOST = 10_000  # runs whose trials are held at once; of more, nothing is read before it is asked for
+MAX_RUNS_IN_MEMORY = (
+    10_000  # runs whose trials are held at once; of more, nothing is read before it is asked for
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,10 @@ class Results:
 
     def blocks(self) -> Iterator[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""
-        return ((first, min(first + MOST, self.runs)) for first in range(0, self.runs, MOST))
+        return (
+            (first, min(first + MAX_RUNS_IN_MEMORY, self.runs))
+            for first in range(0, self.runs, MAX_RUNS_IN_MEMORY)
+        )
 
     def get(self, estimator: str, beams: str | None = None) -> Trials:
         """The trials of one estimator on one set of beams; the last set (usually all beams) unless named.
@@ -87,7 +92,7 @@ class Results:
                 f"no trials of {estimator!r} on beams {beams!r}; there are estimators "
                 f"{', '.join(self.estimators)} and beams {', '.join(self.beam_sets)}"
             )
-        if self.runs > MOST and "trials" not in vars(self):
+        if self.runs > MAX_RUNS_IN_MEMORY and "trials" not in vars(self):
             return self.source.trials(estimator, beams, 0, self.runs)
         place = self.estimators.index(estimator) * len(self.beam_sets) + self.beam_sets.index(beams)
         return self.trials[place]
@@ -98,7 +103,7 @@ class Results:
 
     def in_memory(self) -> Results:
         """The same, with all arrays in memory and no folder."""
-        return replace(self, source=Held(self.truth, self.measurement, self.trials), folder=None)
+        return replace(self, source=InMemory(self.truth, self.measurement, self.trials), folder=None)
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for each trial and step: see `dataframes.py`."""
@@ -125,7 +130,7 @@ def load(folder: Path | str) -> Results:
             raise ResultsError(
                 f"{folder} has results of format {manifest['format']}, this version reads {FORMAT}"
             )
-        plan, complete = Plan.read(manifest), manifest["state"] == "complete"
+        plan, complete = FolderLayout.read(manifest), manifest["state"] == "complete"
         space = StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"])
     except (KeyError, TypeError) as error:
         raise ResultsError(f"{folder / MANIFEST} lacks {error}: run the study again") from None
@@ -140,9 +145,9 @@ def load(folder: Path | str) -> Results:
         estimators=plan.estimators,
         beam_sets=plan.beams,
         runs=plan.runs,
-        source=Saved(folder, plan, complete),
+        source=InFolder(folder, plan, complete),
         timing=timing,
         scene=read_npz(scene) if scene.exists() else {},
         folder=folder,
     )
-    return replace(results, source=results.in_memory().source) if plan.runs <= MOST else results
+    return replace(results, source=results.in_memory().source) if plan.runs <= MAX_RUNS_IN_MEMORY else results

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
 from .files import read_part
-from .folder import Plan, trials_path, world_path
+from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, belief_of
 
 
@@ -94,7 +94,7 @@ class Source(Protocol):
 
 
 @dataclass(frozen=True)
-class Held:
+class InMemory:
     """Arrays in memory."""
 
     truth: Array
@@ -112,11 +112,11 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Saved:
+class InFolder:
     """A folder of parts; those missing from an interrupted run are "skipped"."""
 
     folder: Path
-    plan: Plan
+    plan: FolderLayout
     complete: bool
 
     def _blocks(self, first: int, end: int) -> list[tuple[int, int]]:

@@ -15,8 +15,8 @@ from ...arrays import Array
 from ...errors import one_line, suggestion
 from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
 from ...filters.registry import BUILT_IN, resolve
-from ..isolation import Look, describe
-from ..isolation.look import look
+from ..isolation import PluginInfo, signature_of
+from ..isolation.look import inspect_plugin
 from .mistakes import Mistakes
 from .sections import Drive, EstimatorSection, MeshMap, Misfit
 
@@ -209,14 +209,14 @@ def _estimators(
             labels.add(label)
         if entry.name in BUILT_IN:
             factory = resolve(entry.name)
-            if _options(entry, describe(entry.name, factory), at, mistakes):
+            if _options(entry, signature_of(entry.name, factory), at, mistakes):
                 for each in entry.variants():
                     try:
                         build(each.name, problem or _stand_in(), **each.options)
                     except Exception as error:
                         mistakes.add((*at, "options"), f"{each.label}: {one_line(error)}")
             continue
-        seen = look(entry.name, problem, [each.options for each in entry.variants()])
+        seen = inspect_plugin(entry.name, problem, [each.options for each in entry.variants()])
         if seen.missing:
             mistakes.add((*at, "name"), seen.fault)
         elif _options(entry, seen, at, mistakes):
@@ -237,7 +237,9 @@ def _stand_in() -> Problem:
     return Problem(space, Stationary(space), sensor, Uniform(room, space))
 
 
-def _options(entry: EstimatorSection, seen: Look, at: tuple[str | int, ...], mistakes: Mistakes) -> bool:
+def _options(
+    entry: EstimatorSection, seen: PluginInfo, at: tuple[str | int, ...], mistakes: Mistakes
+) -> bool:
     """Whether the options are ones that the estimator has; notes those that are not."""
     if seen.any_option or not (seen.parameters or seen.summary or not seen.fault):
         return True

@@ -15,7 +15,7 @@ from pydantic import Field, PrivateAttr
 
 from ...errors import one_line
 from ...filters import Problem
-from ..experiment import Builder, Experiment, Named
+from ..experiment import Builder, Experiment, NamedEstimator
 from .build import World, check_world
 from .mistakes import Mistakes, StudyError
 from .read import sound_sections
@@ -124,7 +124,7 @@ class Study(Section):
             StudyError: With every mistake, for a study that was made from objects.
         """
         builders: dict[str, Builder] = {
-            each.label: Named(each.name, each.options)
+            each.label: NamedEstimator(each.name, each.options)
             for entry in self.estimators
             for each in entry.variants()
         }

@@ -11,11 +11,11 @@ from ...arrays import TWO_PI, Array
 from ..estimator import Estimate
 from ..models import Stationary
 from ..problem import Prior, Problem
-from .gauss_newton import FEW, STEPS, Peaks, climb, looked_at
-from .mode_gaussians import draws
+from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
+from .mode_gaussians import sample_modes
 from .modes import Accuracy, Found, Quadrature, assembled, integrate
-from .predicted import Predicted, predicted
-from .range_bounds import SearchTable, build_table, shortfalls
+from .predicted import Predicted, predict_modes
+from .range_bounds import SearchTable, build_table, shortfall_bounds
 from .target import Target
 
 STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowhere are looked for more widely
@@ -107,7 +107,7 @@ class AdaptivePointMassFilter:
         if isinstance(self.problem.motion, Stationary):
             return belief
         before = self._cells(belief)
-        prior = predicted(before.modes, self.problem.motion, np.asarray(control, dtype=float))
+        prior = predict_modes(before.modes, self.problem.motion, np.asarray(control, dtype=float))
         evidence = self._evidence(belief, before)
         return AdaptiveBelief(prior, belief.measurements[:0], None, evidence, belief.possible)
 
@@ -144,7 +144,7 @@ class AdaptivePointMassFilter:
         """Draws from the belief, (size, n), with the mean and covariance that it claims."""
         if belief.posterior is None and not isinstance(belief.prior, Predicted):
             return belief.prior.sample(size, rng)
-        return draws(self._cells(belief).modes, size, rng)
+        return sample_modes(self._cells(belief).modes, size, rng)
 
     @staticmethod
     def _evidence(belief: AdaptiveBelief, cells: Quadrature) -> float:
@@ -215,14 +215,14 @@ class AdaptivePointMassFilter:
         A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
         Boxes that are no good may be so many, or so far off, that they count together.
         """
-        mean, scores = self.problem.prior.mean, looked_at(target, boxes)
+        mean, scores = self.problem.prior.mean, quick_scores(target, boxes)
         found, left = Found(), np.flatnonzero(scores > -np.inf)
         worth = scores[left]
         for steps in ROUNDS:
             best = left[np.argsort(-worth, kind="stable")[:GUESSES]]
             peaks = climb(target, boxes[best], mean, precision, steps)
             found = integrate(target, peaks, self._accuracy, found)
-            if not found.modes or len(target.beams) > FEW:
+            if not found.modes or len(target.beams) > QUICK_BEAMS:
                 break
             left = left[~found.holds(boxes[left])]
             worth = self._worth(target, boxes[left], scores[left], log_volume, found)
@@ -256,7 +256,7 @@ class AdaptivePointMassFilter:
         """
         table, space = self.table, self.problem.space
         bounds = sum(
-            shortfalls(table, self.problem.sensor, measurement, margin) for measurement in measurements
+            shortfall_bounds(table, self.problem.sensor, measurement, margin) for measurement in measurements
         )
         assert isinstance(bounds, np.ndarray)
         possible = kept = np.flatnonzero(np.isfinite(bounds))

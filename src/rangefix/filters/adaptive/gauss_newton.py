@@ -9,8 +9,8 @@ import numpy as np
 from ...arrays import Array, BoolArray
 from .target import BATCH, CAP, Target
 
-FEW = 64  # beams that a first look uses
-MOST = 100  # guesses that are followed with every beam, where there are more beams
+QUICK_BEAMS = 64  # beams that a first look uses
+MAX_GUESSES = 100  # guesses that are followed with every beam, where there are more beams
 STEPS = 8
 TRIMMED = 0.7  # share of the beams that each step fits at least
 SETTLED, MOSTLY = 1e-3, 0.9  # squared length, in standard deviations, of steps that are the last; of how many
@@ -29,7 +29,9 @@ class Peaks(NamedTuple):
     information: Array
 
 
-def looked_at(target: Target, states: Array, log_prior: Array | None = None, beams: int = FEW) -> Array:
+def quick_scores(
+    target: Target, states: Array, log_prior: Array | None = None, beams: int = QUICK_BEAMS
+) -> Array:
     """Scores of states by a few beams spread over the scan.
 
     Args:
@@ -67,10 +69,10 @@ def climb(target: Target, states: Array, mean: Array, precision: Array, steps: i
     """
     mean = np.broadcast_to(mean, states.shape)
     precision = np.broadcast_to(precision, (*states.shape, states.shape[1]))
-    few = target.few(FEW)
+    few = target.few(QUICK_BEAMS)
     if few is not target:
         ahead = _steps(few, states, mean, precision, steps)
-        best = np.argsort(-ahead.score, kind="stable")[:MOST]
+        best = np.argsort(-ahead.score, kind="stable")[:MAX_GUESSES]
         states, mean, precision = ahead.states[best], mean[best], precision[best]
     return _steps(target, states, mean, precision, steps)
 

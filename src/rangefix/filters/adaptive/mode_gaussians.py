@@ -20,7 +20,7 @@ TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as 
 COARSEST = 1.0  # the same where that leaves too many points
 NARROW = 1 / 3  # of that: where what spreads points besides is narrower, they are taken as one only so far
 MOST_SPREAD = 0.5  # of a variance that kernels may make up
-KEPT = 1.0 - 1e-5  # share of a mode's probability that is kept
+KEPT_PROBABILITY = 1.0 - 1e-5  # share of a mode's probability that is kept
 
 
 class Kernels(NamedTuple):
@@ -46,7 +46,7 @@ def smoothed(mode: Lattice, noise: Array, together: float = COARSEST, stays: boo
     weights = np.exp(mode.logs - mode.logs.max())
     order = np.argsort(-weights, kind="stable")
     held = np.cumsum(weights[order])
-    some = np.sort(order[: 1 + int(np.searchsorted(held, KEPT * held[-1]))])
+    some = np.sort(order[: 1 + int(np.searchsorted(held, KEPT_PROBABILITY * held[-1]))])
     index, weights = mode.index[some].astype(float), weights[some] / weights[some].sum()
     mean, spread = _moments(index, weights)
     widest = together * _conditional(spread)
@@ -87,7 +87,7 @@ def _taken_together(index: Array, weights: Array, blocks: Array) -> tuple[Array,
     return sums / total[:, None], np.asarray(total, dtype=float)
 
 
-def draws(modes: tuple[Lattice, ...], size: int, rng: Generator) -> Array:
+def sample_modes(modes: tuple[Lattice, ...], size: int, rng: Generator) -> Array:
     """Draws from a belief on lattices, (size, n), with its mean and covariance."""
     logs = np.array([mode.log_integral for mode in modes])
     counts = rng.multinomial(size, np.exp(logs - np.logaddexp.reduce(logs)))

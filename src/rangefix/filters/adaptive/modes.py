@@ -12,7 +12,9 @@ from .gauss_newton import Peaks
 from .lattice import Lattice, TooManyCells, ball, grow, halved
 from .target import Target
 
-SLACK = 40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
+PEAK_MARGIN_NATS = (
+    40.0  # nats below the best score at which a peak still counts: jumps of the range stop climbs short
+)
 BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 CUTS, FALLEN = 12, 6.0  # how often an axis may be halved, as long as both its ends have fallen so many nats
 SMALL, OWN = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
@@ -144,7 +146,7 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, found: Found = F
     Raises:
         TooManyCells: If a mode fills more cells than allowed.
     """
-    left = (peaks.score >= peaks.score.max() - SLACK) & ~found.holds(peaks.states)
+    left = (peaks.score >= peaks.score.max() - PEAK_MARGIN_NATS) & ~found.holds(peaks.states)
     for place in np.lexsort((-peaks.score, -peaks.log_density)):
         if not left[place]:
             continue

@@ -17,16 +17,16 @@ from ...arrays import TWO_PI, Array, BoolArray
 from ..models import Confined, Stationary
 from ..problem import Motion, RangeMap
 from ..space import StateSpace
-from .gauss_newton import looked_at
+from .gauss_newton import quick_scores
 from .gaussian_sums import log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
-from .mode_gaussians import COARSEST, KEPT, TOGETHER, Kernels, smoothed
+from .mode_gaussians import COARSEST, KEPT_PROBABILITY, TOGETHER, Kernels, smoothed
 from .target import Target
 
-MOST = 20_000  # points that are moved
+MAX_POINTS_MOVED = 20_000  # points that are moved
 BEYOND = 1.7  # times the farthest of those steps: how far walls matter
 LOOKS = 120  # directions in which walls are looked for
-DRAWS = 128  # steps tried from each point, where walls are near
+STEP_DRAWS = 128  # steps tried from each point, where walls are near
 GLANCE = 24  # beams that choose among predicted points
 HOPELESS = 100.0  # nats below the best point at which a point is no guess any more
 STUCK = 1e-9  # probability of staying put that is followed
@@ -108,7 +108,7 @@ class Predicted:
 
     def scores(self, target: Target) -> list[Array]:
         """How a measurement likes the points of each part, by a few beams: (K,) each, as in `Peaks`."""
-        return [looked_at(target, part.likely, part.log_scale, GLANCE) for part in self.parts]
+        return [quick_scores(target, part.likely, part.log_scale, GLANCE) for part in self.parts]
 
     def guesses(
         self, scores: list[Array], most: int, known: Callable[[Array], BoolArray]
@@ -139,7 +139,7 @@ class Predicted:
         return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
 
 
-def predicted(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Predicted:
+def predict_modes(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Predicted:
     """Where an object can be after a move.
 
     Args:
@@ -157,13 +157,14 @@ def predicted(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Pre
         parts = [
             part
             for mode, share in zip(modes, shares, strict=True)
-            if share > np.log(1 - KEPT)
+            if share > np.log(1 - KEPT_PROBABILITY)
             for part in _mode_moved(mode, share, motion, control, together)
         ]
-        if sum(len(part.centres) for part in parts) <= MOST:
+        if sum(len(part.centres) for part in parts) <= MAX_POINTS_MOVED:
             return Predicted(modes[0].space, walls.room if walls else None, tuple(parts))
     raise TooManyCells(
-        f"the belief fills more than {MOST} cells before a move: measure first, or take a narrower prior"
+        f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
+        "measure first, or take a narrower prior"
     )
 
 
@@ -175,12 +176,12 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     weights = moved.log_weights + share
     if not isinstance(motion, Confined):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
-    if not _walls_near(moved, _ends(moved, motion, control, DRAWS // 16), motion):
+    if not _walls_near(moved, _ends(moved, motion, control, STEP_DRAWS // 16), motion):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
     starts = np.ascontiguousarray(moved.states[:, space.position_indices])
     looks = TWO_PI / LOOKS * np.arange(LOOKS, dtype=float)
     fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), looks)
-    ends = _ends(moved, motion, control, DRAWS)
+    ends = _ends(moved, motion, control, STEP_DRAWS)
     met = reached(ends, motion.room.is_free(ends), starts, fans)
     goes, nearest = met.mean(axis=1), ends[np.arange(len(ends)), met.argmax(axis=1)]
     with np.errstate(divide="ignore"):

@@ -264,7 +264,9 @@ def penalties(table: SearchTable, sensor: Sensor, measurement: Array) -> tuple[N
     return np.minimum(-logs, CAP).astype(np.float32), logs.argmax(axis=1)
 
 
-def shortfalls(table: SearchTable, sensor: Sensor, measurement: Array, margin: float) -> NDArray[np.float32]:
+def shortfall_bounds(
+    table: SearchTable, sensor: Sensor, measurement: Array, margin: float
+) -> NDArray[np.float32]:
     """A bound on how many nats the coarse cells fall short of a perfect fit.
 
     Args:

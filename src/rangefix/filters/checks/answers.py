@@ -29,12 +29,12 @@ from .problems import (
 SEEDS = 32  # runs in which an estimator's own scatter is found
 TRIALS = 150  # runs with truths of their own
 BATCH = 30  # runs at once, for estimators that need much memory for each
-ROUNDING = 1e-5  # of the posterior's own spread
+ROUNDING_ALLOWED = 1e-5  # of the posterior's own spread
 COARSE = 0.02  # the same, for a grid or another approximation without draws
 FALSE_ALARM = 1e-6
 RARE = 1e-3
 LARGE = 4.0  # standard deviations
-SLACK = 1.15  # of ANEES, for the random error of an estimator's own draws
+ANEES_ALLOWANCE = 1.15  # of ANEES, for the random error of an estimator's own draws
 WRONG = 3.0  # m, added to every range of an impossible measurement
 SURPRISE = 50.0  # nats
 NAN = np.nan
@@ -49,7 +49,9 @@ def missing_beams_say_nothing(subject: Subject) -> None:
     left = [measurement[:, ::2] for measurement in measurements]
     with_gaps = answer(subject.build(problem), problem, gaps, generators(SEEDS))
     without = answer(subject.build(fewer), fewer, left, generators(SEEDS))
-    need_agreement(deviations(with_gaps, without, problem), ROUNDING, 2, "a sensor without these beams")
+    need_agreement(
+        deviations(with_gaps, without, problem), ROUNDING_ALLOWED, 2, "a sensor without these beams"
+    )
 
 
 @claim("Pair reading j with bearing j and noise j; do not sort, and do not assume that bearings ascend.")
@@ -61,7 +63,9 @@ def order_of_beams_does_not_matter(subject: Subject) -> None:
     plain = answer(subject.build(problem), problem, measurements, generators(SEEDS))
     others = [measurement[:, order] for measurement in measurements]
     mixed = answer(subject.build(shuffled), shuffled, others, generators(SEEDS))
-    need_agreement(deviations(mixed, plain, problem), ROUNDING, 2, "the answer with beams in another order")
+    need_agreement(
+        deviations(mixed, plain, problem), ROUNDING_ALLOWED, 2, "the answer with beams in another order"
+    )
 
 
 @claim("Take circular means (space.moments) and wrapped differences (space.difference) of headings.")
@@ -77,7 +81,7 @@ def headings_are_angles(subject: Subject) -> None:
         turned = pose_problem(turn)
         estimate = answer(subject.build(turned), turned, measurements, generators(SEEDS))
         differences = deviations(estimate, reference, still, turn)
-        need_agreement(differences, ROUNDING, 3, f"what it was before a {name} turn")
+        need_agreement(differences, ROUNDING_ALLOWED, 3, f"what it was before a {name} turn")
 
 
 @claim(
@@ -185,8 +189,8 @@ def _need_consistent(subject: Subject, problem: Problem) -> None:
     squares = np.minimum(np.where(singular, np.inf, (scaled**2).sum(1)), chdtri(size, RARE))
     anees = float(squares.mean() / size)
     freedom = TRIALS * size
-    low = float(chdtri(freedom, 1 - FALSE_ALARM / 2)) / freedom / SLACK
-    high = float(chdtri(freedom, FALSE_ALARM / 2)) / freedom * SLACK
+    low = float(chdtri(freedom, 1 - FALSE_ALARM / 2)) / freedom / ANEES_ALLOWANCE
+    high = float(chdtri(freedom, FALSE_ALARM / 2)) / freedom * ANEES_ALLOWANCE
     need(low <= anees <= high, f"ANEES / n is {anees:.3g}, sound is {low:.2f} to {high:.2f}")
     bias = float(np.abs(np.clip(scaled, -LARGE, LARGE).mean(0)).max())
     most = SURE / np.sqrt(TRIALS)

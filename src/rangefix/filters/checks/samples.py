@@ -8,7 +8,7 @@ from unittest import SkipTest
 import numpy as np
 
 from ...arrays import Array
-from ..estimator import Estimate, Estimator, draw
+from ..estimator import Estimate, Estimator, sample_belief
 from ..problem import Problem
 from .claims import Subject, claim, deviations, need, need_agreement, need_same
 from .problems import generators, pose_problem, position_problem, repeated, settled
@@ -29,10 +29,12 @@ def samples_what_it_claims(subject: Subject) -> None:
     """
     flat = position_problem()
     estimator, belief, estimate, draws = _sampled(subject.build(flat), flat)
-    again = draw(estimator, belief, SIZE, generators(RUNS))
+    again = sample_belief(estimator, belief, SIZE, generators(RUNS))
     need(again is not None and np.array_equal(draws, again), "the same seeds give other draws")
     need_same(settled(estimator.estimate(belief), RUNS), estimate, "after its belief was sampled")
-    fresh = draw(estimator, belief, SIZE, [*generators(1, first=RUNS), *generators(RUNS - 1, first=1)])
+    fresh = sample_belief(
+        estimator, belief, SIZE, [*generators(1, first=RUNS), *generators(RUNS - 1, first=1)]
+    )
     assert fresh is not None  # as before
     need(not np.array_equal(fresh[0], draws[0]), "another generator gives a run the same draws")
     need(np.array_equal(fresh[1:], draws[1:]), "another run's generator changes a run's draws")
@@ -51,7 +53,7 @@ def _sampled(estimator: Estimator[Any], problem: Problem) -> tuple[Estimator[Any
     for measurement in repeated(problem, RUNS):
         belief = estimator.update(belief, measurement, rngs)
     estimate = settled(estimator.estimate(belief), RUNS)
-    draws = draw(estimator, belief, SIZE, generators(RUNS))
+    draws = sample_belief(estimator, belief, SIZE, generators(RUNS))
     if draws is None:
         raise SkipTest("it has no method sample(belief, size, rngs), which is optional")
     need(draws.shape[2] == problem.space.size, f"sample() gives {draws.shape[2]} components to a draw")

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 from unittest import SkipTest
 
-from ..plugin_line import located
+from ..plugin_line import plugin_line
 from ..registry import resolve
 from . import answers, beliefs, contract, samples
 from .claims import CheckFailure, Claim, Factory, Subject
@@ -131,7 +131,7 @@ class Check:
             detail = str(failure)
         except (Exception, SystemExit) as error:
             message = " ".join(str(error).split())
-            detail = f"{type(error).__name__}: {message}{located(error.__traceback__)}"
+            detail = f"{type(error).__name__}: {message}{plugin_line(error.__traceback__)}"
             mend = RAISED
         if outcome == "expected_failure":
             detail = f"{self.expected} ({detail})"

@@ -2,16 +2,16 @@
 
 from .belief import GaussianBelief
 from .ensemble import EnsembleBelief, EnsembleKalmanFilter
-from .extended import BatchExtendedKalmanFilter
-from .filterpy_adapters import ExtendedKalmanFilter, UnscentedKalmanFilter
-from .unscented import BatchUnscentedKalmanFilter, cubature
+from .extended import ExtendedKalmanFilter
+from .filterpy_adapters import FilterpyExtendedKalmanFilter, FilterpyUnscentedKalmanFilter
+from .unscented import UnscentedKalmanFilter, cubature
 
 __all__ = [
-    "BatchExtendedKalmanFilter",
-    "BatchUnscentedKalmanFilter",
     "EnsembleBelief",
     "EnsembleKalmanFilter",
     "ExtendedKalmanFilter",
+    "FilterpyExtendedKalmanFilter",
+    "FilterpyUnscentedKalmanFilter",
     "GaussianBelief",
     "UnscentedKalmanFilter",
     "cubature",

@@ -17,7 +17,7 @@ from .belief import GaussianBelief, check_iterations
 
 
 @dataclass(frozen=True)
-class BatchExtendedKalmanFilter:
+class ExtendedKalmanFilter:
     """The extended Kalman filter, plain or iterated (Bell and Cathey, 1993).
 
     Args:

@@ -21,7 +21,7 @@ from .belief import GaussianBelief, check_iterations, check_sigma_points
 
 
 @dataclass(frozen=True)
-class ExtendedKalmanFilter:
+class FilterpyExtendedKalmanFilter:
     """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
 
     Args:
@@ -87,7 +87,7 @@ class ExtendedKalmanFilter:
 
 
 @dataclass(frozen=True)
-class UnscentedKalmanFilter:
+class FilterpyUnscentedKalmanFilter:
     """The unscented Kalman filter (filterpy; Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
 
     Sigma points lie alpha sqrt(n + kappa) standard deviations from the mean: sqrt(2) by default, for any n,

@@ -17,7 +17,7 @@ from .belief import GaussianBelief, check_sigma_points
 
 
 @dataclass(frozen=True)
-class BatchUnscentedKalmanFilter:
+class UnscentedKalmanFilter:
     """The unscented Kalman filter (Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
 
     For the options and why the sigma points lie where they do, see `kalman.UnscentedKalmanFilter`.
@@ -107,9 +107,9 @@ class BatchUnscentedKalmanFilter:
         return mean, spread + (self.beta - self.alpha**2) * mean[:, None] * mean
 
 
-def cubature(problem: Problem) -> BatchUnscentedKalmanFilter:
+def cubature(problem: Problem) -> UnscentedKalmanFilter:
     """The cubature Kalman filter (Arasaratnam and Haykin, 2009): sigma points, none at the centre."""
-    return BatchUnscentedKalmanFilter(problem, alpha=1.0, beta=0.0, kappa=0.0)
+    return UnscentedKalmanFilter(problem, alpha=1.0, beta=0.0, kappa=0.0)
 
 
 def _jointly(

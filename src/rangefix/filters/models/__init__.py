@@ -2,7 +2,7 @@
 
 from ...arrays import LOG_TWO_PI
 from .beam_noise import BeamMixture, Quantised
-from .confined import Confined, is_clear, sample_runs
+from .confined import Confined, in_line_of_sight, sample_runs
 from .gaussian_prior import GaussianPrior
 from .mixture_prior import Mixture
 from .motion import ConstantVelocity, RandomWalk, Stationary
@@ -31,7 +31,7 @@ __all__ = [
     "Uniform",
     "WithHeading",
     "WithVelocity",
-    "is_clear",
+    "in_line_of_sight",
     "sample_runs",
     "sweep",
 ]

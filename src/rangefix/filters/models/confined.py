@@ -85,11 +85,11 @@ class Confined:
     def allows(self, starts: Array, ends: Array) -> BoolArray:
         """Whether steps end in free space and meet no wall on the way: (..., n), (..., n) -> (...)."""
         where = self.space.position_indices
-        return is_clear(self.room, np.asarray(starts)[..., where], np.asarray(ends)[..., where])
+        return in_line_of_sight(self.room, np.asarray(starts)[..., where], np.asarray(ends)[..., where])
 
 
 @dataclass(frozen=True)
-class RowByRow:
+class GeneratorPerRun:
     """Draws for many runs at once: row m of what is drawn comes from rngs[m] alone."""
 
     rngs: Sequence[Generator]
@@ -101,7 +101,7 @@ class RowByRow:
         return np.stack([rng.standard_normal(size[1:]) for rng in self.rngs])
 
 
-def is_clear(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
+def in_line_of_sight(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
     """Whether ends are free and nothing stands between: (..., 2), (..., 2) -> (...).
 
     One beam is cast from each start towards its end, so walls without thickness count too.
@@ -129,7 +129,7 @@ def sample_runs(motion: Motion, states: Array, control: Array, rngs: Sequence[Ge
     states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
     controls = np.broadcast_to(control, (len(states), control.shape[-1]))
     if type(motion) in (Odometry, RandomWalk):  # they draw one normal number after the other for each state
-        return motion.sample(states, controls, cast(Generator, RowByRow(rngs)))
+        return motion.sample(states, controls, cast(Generator, GeneratorPerRun(rngs)))
     if not isinstance(motion, Confined):
         return np.stack([motion.sample(*each) for each in zip(states, controls, rngs, strict=True)])
     ends = states.copy()

@@ -14,7 +14,7 @@ from ..space import StateSpace
 from .uniform_prior import BATCHES, lattice
 
 REACH = 6.0  # standard deviations that `support` covers: all but 2e-9 of each component
-LEAST = 1e-4  # of the probability must be in free space
+MIN_FREE_PROBABILITY = 1e-4  # of the probability must be in free space
 CIRCLE = 20_001  # points where the moments of a wide heading are summed
 
 
@@ -139,7 +139,7 @@ def _cut_off(
         logs = -0.5 * np.einsum("ni,ij,nj->n", deviation, np.linalg.inv(block), deviation)
         weights = np.exp(logs) * step.prod() / (TWO_PI * np.sqrt(np.linalg.det(block)))
         free = float(weights.sum())
-    if free < LEAST:
+    if free < MIN_FREE_PROBABILITY:
         raise ValueError(f"only {free:.1g} of the prior's probability is in free space")
     weights /= free
     shift = weights @ deviation

@@ -13,7 +13,7 @@ from ...arrays import TWO_PI, Array
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
-DRAWS = 1 << 16  # for the moments of mixtures with a heading
+SHARE_DRAWS = 1 << 16  # for the moments of mixtures with a heading
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class Mixture:
 
     def _moments(self) -> tuple[Array, Array]:
         if self.space.is_angle.any():
-            states = self.sample(DRAWS, np.random.default_rng(0))
-            return self.space.moments(states, np.full(DRAWS, 1 / DRAWS))
+            states = self.sample(SHARE_DRAWS, np.random.default_rng(0))
+            return self.space.moments(states, np.full(SHARE_DRAWS, 1 / SHARE_DRAWS))
         means = np.stack([prior.mean for prior in self.priors])
         mean = self.shares @ means
         away = means - mean

@@ -14,8 +14,8 @@ from ..space import StateSpace
 from .noise import Gaussian
 
 RIGHT_ANGLE = 0.5 * np.pi
-FEW = 8  # beams
-ROUNDING = 1e-9  # by which a reading at the maximum range may exceed it
+MAX_BEAMS_UNROLLED = 8  # beams
+MAX_RANGE_ROUNDING = 1e-9  # by which a reading at the maximum range may exceed it
 
 
 def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
@@ -134,7 +134,10 @@ class Rangefinder:
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         if type(self.noise) is Gaussian:
             total = self._gaussian(self.noise.stds, measurement, expected)
-            if np.isfinite(total).all() and not (measurement > self.max_range * (1 + ROUNDING)).any():
+            if (
+                np.isfinite(total).all()
+                and not (measurement > self.max_range * (1 + MAX_RANGE_ROUNDING)).any()
+            ):
                 return total
         return np.asarray(self.beam_log_density(measurement, expected).sum(-1))
 
@@ -142,7 +145,7 @@ class Rangefinder:
         """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B); nats."""
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         measured, silent = ~np.isnan(measurement), np.isposinf(measurement)
-        possible = np.isfinite(measurement) & (measurement <= self.max_range * (1 + ROUNDING))
+        possible = np.isfinite(measurement) & (measurement <= self.max_range * (1 + MAX_RANGE_ROUNDING))
         terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
         terms = np.where(possible, terms, -np.inf)
         if silent.any():
@@ -156,7 +159,7 @@ class Rangefinder:
         reading, weight = np.where(measured, measurement, 0.0), measured / stds
         level = np.where(measured, 0.5 * LOG_TWO_PI + np.log(stds), 0.0).sum(-1)
         with np.errstate(invalid="ignore"):
-            if reading.shape[-1] > FEW:
+            if reading.shape[-1] > MAX_BEAMS_UNROLLED:
                 deviates = (expected - reading) * weight
                 return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
             total = -level  # numpy is slow on short rows: beam by beam
@@ -171,5 +174,5 @@ class Rangefinder:
     def read(self, expected: Array, rng: Generator) -> Array:
         """One measurement where these ranges are expected: (..., B) -> (..., B) m; `sample` past the map."""
         reading = self.noise.sample(expected, rng)
-        reading = np.where(reading > self.max_range * (1 + ROUNDING), np.inf, reading)
+        reading = np.where(reading > self.max_range * (1 + MAX_RANGE_ROUNDING), np.inf, reading)
         return np.where(self.blind, np.nan, reading)

@@ -27,12 +27,14 @@ from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
-from .metropolis import Posterior, kernel_step, metropolis, root_of, spread_alike, within_walls
+from .metropolis import Posterior, covariance_root, kernel_step, metropolis, reject_crossings, separate_copies
 from .resampling import SCHEMES
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
-BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
-FEW = 100  # effective particles: with fewer, the covariance of an object that moves is not to be trusted
+PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
+MIN_EFFECTIVE = (
+    100  # effective particles: with fewer, the covariance of an object that moves is not to be trusted
+)
 Target = Posterior | LastStep
 
 
@@ -113,7 +115,7 @@ class ParticleFilter:
             moves[run] = noisy or not np.array_equal(moved, states)
             if moves[run] and self.regularise:
                 weights = exp_of(log_weights)
-                moved, states = spread_alike(moved, states, weights, self.problem, rng)
+                moved, states = separate_copies(moved, states, weights, self.problem, rng)
             clouds.append((moved, log_weights))
             starts.append(states)
         if not moves.any():
@@ -180,7 +182,7 @@ class ParticleFilter:
         else:
             log_density = self._log_density(reading, states)
         gains, power = 0.0, 0.0
-        least = enough if self.temper else min(enough, FEW)
+        least = enough if self.temper else min(enough, MIN_EFFECTIVE)
         staged = self.temper or not isinstance(self.problem.motion, Stationary)
         while staged and target is not None and log_density.max() > -np.inf:
             stage = longest_stage(log_weights, log_density, 1.0 - power, least)
@@ -199,8 +201,8 @@ class ParticleFilter:
     def _log_density(self, reading: Array | None, states: Array) -> Array:
         total = np.zeros(len(states))
         if reading is not None:
-            for start in range(0, len(states), BLOCK):
-                part = slice(start, start + BLOCK)
+            for start in range(0, len(states), PARTICLES_PER_BLOCK):
+                part = slice(start, start + PARTICLES_PER_BLOCK)
                 total[part] = self.problem.sensor.log_density(
                     reading, self.problem.sensor.expected(states[part])
                 )
@@ -236,7 +238,7 @@ class ParticleFilter:
             mean, covariance = space.moments(states, weights / weights.sum())
         if kernel:
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
-            moved = within_walls(self.problem.sensor, copies, moved)
+            moved = reject_crossings(self.problem.sensor, copies, moved)
             return moved, self._log_density(reading, moved), target
         first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
         counts = np.diff(first, append=len(ancestors))
@@ -248,12 +250,12 @@ class ParticleFilter:
             target = target.of(ancestors)
             moved, log_density = target.renewed(copies, logs, power, self.moves, rng)
             weights = exp_of(equal(self.particles))
-            spread, starts = spread_alike(moved, target.starts, weights, self.problem, rng)
+            spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
             if spread is not moved:
                 target = replace(target, starts=starts)
                 log_density = self._log_density(reading, spread)
             return spread, log_density, target
         _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
         spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
-        root = root_of(covariance + spacing)
+        root = covariance_root(covariance + spacing)
         return *metropolis(copies, logs, target, power, root, space, self.moves, rng), target

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..models import is_clear
+from ..models import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
 
-BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
+MOVED_PER_BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
 ALIKE = 64  # points in fewer places than that are spread
 SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
 
@@ -73,8 +73,8 @@ def metropolis(
         Where they end, (N, n), and the log density of the fresh measurement there, (N,).
     """
     ends, log_fresh = np.empty_like(states), np.empty(len(states))
-    for start in range(0, len(states), BLOCK):
-        part = slice(start, start + BLOCK)
+    for start in range(0, len(states), MOVED_PER_BLOCK):
+        part = slice(start, start + MOVED_PER_BLOCK)
         here = states[part]
         known, fresh = log_densities[0][part], log_densities[1][part]
         for _ in range(steps):
@@ -111,7 +111,7 @@ def kernel_step(
     """
     size, components = states.shape
     h = min(1.0, width * best_width(size, components))
-    noise = rng.standard_normal(states.shape) @ root_of(covariance).T
+    noise = rng.standard_normal(states.shape) @ covariance_root(covariance).T
     shrunk = mean + np.sqrt(1.0 - h * h) * space.difference(states, mean)
     return space.wrap(shrunk + h * noise)
 
@@ -121,14 +121,14 @@ def best_width(size: int, components: int) -> float:
     return float((4.0 / (size * (components + 2))) ** (1.0 / (components + 4)))
 
 
-def root_of(covariance: Array) -> Array:
+def covariance_root(covariance: Array) -> Array:
     """R with R R' = covariance, for any symmetric matrix without negative eigenvalues: (n, n) -> (n, n)."""
     values, vectors = np.linalg.eigh(covariance)
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
 
 
-def spread_alike(
+def separate_copies(
     states: Array, starts: Array, weights: Array, problem: Problem, rng: Generator
 ) -> tuple[Array, Array]:
     """Points spread by kernel noise where hardly any differs from another, else as they are.
@@ -149,12 +149,12 @@ def spread_alike(
         return states, starts
     space, sensor = problem.space, problem.sensor
     _, covariance = space.moments(states, weights)
-    noise = rng.standard_normal(states.shape) @ root_of(covariance).T
-    moved = within_walls(sensor, states, space.wrap(states + best_width(places, space.size) * noise))
-    return moved, within_walls(sensor, starts, space.wrap(starts + space.difference(moved, states)))
+    noise = rng.standard_normal(states.shape) @ covariance_root(covariance).T
+    moved = reject_crossings(sensor, states, space.wrap(states + best_width(places, space.size) * noise))
+    return moved, reject_crossings(sensor, starts, space.wrap(starts + space.difference(moved, states)))
 
 
-def within_walls(sensor: Sensor, start: Array, end: Array) -> Array:
+def reject_crossings(sensor: Sensor, start: Array, end: Array) -> Array:
     """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n).
 
     A sensor that has no map, as `room`, knows of no walls.
@@ -163,5 +163,5 @@ def within_walls(sensor: Sensor, start: Array, end: Array) -> Array:
     if room is None:
         return end
     where = sensor.space.position_indices
-    clear = is_clear(room, start[:, where], end[:, where])
+    clear = in_line_of_sight(room, start[:, where], end[:, where])
     return np.where(clear[:, None], end, start)

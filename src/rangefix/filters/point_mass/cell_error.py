@@ -17,11 +17,13 @@ from ...arrays import Array
 from ..compiled import njit
 
 FLAT = 1e-2  # least curvature, 1 / cells^2: a deviation of ten cells has no error
-MUCH = 0.01  # share of the variance that is missed: from there on the sum's own variance is luck
+LARGE_UNRESOLVED_SHARE = (
+    0.01  # share of the variance that is missed: from there on the sum's own variance is luck
+)
 
 
 @njit(cache=True, nogil=True)
-def missed(variance: float) -> float:
+def unresolved_variance(variance: float) -> float:
     """T(s): see above. Below 1 / (2 pi^2) it is 1/12 - s + pi^2 s^2 / 3 to 1e-8."""
     x = 2.0 * math.pi**2 * variance
     if x < 1.0:
@@ -51,7 +53,7 @@ def _reduce(metric: Array, basis: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def missed_about(information: Array, spread: Array, error: Array) -> None:
+def unresolved_covariance(information: Array, spread: Array, error: Array) -> None:
     """What is to be added to the covariance of a lattice sum for a Gaussian, in place.
 
     Along each vector of the reduced basis that is T(s), and where that is much of s, s less the sum's own
@@ -70,9 +72,9 @@ def missed_about(information: Array, spread: Array, error: Array) -> None:
     own = inverse.T @ spread @ inverse
     error[:] = 0.0
     for k in range(size):
-        least = missed(variance[k])
+        least = unresolved_variance(variance[k])
         share = (least / variance[k]) ** 2
-        share /= share + MUCH**2
+        share /= share + LARGE_UNRESOLVED_SHARE**2
         extra = max(least + share * (variance[k] - own[k, k]), -0.5 * own[k, k])
         for i in range(size):
             for j in range(size):
@@ -101,7 +103,7 @@ def _orthogonalise(metric: Array, basis: Array) -> Array:
     return variance
 
 
-def add_error(covariance: Array, error: Array) -> None:
+def add_unresolved(covariance: Array, error: Array) -> None:
     """Add to the covariances of sums their errors, (M, n, n) each, in place.
 
     Cells asked for the error may be lighter than the mode's own, and see more spread there than the sum has.

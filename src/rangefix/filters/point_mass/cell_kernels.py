@@ -14,15 +14,15 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ..compiled import njit, prange
-from .mode_shape import pick
+from .mode_shape import choose_probe_cells
 
-BLOCK = 64
+CELLS_PER_BLOCK = 64
 MARGIN = 60.0
 
 
 def block_bounds(values: Array) -> tuple[Array, Array]:
     """Least and greatest of each run of BLOCK rows: (G, B) -> (K, B), (K, B), K = ceil(G / BLOCK)."""
-    starts = np.arange(0, len(values), BLOCK)
+    starts = np.arange(0, len(values), CELLS_PER_BLOCK)
     return np.minimum.reduceat(values, starts, axis=0), np.maximum.reduceat(values, starts, axis=0)
 
 
@@ -80,14 +80,24 @@ def _select(
     count, best = 0, -math.inf
     if start_bound == -math.inf:
         return count, best
-    first = start * BLOCK
+    first = start * CELLS_PER_BLOCK
     _, best = _cells(  # the most promising block first: it sets the bar for all others
-        first, min(first + BLOCK, cells), reading, precision, ranges, log_mass, MARGIN, chosen, logs, 0, best
+        first,
+        min(first + CELLS_PER_BLOCK, cells),
+        reading,
+        precision,
+        ranges,
+        log_mass,
+        MARGIN,
+        chosen,
+        logs,
+        0,
+        best,
     )
     for block in range(bounds.size):
         if bounds[block] > best - MARGIN:
-            first = block * BLOCK
-            last = min(first + BLOCK, cells)
+            first = block * CELLS_PER_BLOCK
+            last = min(first + CELLS_PER_BLOCK, cells)
             count, best = _cells(
                 first, last, reading, precision, ranges, log_mass, MARGIN, chosen, logs, count, best
             )
@@ -165,4 +175,4 @@ def gaussian_moments(
             log_sums[run] = _moments(
                 chosen, logs, count, best, centres, is_angle, means[run], covariances[run]
             )
-            pick(chosen[:count], logs[:count], logs[:count].sum(), picks[run])
+            choose_probe_cells(chosen[:count], logs[:count], logs[:count].sum(), picks[run])

@@ -10,16 +10,16 @@ import numpy as np
 from ...arrays import Array, BoolArray
 from ..models import Rangefinder
 from ..problem import Sensor
-from .cell_error import add_error
+from .cell_error import add_unresolved
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid
 from .mode_shape import lattice_errors, no_picks
-from .turning_kernels import RUN
+from .turning_kernels import HEADINGS_PER_BLOCK
 from .turning_ranges import cast_turning, directions
 
 
 class CellRanges(Protocol):
-    """Expected ranges of all cells, and what Gaussian readings make of them; see `EachCell`."""
+    """Expected ranges of all cells, and what Gaussian readings make of them; see `RangesByCell`."""
 
     def expected(self, first: int, last: int) -> Array:
         """Ranges in cells first to last, (last - first, B), m."""
@@ -53,7 +53,7 @@ class CellRanges(Protocol):
 
 
 @dataclass(frozen=True)
-class EachCell:
+class RangesByCell:
     """Ranges kept for each cell.
 
     grid: The cells.
@@ -90,7 +90,7 @@ class EachCell:
         table = (kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
         error = lattice_errors(self.grid, picks, readings, precisions, log_mass, table, log_sums)
         covariance[log_sums == -np.inf] = 0.0
-        add_error(covariance, error)
+        add_unresolved(covariance, error)
         return log_sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
@@ -105,7 +105,7 @@ class EachCell:
         return total
 
 
-def cast(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
+def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
     """Cast the ranges of a grid's cells, those of all headings of a place at once where it can be done.
 
     Args:
@@ -122,11 +122,11 @@ def cast(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
         kinds, period = found.angles.shape
         places = len(grid.centres) // grid.turns
         shared = f"{places} places in {kinds * period} directions"
-        _check_memory(8.0 * places * kinds * (period + RUN), memory, shared)
+        _check_memory(8.0 * places * kinds * (period + HEADINGS_PER_BLOCK), memory, shared)
         return cast_turning(grid, sensor, found)
     _check_memory(8.0 * len(grid.centres) * beams, memory, f"{len(grid.centres)} cells with {beams} beams")
     ranges = np.ascontiguousarray(sensor.expected(grid.centres))
-    return EachCell(grid, ranges, sensor.space.is_angle)
+    return RangesByCell(grid, ranges, sensor.space.is_angle)
 
 
 def _check_memory(need: float, most: float, what: str) -> None:

@@ -14,7 +14,7 @@ from ..estimator import Estimate
 from ..models import Gaussian, Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from .cell_ranges import CellRanges, cast
+from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 
 SLAB = 1 << 20  # log densities worked out at once where noise is not Gaussian
@@ -82,7 +82,7 @@ class PointMassFilter:
             raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
         grid = build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
         object.__setattr__(self, "grid", grid)
-        object.__setattr__(self, "cells", cast(grid, self.problem.sensor, 1e9 * self.memory_gb))
+        object.__setattr__(self, "cells", cast_cells(grid, self.problem.sensor, 1e9 * self.memory_gb))
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> PointMassBelief:
         """The prior's probability of each cell, the same for all runs.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, IntArray
 from ..compiled import njit, prange
-from .cell_error import FLAT, missed_about
+from .cell_error import FLAT, unresolved_covariance
 from .grid import Grid
 
 PICKS = 16  # cells that are asked
@@ -37,12 +37,12 @@ def stencil(size: int) -> IntArray:
 
 
 def no_picks(runs: int) -> IntArray:
-    """For `pick` to write to, (M, K); -1 stays where nothing is possible."""
+    """For `choose_probe_cells` to write to, (M, K); -1 stays where nothing is possible."""
     return np.full((runs, PICKS), -1, np.int64)
 
 
 @njit(cache=True, nogil=True)
-def pick(chosen: IntArray, weights: Array, total: float, picks: IntArray) -> None:
+def choose_probe_cells(chosen: IntArray, weights: Array, total: float, picks: IntArray) -> None:
     """Cells at evenly spaced shares of the probability, written in place: systematic resampling."""
     at, least = 0, 0.5 * total / picks.size
     for k in range(chosen.size):
@@ -223,7 +223,7 @@ def _errors(
                         steep = np.abs(information).sum(axis=0).max()  # at least the greatest eigenvalue
                         if steep > STEEP and narrow > 0.0:
                             _make_definite(information)
-                            missed_about(information, _spread(logs, offsets), error)
+                            unresolved_covariance(information, _spread(logs, offsets), error)
                             error *= narrow
                 errors[run] += error / picks.shape[1]
 
@@ -241,7 +241,7 @@ def lattice_errors(
 
     Args:
         grid: The cells.
-        picks: Some of each run, (M, K): see `pick`.
+        picks: Some of each run, (M, K): see `choose_probe_cells`.
         readings, precisions, log_mass: As in `cell_ranges.CellRanges.moments`.
         table: Kinds, shifts, table, period and number of headings, as in `_errors`.
         log_sums: Log of all the weight, (M,).

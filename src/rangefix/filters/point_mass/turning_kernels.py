@@ -17,10 +17,10 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ..compiled import njit, prange
-from .mode_shape import pick
+from .mode_shape import choose_probe_cells
 
-SPOT = 16  # places in a block
-RUN = 8  # headings in a block: as many float64 as the widest registers hold
+PLACES_PER_BLOCK = 16  # places in a block
+HEADINGS_PER_BLOCK = 8  # headings in a block: as many float64 as the widest registers hold
 EARLY = 16  # beams by which all blocks are compared before the first cell is looked at
 STRIDE = 8  # beams between two looks at whether a cell is out already
 MARGIN = 60.0
@@ -48,7 +48,7 @@ def _compare(
     """Take from each block's greatest log mass (P, K), in place, what the first few beams take at least."""
     for spot in range(bounds.shape[0]):
         for beam in range(early):
-            turn, lane = divmod(shift[beam], RUN)
+            turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
             least = low[spot, kind[beam], lane, turn : turn + bounds.shape[1]]
             most = high[spot, kind[beam], lane, turn : turn + bounds.shape[1]]
             if math.isinf(reading[beam]):
@@ -69,7 +69,7 @@ def _bound(
 ) -> float:  # fmt: skip
     """The same for one block and the other beams; stops below the bar."""
     for beam in range(early, reading.size):
-        turn, lane = divmod(shift[beam], RUN)
+        turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
         least, most = low[spot, kind[beam], lane, turn + run], high[spot, kind[beam], lane, turn + run]
         log -= weight[beam] * _gap(reading[beam], least, most) ** 2
         if log <= bar:
@@ -95,17 +95,21 @@ def _cells(
     log_mass: Array, chosen: IntArray, logs: Array, count: int, best: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block that matter; returns the new count and best log weight."""
-    headings, period, heading = log_mass.shape[1], table.shape[2] - RUN + 1, RUN * run
-    misfits = np.empty(RUN)
-    for place in range(SPOT * spot, min(SPOT * (spot + 1), len(table))):
-        masses = log_mass[place, heading : heading + RUN]
+    headings, period, heading = (
+        log_mass.shape[1],
+        table.shape[2] - HEADINGS_PER_BLOCK + 1,
+        HEADINGS_PER_BLOCK * run,
+    )
+    misfits = np.empty(HEADINGS_PER_BLOCK)
+    for place in range(PLACES_PER_BLOCK * spot, min(PLACES_PER_BLOCK * (spot + 1), len(table))):
+        masses = log_mass[place, heading : heading + HEADINGS_PER_BLOCK]
         room = masses.max() - best + MARGIN
         misfits[:] = 0.0
         for beam in range(reading.size):
             column = heading + shift[beam]
             if column >= period:
                 column -= period
-            expected = table[place, kind[beam], column : column + RUN]
+            expected = table[place, kind[beam], column : column + HEADINGS_PER_BLOCK]
             _add_misfits(reading[beam], weight[beam], expected, misfits)
             if beam % STRIDE == STRIDE - 1 and misfits.min() >= room:
                 break
@@ -194,7 +198,7 @@ def sum_up(
         squares[1] += weight * x * y
         squares[2] += weight * y * y
     total = sums[:, 0].sum()
-    pick(chosen, logs, total, picks)
+    choose_probe_cells(chosen, logs, total, picks)
     x, y = sums[:, 1].sum() / total, sums[:, 2].sum() / total
     turn = math.atan2((sums[:, 0] * np.sin(headings)).sum(), (sums[:, 0] * np.cos(headings)).sum())
     mean[0], mean[1], mean[2] = origin[0] + x, origin[1] + y, turn
@@ -249,7 +253,7 @@ def scan_misfits(
     reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array, misfits: Array
 ) -> None:
     """Sum_j weight_j (reading_j - range_j)^2 for all cells, written in place, (C, H)."""
-    headings, period = misfits.shape[1], table.shape[2] - RUN + 1
+    headings, period = misfits.shape[1], table.shape[2] - HEADINGS_PER_BLOCK + 1
     for place in prange(len(table)):
         misfits[place] = 0.0
         for beam in range(reading.size):

@@ -16,20 +16,20 @@ import numpy as np
 from ...arrays import TWO_PI, Array, IntArray
 from ..models import Gaussian, Rangefinder
 from ..space import StateSpace
-from .cell_error import add_error
+from .cell_error import add_unresolved
 from .grid import Grid
 from .mode_shape import lattice_errors, no_picks
-from .turning_kernels import MARGIN, RUN, SPOT, scan_misfits, scan_moments, sum_up
+from .turning_kernels import HEADINGS_PER_BLOCK, MARGIN, PLACES_PER_BLOCK, scan_misfits, scan_moments, sum_up
 
 SAME = 1e-10  # rad; beams whose offsets from the heading cells differ by less are of one kind
 ROWS = 1 << 18  # directions transformed at once: a few MB
 THREADS = 2
 TRANSFORM = 60.0  # what a transform costs, for each range in the table, in terms of a cell and beam
-ROUNDING = 1e-7  # nats; the error that a transform may make
+TRANSFORM_ERROR_NATS = 1e-7  # nats; the error that a transform may make
 
 
 @dataclass(frozen=True)
-class TurningRanges:
+class RangesByDirection:
     """Ranges that are expected in the cells of a grid whose last axis is the heading.
 
     At heading k beam j expects table[:, kind[j], (k + shift[j]) % W], W directions being cast for each of R
@@ -61,7 +61,7 @@ class TurningRanges:
     @property
     def period(self) -> int:
         """The number of directions W."""
-        return int(self.table.shape[2] - RUN + 1)
+        return int(self.table.shape[2] - HEADINGS_PER_BLOCK + 1)
 
     def expected(self, first: int, last: int) -> Array:
         """Ranges in cells first to last, (last - first, B), m."""
@@ -71,9 +71,9 @@ class TurningRanges:
     def top(self, log_mass: Array) -> Array:
         """Greatest log mass of each block: (M, G) -> (M, P, ceil(H / RUN))."""
         runs, headings = len(log_mass), len(self.headings)
-        spots = np.arange(0, len(self.places), SPOT)
+        spots = np.arange(0, len(self.places), PLACES_PER_BLOCK)
         most = np.maximum.reduceat(log_mass.reshape(runs, -1, headings), spots, axis=1)
-        return np.asarray(np.maximum.reduceat(most, np.arange(0, headings, RUN), axis=2))
+        return np.asarray(np.maximum.reduceat(most, np.arange(0, headings, HEADINGS_PER_BLOCK), axis=2))
 
     def moments(
         self, readings: Array, precisions: Array, log_mass: Array, top: Array, mean: Array, covariance: Array
@@ -95,7 +95,9 @@ class TurningRanges:
         order = np.random.default_rng(0).permutation(len(self.kind))  # neighbouring beams say much the same
         exact = [not self._transforms(*run) for run in zip(readings, precisions, strict=True)]
         beams = np.maximum(1, (precisions > 0).sum(axis=1))
-        most = np.where(exact, np.inf, TRANSFORM * self.table.size / beams / (SPOT * RUN))
+        most = np.where(
+            exact, np.inf, TRANSFORM * self.table.size / beams / (PLACES_PER_BLOCK * HEADINGS_PER_BLOCK)
+        )
         log_sums, picks = np.empty(len(readings)), no_picks(len(readings))
         scan_moments(
             readings, precisions, order, self.kind, self.shift, self.table, self.low, self.high, cells, top,
@@ -114,7 +116,7 @@ class TurningRanges:
         table = (self.kind, self.shift, self.table, self.period, len(self.headings))
         error = lattice_errors(self.grid, picks, readings, precisions, log_mass, table, log_sums)
         covariance[log_sums == -np.inf] = 0.0
-        add_error(covariance, error)
+        add_unresolved(covariance, error)
         return log_sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
@@ -130,7 +132,7 @@ class TurningRanges:
     def _transforms(self, reading: Array, precision: Array) -> bool:
         """Whether rounding in a transform is small: squares of ranges enter where differences matter."""
         largest = max(self.farthest, np.abs(reading).max(initial=0.0, where=np.isfinite(reading)))
-        return bool(np.finfo(float).eps * largest**2 * precision.sum() < ROUNDING)
+        return bool(np.finfo(float).eps * largest**2 * precision.sum() < TRANSFORM_ERROR_NATS)
 
     def _correlate(self, reading: Array, weight: Array, kind: IntArray, shift: IntArray) -> Array:
         """Sum_j weight_j (reading_j - range_j)^2, (C, H): circular correlations along the directions.
@@ -172,7 +174,7 @@ class TurningRanges:
 class Directions(NamedTuple):
     """Directions that serve all beams at all headings of a grid.
 
-    angles: (R, W), rad. kind, shift: Which of them beam j needs at heading k, (B,): see `TurningRanges`.
+    angles: (R, W), rad. kind, shift: Which of them beam j needs at heading k, (B,): see `RangesByDirection`.
     """
 
     angles: Array
@@ -201,7 +203,7 @@ def directions(bearings: Array, first: float, step: float, headings: int) -> Dir
     return Directions(angles, kind, shift)
 
 
-def cast_turning(grid: Grid, sensor: Rangefinder, found: Directions) -> TurningRanges:
+def cast_turning(grid: Grid, sensor: Rangefinder, found: Directions) -> RangesByDirection:
     """Cast the table for a grid whose cells lie in rows of headings."""
     places = grid.centres[:: grid.turns, :2]
     headings = grid.centres[: grid.turns, 2]
@@ -213,20 +215,22 @@ def cast_turning(grid: Grid, sensor: Rangefinder, found: Directions) -> TurningR
         space=StateSpace(sensor.space.names[:2], heading=0.0),
         blind_sector=0.0,
     )
-    table = np.empty((len(places), kinds, period + RUN - 1))
-    spots = np.arange(0, len(places), SPOT)
-    starts = (np.arange(RUN)[:, None] + np.arange(0, period + grid.turns, RUN)) % period
+    table = np.empty((len(places), kinds, period + HEADINGS_PER_BLOCK - 1))
+    spots = np.arange(0, len(places), PLACES_PER_BLOCK)
+    starts = (
+        np.arange(HEADINGS_PER_BLOCK)[:, None] + np.arange(0, period + grid.turns, HEADINGS_PER_BLOCK)
+    ) % period
     low, high = np.empty((2, len(spots), kinds, *starts.shape))
-    size = SPOT * max(1, ROWS // (SPOT * found.angles.size))
+    size = PLACES_PER_BLOCK * max(1, ROWS // (PLACES_PER_BLOCK * found.angles.size))
     for start in range(0, len(places), size):
         rows = slice(start, start + size)
         ranges = turned.expected(places[rows]).reshape(-1, kinds, period)
-        table[rows] = np.take(ranges, np.arange(period + RUN - 1) % period, axis=2)
-        blocks = np.arange(0, len(ranges), SPOT)
-        here = slice(start // SPOT, start // SPOT + len(blocks))
+        table[rows] = np.take(ranges, np.arange(period + HEADINGS_PER_BLOCK - 1) % period, axis=2)
+        blocks = np.arange(0, len(ranges), PLACES_PER_BLOCK)
+        here = slice(start // PLACES_PER_BLOCK, start // PLACES_PER_BLOCK + len(blocks))
         low[here] = _over_runs(np.minimum, np.minimum.reduceat(table[rows], blocks, axis=0))[:, :, starts]
         high[here] = _over_runs(np.maximum, np.maximum.reduceat(table[rows], blocks, axis=0))[:, :, starts]
-    return TurningRanges(grid, places, headings, found.kind, found.shift, table, low, high)
+    return RangesByDirection(grid, places, headings, found.kind, found.shift, table, low, high)
 
 
 def _over_runs(combine: np.ufunc, values: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....arrays import TWO_PI, Array, BoolArray, IntArray
-from ....filters import RangeMap, is_clear
+from ....filters import RangeMap, in_line_of_sight
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -19,7 +19,7 @@ MOST_CELLS = 2_000_000
 
 
 @dataclass(frozen=True)
-class Lattice:
+class ClearanceGraph:
     """Places that keep clear of walls.
 
     room: The map.
@@ -40,7 +40,7 @@ class Lattice:
     areas: IntArray
 
     @classmethod
-    def over(cls, room: RangeMap, clearance: float) -> Lattice:
+    def over(cls, room: RangeMap, clearance: float) -> ClearanceGraph:
         """The lattice of a map, with cells of a quarter of the clearance: neighbours see each other.
 
         Raises:
@@ -111,7 +111,7 @@ class Lattice:
         cells = np.clip(cells, 0, np.array(self.places.shape) - 1)
         kept = (self.places[cells[..., 0], cells[..., 1]] >= 0).all(0)
         kept[kept] = np.asarray(self.room.is_free(points[:, kept])).all(0)
-        return np.asarray(kept & is_clear(self.room, start, ends))
+        return np.asarray(kept & in_line_of_sight(self.room, start, ends))
 
 
 def _graph(room: RangeMap, places: IntArray, centres: Array) -> csr_array[np.float64]:

@@ -18,8 +18,8 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ....arrays import Array, wrap
-from ....filters import Odometry, RangeMap, is_clear, pose_space
-from .clearance_graph import Lattice
+from ....filters import Odometry, RangeMap, in_line_of_sight, pose_space
+from .clearance_graph import ClearanceGraph
 
 TURN_A_STEP = float(np.deg2rad(45.0))
 
@@ -64,7 +64,7 @@ def waypoint_drive(
     if not lengths.all():
         raise ValueError(f"waypoint {int(np.argmin(lengths)) + 2} is where the one before it is")
     if room is not None:
-        blocked = ~np.append(room.is_free(points[:1]), is_clear(room, points[:-1], points[1:]))
+        blocked = ~np.append(room.is_free(points[:1]), in_line_of_sight(room, points[:-1], points[1:]))
         if blocked.any():
             raise ValueError(f"the way to waypoint {int(np.argmax(blocked)) + 1} is not in free space")
     headings = np.arctan2(legs[:, 0], legs[:, 1])
@@ -107,7 +107,7 @@ def random_drive(
     """
     if not (steps > 0 and step > 0 and clearance > 0):
         raise ValueError(f"steps, step and clearance must be positive, got {steps}, {step} and {clearance}")
-    lattice = Lattice.over(room, clearance)
+    lattice = ClearanceGraph.over(room, clearance)
     here = lattice.nearest(start) if start is not None else int(rng.choice(lattice.largest()))
     reached = lattice.reached(here)
     waypoints = [lattice.centres[here]]

@@ -149,7 +149,7 @@ class UniformPrior(PriorSection):
 
     def _box(self, room: RangeMap) -> tuple[ArrayLike | None, ArrayLike | None]:
         if self.size_m is not None:
-            return roomiest_box(room, np.array(self.size_m))
+            return box_with_most_free_space(room, np.array(self.size_m))
         return self.lower_m, self.upper_m
 
 
@@ -219,7 +219,7 @@ class MixturePrior(Section):
 AnyPrior = Annotated[UniformPrior | CentredPrior | MixturePrior, Field(discriminator="kind")]
 
 
-def roomiest_box(room: RangeMap, size: Array) -> tuple[Array, Array]:
+def box_with_most_free_space(room: RangeMap, size: Array) -> tuple[Array, Array]:
     """Lower and upper corner of the box of a size that holds the most free space; the first of equals."""
     lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
     size = np.minimum(size, upper - lower)
