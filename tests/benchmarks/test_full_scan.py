@@ -50,7 +50,7 @@ class Case:
         self.by_direction = np.ascontiguousarray(self.cells.table[:, 0, : self.cells.period].T)
         self.headings = np.arange(0, 1000, 1000 // SHARE)
 
-    def ours(self):
+    def is_built_in(self):
         return self.estimator.estimate(self.estimator.update(self.belief, self.measurement, self.rngs))
 
     def loop(self):

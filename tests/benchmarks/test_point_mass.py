@@ -50,7 +50,7 @@ class Case:
         self.prior = problem.prior
         self.belief = self.estimator.init(self.prior, self.rngs)
 
-    def ours(self):
+    def is_built_in(self):
         return self.estimator.estimate(self.estimator.update(self.belief, self.readings, self.rngs))
 
     def ours_from_the_start(self):
@@ -62,7 +62,7 @@ class Case:
 
     def agrees(self, update):
         """Whether a peer gives our mean and covariance for every run."""
-        with mock.patch.object(cell_ranges, "add_error"):
+        with mock.patch.object(cell_ranges, "add_unresolved"):
             mean, covariance, _ = self.ours()
         for run, reading in enumerate(self.readings):
             theirs = update(reading)

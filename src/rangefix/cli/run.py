@@ -46,7 +46,7 @@ def run(
     gates = parse_gates(gate or ())
     described = load_study(study, runs=runs, seed=seed, map_path=map_path)
     experiment = described.experiment()
-    need_sound(gates, tuple(experiment.estimators), experiment.told.space.names, described.beliefs)
+    need_sound(gates, tuple(experiment.estimators), experiment.assumed_problem.space.names, described.beliefs)
     for warning in described.warnings:
         print(f"rangefix: {warning}", file=sys.stderr)
     folder = Path("results") / described.name if out is None else out

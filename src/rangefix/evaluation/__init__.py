@@ -26,10 +26,13 @@ from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
 from .study import Study, StudyError, load_study, parse_study, study_names
 
+Named = NamedEstimator  # its name in 0.1
+
 __all__ = [
     "STATUSES",
     "Experiment",
     "Interval",
+    "Named",
     "NamedEstimator",
     "Progress",
     "Results",

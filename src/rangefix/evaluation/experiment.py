@@ -27,7 +27,7 @@ class NamedEstimator:
 
     def __call__(self, problem: Problem) -> Estimator[Any]:
         """The estimator for a problem."""
-        return self.made(self.factory(), problem)
+        return self.build_with(self.factory(), problem)
 
     def factory(self) -> Any:
         """The function or class of that name; importing it may raise what `resolve` raises."""
@@ -35,14 +35,14 @@ class NamedEstimator:
 
         return resolve(self.name)
 
-    def made(self, factory: Any, problem: Problem) -> Estimator[Any]:
+    def build_with(self, factory: Any, problem: Problem) -> Estimator[Any]:
         """The estimator that it makes for a problem; whatever the factory raises comes out."""
         from ..filters.registry import build_with
 
         return build_with(self.name, factory, problem, self.options)
 
     @property
-    def ours(self) -> bool:
+    def is_built_in(self) -> bool:
         """Whether it comes with this package."""
         from ..filters.registry import BUILT_IN
 
@@ -66,8 +66,8 @@ class Experiment:
         block: Runs to a part, the unit that is saved and resumed. Blocks start at its multiples.
         identity: What tells this experiment's problem from another's; by pickling the problems unless given.
         timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
-            limit. None: PATIENCE for plug-ins that are known by name, none for our own estimators and for
-            builders that are Python objects.
+            limit. None: TRIAL_TIMEOUT_S for plug-ins that are known by name, none for our own estimators and
+            for builders that are Python objects.
         beliefs: Whether to judge the beliefs themselves, of estimators that can sample them: ranks of the
             truth, energy score, main mode (`belief_scores.py`). It takes about a millisecond a run and step.
 
@@ -100,10 +100,10 @@ class Experiment:
             )
         if self.timeout is not None and not 0 <= self.timeout < np.inf:
             raise ValueError(f"the timeout must be some seconds, or 0 for no limit, got {self.timeout}")
-        if self.truth.space.names != self.told.space.names:
+        if self.truth.space.names != self.assumed_problem.space.names:
             raise ValueError("the true and the assumed problem must have the same state components")
         beams = len(self.truth.sensor.bearings)
-        if len(self.told.sensor.bearings) != beams:
+        if len(self.assumed_problem.sensor.bearings) != beams:
             raise ValueError("the true and the assumed sensor must have the same number of beams")
         sets = [tuple(each) for each in self.beam_sets] or [tuple(range(1, beams + 1))]
         for each in sets:
@@ -119,19 +119,19 @@ class Experiment:
             raise ValueError(f"the true start must have shape ({size},), got {np.shape(self.start)}")
 
     @property
-    def told(self) -> Problem:
+    def assumed_problem(self) -> Problem:
         """The problem as the estimators know it."""
         return self.truth if self.assumed is None else self.assumed
 
     @property
-    def moves(self) -> Array:
+    def control_sequence(self) -> Array:
         """The controls between measurements, (T - 1, k)."""
         return np.zeros((0, 0)) if self.controls is None else np.atleast_2d(np.asarray(self.controls, float))
 
     @property
     def steps(self) -> int:
         """Measurements in a run, T."""
-        return 1 if self.controls is None else len(self.moves) + 1
+        return 1 if self.controls is None else len(self.control_sequence) + 1
 
     @property
     def beam_labels(self) -> tuple[str, ...]:
@@ -141,12 +141,12 @@ class Experiment:
             return ("all",)
         return tuple(beam_label(each) for each in self.beam_sets)
 
-    def limit(self, label: str) -> float | None:
+    def timeout_of(self, label: str) -> float | None:
         """Seconds that a trial of an estimator may take; None: as long as it likes."""
         builder = self.estimators[label]
         if self.timeout is not None:
             return self.timeout or None
-        return TRIAL_TIMEOUT_S if isinstance(builder, NamedEstimator) and not builder.ours else None
+        return TRIAL_TIMEOUT_S if isinstance(builder, NamedEstimator) and not builder.is_built_in else None
 
     def masks(self) -> BoolArray:
         """Which beams each set holds, (S, B)."""
@@ -154,6 +154,10 @@ class Experiment:
         for mask, each in zip(masks, self.beam_sets, strict=True):
             mask[np.array(each) - 1] = True
         return masks
+
+    def masked(self, measurement: Array, beam_set: int) -> Array:
+        """Measurements (..., B) as a set of beams shows them: NaN for the others."""
+        return np.where(self.masks()[beam_set], measurement, np.nan)
 
     def blocks(self) -> list[tuple[int, int]]:
         """First run and end of each block."""

@@ -26,6 +26,8 @@ from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .registry import available, build
 from .space import StateSpace, pose_space, position_space, velocity_space
 
+is_clear = in_line_of_sight  # its name in 0.1
+
 __all__ = [
     "BeamMixture",
     "Confined",
@@ -57,6 +59,7 @@ __all__ = [
     "available",
     "build",
     "in_line_of_sight",
+    "is_clear",
     "pose_space",
     "position_space",
     "sample_runs",

@@ -92,12 +92,12 @@ def test_an_impossible_reading_is_flagged():
     does not: its linear model of the room finds the reading likely elsewhere.
     """
     made = load_study("paper").experiment()
-    problem = made.told
+    problem = made.assumed_problem
     measurement = problem.sensor.expected(np.array([[2.0, 3.0]]))[:, None]
     measurement[..., 1] -= 2.5
     floor = evidence_floor(problem.sensor, measurement)[0, 0]
     for label, build in made.estimators.items():
-        outcome = Trial(problem, made.moves, seed=1).run(build(problem), measurement, 0)
+        outcome = Trial(problem, made.control_sequence, seed=1).run(build(problem), measurement, 0)
         assert outcome.status.tolist() == [0], label
         assert np.isfinite(outcome.log_evidence[0, 0])
         if label in ("point-mass", "particle"):

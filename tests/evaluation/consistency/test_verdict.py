@@ -159,8 +159,8 @@ def test_failed_runs_and_a_single_truth_are_mentioned(rows):
 
 
 def test_a_row_without_p_values_is_judged_by_its_interval(rows):
-    assert decide(replace(rows["half", "1"], doubts={})).kind == "overconfident"
-    assert decide(replace(rows["exact", "1"], doubts={})).kind == "honest"
+    assert decide(replace(rows["half", "1"], p_values={})).kind == "overconfident"
+    assert decide(replace(rows["exact", "1"], p_values={})).kind == "honest"
 
 
 def test_the_whole_estimator(rows):
@@ -177,10 +177,10 @@ def test_p_values_agree_with_intervals(rows):
     """p < 5 % exactly where the 95 % interval leaves out the honest value."""
     for row in rows.values():
         for name, ratio in zip(row.names, row.ratio, strict=True):
-            assert (row.doubts[f"ratio_{name}"] < 0.05) == (not ratio.low <= 1 <= ratio.high)
+            assert (row.p_values[f"ratio_{name}"] < 0.05) == (not ratio.low <= 1 <= ratio.high)
         for name, bias in zip(row.names, row.bias, strict=True):
-            assert (row.doubts[f"bias_{name}"] < 0.05) == (not bias.low <= 0 <= bias.high)
-        assert (row.doubts["anees"] < 0.05) == (not row.anees.low <= 1 <= row.anees.high)
+            assert (row.p_values[f"bias_{name}"] < 0.05) == (not bias.low <= 0 <= bias.high)
+        assert (row.p_values["anees"] < 0.05) == (not row.anees.low <= 1 <= row.anees.high)
 
 
 def test_p_values_of_few_and_equal_runs():
@@ -220,7 +220,8 @@ def alarms(
             count["ANEES above"] += sum(row.anees.low > 1 for row in rows)
             count["ANEES below"] += sum(row.anees.high < 1 for row in rows)
             count["components alone"] += sum(
-                each.alarm and row.doubts["anees"] >= BY_ANEES for each, row in zip(found, rows, strict=True)
+                each.alarm and row.p_values["anees"] >= BY_ANEES
+                for each, row in zip(found, rows, strict=True)
             )
     return counts
 

@@ -147,7 +147,7 @@ def ran(folder: Path) -> dict[str, Results]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guard, "BUILD", 0.5)
-        patch.setattr(guard, "GRACE", 0.5)
+        patch.setattr(guard, "FIRST_RUNS_EXTRA_S", 0.5)
         patch.setattr(guard, "IN_A_ROW", 2)
         return {
             "alone": compare(GOOD),
@@ -181,7 +181,7 @@ def test_a_study_warns_of_plug_ins_and_runs(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """One line for each before anything runs, with key and line of the file; exit code 1; JSON unspoilt."""
-    monkeypatch.setattr(look, "PATIENCE", 1.0)
+    monkeypatch.setattr(look, "LOOK_TIMEOUT_S", 1.0)
     monkeypatch.setattr(guard, "BUILD", 0.5)
     names = [f"{folder}/{name}" for name in ("hangs.py:make", "bad.py:ExitsWhenBuilt", "bad.py:Prints")]
     text = STUDY + "".join(f'[[estimators]]\nname = "{name}"\n' for name in names)

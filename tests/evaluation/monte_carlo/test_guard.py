@@ -78,8 +78,8 @@ def guarded(plugin):
 
     def start(name, timeout=0.3):
         trial = Trial(make_problem(), np.zeros((0, 0)), 3)
-        made.append(GuardedEstimator.over(trial, NamedEstimator(f"{plugin}:{name}"), timeout))
-        return made[-1], BuiltEstimator.of(trial, NamedEstimator(f"{plugin}:{name}"))
+        made.append(GuardedEstimator.of(trial, NamedEstimator(f"{plugin}:{name}"), timeout))
+        return made[-1], BuiltEstimator.build(trial, NamedEstimator(f"{plugin}:{name}"))
 
     yield start
     for each in made:
@@ -109,7 +109,7 @@ def test_only_the_guilty_runs_are_lost(guarded, name):
 
 
 def test_one_that_always_hangs_is_given_up(guarded, monkeypatch):
-    monkeypatch.setattr(guard, "GRACE", 1.0)
+    monkeypatch.setattr(guard, "FIRST_RUNS_EXTRA_S", 1.0)
     hanging, _ = guarded("Batch", 0.2)
     start = time.monotonic()
     outcome = hanging.run(np.full((100, 1, 3), 5.0), 0, READINGS[:2])
@@ -120,7 +120,7 @@ def test_one_that_always_hangs_is_given_up(guarded, monkeypatch):
 
 def test_a_builder_that_hangs(plugin, monkeypatch):
     monkeypatch.setattr(guard, "BUILD", 0.5)
-    monkeypatch.setattr(experiment, "PATIENCE", 0.5)
+    monkeypatch.setattr(experiment, "TRIAL_TIMEOUT_S", 0.5)
     estimators = {"slow": NamedEstimator(f"{plugin}:Slow"), "ekf": NamedEstimator("ekf")}
     results = run(Experiment(make_problem(), estimators, runs=5))
     assert results.get("slow").failures == {"timeout": 5}
@@ -160,9 +160,9 @@ def test_who_is_limited(plugin):
         "object": PriorOnly,
     }
     made = Experiment(make_problem(), estimators)
-    assert [made.limit(label) for label in estimators] == [None, 60.0, None]
-    assert Experiment(make_problem(), estimators, timeout=0).limit("plug-in") is None
-    assert Experiment(make_problem(), estimators, timeout=2.0).limit("ours") == 2.0
+    assert [made.timeout_of(label) for label in estimators] == [None, 60.0, None]
+    assert Experiment(make_problem(), estimators, timeout=0).timeout_of("plug-in") is None
+    assert Experiment(make_problem(), estimators, timeout=2.0).timeout_of("ours") == 2.0
     with pytest.raises(ValueError, match="timeout"):
         Experiment(make_problem(), estimators, timeout=-1.0)
 

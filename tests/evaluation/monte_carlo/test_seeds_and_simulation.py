@@ -84,7 +84,7 @@ def test_runs_on_the_move_depend_on_their_streams_alone(motion, noise):
     moves, noise_rng = stream(1, "motion", 3), stream(1, "measurement", 3)
     for step in range(7):
         if step:
-            state = problem.motion.sample(state, made.moves[step - 1], moves)
+            state = problem.motion.sample(state, made.control_sequence[step - 1], moves)
         np.testing.assert_array_equal(state[0], among.truth[3, step])
         reading = problem.sensor.sample(state, noise_rng)[0]
         np.testing.assert_allclose(reading, among.measurement[3, step], rtol=1e-12)

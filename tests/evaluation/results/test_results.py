@@ -38,7 +38,7 @@ def test_moments_of_chunks_are_those_of_all():
 def test_rows_in_blocks_are_those_in_memory(study, monkeypatch):
     """Read in blocks of 30 runs that do not fit the parts of 10, and in one piece: the same to 1e-9."""
     whole = [row.flat() for row in summarise(load(study))]
-    monkeypatch.setattr(results, "MOST", 30)
+    monkeypatch.setattr(results, "MAX_RUNS_IN_MEMORY", 30)
     blocks = [row.flat() for row in summarise(load(study))]
     for one, other in zip(whole, blocks, strict=True):
         assert one.keys() == other.keys()
@@ -50,7 +50,7 @@ def test_rows_in_blocks_are_those_in_memory(study, monkeypatch):
 
 
 def test_large_results_are_read_when_asked_for(study, monkeypatch):
-    monkeypatch.setattr(results, "MOST", 30)
+    monkeypatch.setattr(results, "MAX_RUNS_IN_MEMORY", 30)
     lazy = load(study)
     assert not {"truth", "trials"} & vars(lazy).keys()
     some = lazy.source.trials("wild", "1", 25, 47)

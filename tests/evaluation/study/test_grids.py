@@ -46,7 +46,7 @@ def test_a_value_that_is_a_list():
 def test_a_study_runs_the_grid():
     experiment = parse_study(STUDY + "options = { cell_m = [0.2, 0.1] }").experiment()
     assert list(experiment.estimators) == ["point-mass cell_m=0.2", "point-mass cell_m=0.1"]
-    assert experiment.limit("point-mass cell_m=0.1") == 5.0
+    assert experiment.timeout_of("point-mass cell_m=0.1") == 5.0
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_limits_of_the_sensor():
     limited = SENSOR + "max_range_m = 5.0\nmax_incidence_deg = 80.0\n"
     sensor = study(limited).experiment().truth.sensor
     assert (sensor.max_range, sensor.max_incidence) == (5.0, pytest.approx(np.deg2rad(80)))
-    told = study(limited, "[assumed.sensor]\nmax_range_m = inf\n").experiment().told.sensor
+    told = study(limited, "[assumed.sensor]\nmax_range_m = inf\n").experiment().assumed_problem.sensor
     assert (told.max_range, told.max_incidence) == (np.inf, pytest.approx(np.deg2rad(80)))
 
 
@@ -134,11 +134,11 @@ def test_a_drive_begins_where_the_prior_is():
     assert made.steps == 6
     assert world.drive is not None
     assert made.truth.prior.peak == pytest.approx(world.drive.states[0])
-    np.testing.assert_array_equal(made.moves, world.drive.controls)
+    np.testing.assert_array_equal(made.control_sequence, world.drive.controls)
     again = study(UNKNOWN, ODOMETRY, prior).experiment()
-    np.testing.assert_array_equal(made.moves, again.moves)
+    np.testing.assert_array_equal(made.control_sequence, again.control_sequence)
     other = study(UNKNOWN, ODOMETRY + "drive_seed = 2\n", prior).experiment()
-    assert (made.moves != other.moves).any()
+    assert (made.control_sequence != other.control_sequence).any()
     motion = made.truth.motion.motion
     assert isinstance(motion, Odometry)
     assert motion.floors == pytest.approx([0.02, 0.01, np.deg2rad(3)])
@@ -162,7 +162,7 @@ def test_assumptions_inherit_what_is_not_said():
         + "[assumed.prior]\nstd_m = 0.2\n"
     )
     made = study(text).experiment()
-    true, told = made.truth, made.told
+    true, told = made.truth, made.assumed_problem
     assert (true.sensor.noise, told.sensor.noise) == (StudentT(0.05, 3), Gaussian(0.07))
     np.testing.assert_array_equal(true.sensor.bearings, told.sensor.bearings)
     assert told.motion.floors == pytest.approx([0.02, 0.01, np.deg2rad(1)])
@@ -182,13 +182,13 @@ def test_assumptions_of_another_kind():
             '[assumed.prior]\nkind = "uniform"\n',
         )
         .experiment()
-        .told
+        .assumed_problem
     )
     assert isinstance(told.motion, Stationary)
     assert isinstance(told.prior, WithHeading)
     offset = study("[state]\nheading_deg = 2\n[assumed.state]\nheading_deg = 0\n").experiment()
     assert offset.truth.space.heading == pytest.approx(np.deg2rad(2))
-    assert offset.told.space.heading == 0.0
+    assert offset.assumed_problem.space.heading == 0.0
 
 
 def test_a_true_pose_for_all_runs():

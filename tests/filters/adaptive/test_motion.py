@@ -216,7 +216,7 @@ def test_claims_are_true_on_a_drive_through_rooms():
 
 def test_a_belief_too_wide_to_be_moved_is_refused(monkeypatch):
     """Any place and heading of a house, unmeasured, where 300 points can be moved: said in one line."""
-    monkeypatch.setattr(predicted, "MOST", 300)
+    monkeypatch.setattr(predicted, "MAX_POINTS_MOVED", 300)
     space = pose_space()
     sensor = Rangefinder(HOUSE, BEARINGS, Gaussian(0.05), space)
     motion = Confined(Odometry(space, floor=[0.02, 0.02, 0.02]), HOUSE, space)

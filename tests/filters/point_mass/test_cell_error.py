@@ -138,7 +138,7 @@ def test_two_modes_narrower_than_cells_are_claimed_across_their_line() -> None:
 
 def test_two_modes_need_the_term(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: the sum's covariance alone is next to nothing in some direction in most runs."""
-    monkeypatch.setattr(turning_ranges, "add_error", lambda *args: None)
+    monkeypatch.setattr(turning_ranges, "add_unresolved", lambda *args: None)
     estimator, _, readings = sharp_scans()
     singular = np.linalg.eigvalsh(scaled(estimator, claims(estimator, readings)))[:, 0] < 1e-4
     assert singular.mean() > 0.5
@@ -179,7 +179,7 @@ def test_nothing_is_added_where_cells_are_fine(heading: bool, monkeypatch: pytes
         readings = sensor.sample(problem.prior.sample(20, draw), draw)
         estimator, module = PointMassFilter(problem, 0.01), cell_ranges
     claimed = np.diagonal(claims(estimator, readings), axis1=1, axis2=2)
-    monkeypatch.setattr(module, "add_error", lambda *args: None)
+    monkeypatch.setattr(module, "add_unresolved", lambda *args: None)
     summed = np.diagonal(claims(estimator, readings), axis1=1, axis2=2)
     np.testing.assert_allclose(claimed, summed, rtol=1e-3)
 

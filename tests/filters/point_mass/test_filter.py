@@ -80,7 +80,7 @@ def test_equals_brute_force_on_the_same_cells(monkeypatch: pytest.MonkeyPatch) -
 
     The sums themselves, without what is added for cells that are too wide.
     """
-    monkeypatch.setattr(cell_ranges, "add_error", lambda *args: None)
+    monkeypatch.setattr(cell_ranges, "add_unresolved", lambda *args: None)
     problem = paper_problem()
     draw = np.random.default_rng(1)
     truths = problem.prior.sample(40, draw)

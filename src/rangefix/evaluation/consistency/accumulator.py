@@ -167,13 +167,13 @@ class Accumulator:
             for g, p, varied in zip(self.g, self.p, self.ratio, strict=True)
         )
 
-    def doubts(self) -> dict[str, float]:
+    def p_values(self) -> dict[str, float]:
         """p-values of what an honest estimator fixes: anees, ratio_NAME, bias_NAME; NaN = cannot say."""
-        found = {"anees": self.anees.doubt(1.0)}
+        found = {"anees": self.anees.p_value_of_mean(1.0)}
         for name, g, p, ratio, bias in zip(self.names, self.g, self.p, self.ratio, self.bias, strict=True):
             if can_divide(g, p):
                 found[f"ratio_{name}"] = ratio.p_value(g.mean / p.mean, 1.0)
-            found[f"bias_{name}"] = bias.doubt(0.0)
+            found[f"bias_{name}"] = bias.p_value_of_mean(0.0)
         return found
 
     def row(
@@ -220,7 +220,7 @@ class Accumulator:
                 self.evidence.interval(),
             ),
             seconds=seconds,
-            doubts=self.doubts(),
+            p_values=self.p_values(),
             one_truth=one_truth,
             beliefs=self.beliefs.summary(),
         )

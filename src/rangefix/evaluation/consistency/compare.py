@@ -159,7 +159,7 @@ class _Pairs:
         count, moments = self.count, self.apart
         means = (self.a / count, self.b / count) if count else (np.nan, np.nan)
         change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
-        p = moments.doubt(0.0)
+        p = moments.p_value_of_mean(0.0)
         return Difference(estimator, beams, step, figure, count, *means, change, p)
 
 

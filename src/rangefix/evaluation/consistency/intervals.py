@@ -107,7 +107,7 @@ class Moments:
         corrected = t + a * t**2 + a**2 * t**3 / 3 + c / 6
         return float(2 * stdtr(self.count - 1, -abs(corrected)))
 
-    def doubt(self, honest: float) -> float:
+    def p_value_of_mean(self, honest: float) -> float:
         """The p-value of the mean; 0 where it is infinite."""
         if self.unknown or self.huge:
             return float("nan") if self.unknown else 0.0

@@ -76,7 +76,7 @@ class Row:
         improbable: Share of ok runs whose evidence lies below the floor.
         scores: Of the Gaussian claims.
         seconds: Per update and run, from a serial pass; NaN if not timed.
-        doubts: Figure -> p-value against an honest estimator: see `intervals.py`.
+        p_values: Figure -> p-value against an honest estimator: see `intervals.py`.
         one_truth: Whether all runs have the same true state: an exact Bayesian filter is honest on average
             over its prior, and need not be at one place of it.
         beliefs: What draws from the beliefs come to; None where they were not sampled.
@@ -105,7 +105,7 @@ class Row:
     improbable: Interval
     scores: ClaimScores
     seconds: float
-    doubts: dict[str, float] = field(default_factory=dict)
+    p_values: dict[str, float] = field(default_factory=dict)
     one_truth: bool = False
     beliefs: BeliefSummary | None = None
 

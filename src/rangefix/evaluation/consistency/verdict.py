@@ -94,7 +94,7 @@ def decide(row: Row, family: int = 1) -> Verdict:
         )
         some = (share,) if row.indefinite.value else ("in some runs its covariance all but vanishes",)
         return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", some + notes)
-    p = row.doubts.get("anees", math.nan if low <= 1 <= high else 0.0)
+    p = row.p_values.get("anees", math.nan if low <= 1 <= high else 0.0)
     if value > 1 and (p < BY_ANEES / family or value > family / BY_ANEES):
         return Verdict("overconfident", row.anees, _factor_words(value), notes)
     if value < 1 and p < BY_CAUTION / family:
@@ -161,7 +161,7 @@ def _suspects(row: Row, prefix: str, family: int) -> list[str]:
     return [
         name
         for name in row.names
-        if row.doubts.get(prefix + name, math.nan) < level and (prefix, name) != ("bias_", "heading")
+        if row.p_values.get(prefix + name, math.nan) < level and (prefix, name) != ("bias_", "heading")
     ]
 
 

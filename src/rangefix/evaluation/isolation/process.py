@@ -81,8 +81,8 @@ class IsolatedProcess:
             where: Whether to ask for the line at which it hangs, which need not be the same every time.
 
         Raises:
-            Stopped: If it took longer, or ended; there is no process then.
-            Refused: If something was raised there.
+            Lost: If it took longer, or ended; there is no process then.
+            Raised: If something was raised there.
         """
         assert self._process.stdin is not None
         seen, since, begun = self.marks.read(), monotonic(), False

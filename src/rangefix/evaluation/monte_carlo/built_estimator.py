@@ -29,7 +29,7 @@ class BuiltEstimator(NamedTuple):
     estimator: Estimator[Any]
 
     @classmethod
-    def of(cls, trial: Trial, builder: Builder, at: At = silent) -> BuiltEstimator:
+    def build(cls, trial: Trial, builder: Builder, at: At = silent) -> BuiltEstimator:
         """The one that a builder makes; whatever the builder raises comes out.
 
         Args:
@@ -40,7 +40,7 @@ class BuiltEstimator(NamedTuple):
         if isinstance(builder, NamedEstimator):
             factory = builder.factory()
             at("building it", 0)
-            return cls(trial, builder.made(factory, trial.problem))
+            return cls(trial, builder.build_with(factory, trial.problem))
         at("building it", 0)
         return cls(trial, builder(trial.problem))
 

@@ -40,7 +40,7 @@ class GuardedEstimator:
     _probes: dict[bytes, Probe | None] = field(default_factory=dict)
 
     @classmethod
-    def over(cls, trial: Trial, builder: Builder, timeout: float) -> GuardedEstimator:
+    def of(cls, trial: Trial, builder: Builder, timeout: float) -> GuardedEstimator:
         """A guard over the estimator that a builder makes; whatever pickling them raises comes out."""
         return cls(to_pickle((trial, builder)), trial.problem.space.size, timeout)
 
@@ -51,15 +51,15 @@ class GuardedEstimator:
         killed from outside, and is tried twice.
 
         Raises:
-            Refused: If importing or building it raises.
-            Stopped: If that takes too long, or ends the process.
+            Raised: If importing or building it raises.
+            Lost: If that takes too long, or ends the process.
         """
         if self._unbuilt is not None:
             raise self._unbuilt
         if self._child is None:
             child = IsolatedProcess()
             try:
-                child.ask("build", (BuiltEstimator.of, self.content), lambda count: BUILD + self.timeout)
+                child.ask("build", (BuiltEstimator.build, self.content), lambda count: BUILD + self.timeout)
             except (Raised, Lost) as error:
                 child.kill()
                 self._ends += isinstance(error, Lost) and error.status == "error"
@@ -102,7 +102,7 @@ class GuardedEstimator:
         return self._probes[known]
 
     def time(self, measurement: Array) -> dict[str, Any]:
-        """What `Contestant.time` gives, or seconds None if that takes too long."""
+        """What `BuiltEstimator.time` gives, or seconds None if that takes too long."""
         try:
             limit = FIRST_RUNS_EXTRA_S + 20 * self.timeout
             answer: dict[str, Any] = self._ask("time", (measurement,), lambda count: limit)
@@ -113,12 +113,12 @@ class GuardedEstimator:
     def run(self, measurement: Array, first: int, first_two: Array, truth: Array | None = None) -> Outcome:
         """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
 
-        A batch may last as long as a trial, or SLACK times what two runs took for each of its runs. A batch
-        that hangs is done again run by run; one that ended the process is first done again as it was, for
-        the process may have been killed from outside.
+        A batch may last as long as a trial, or BATCH_TIME_FACTOR times what two runs took for each of its
+        runs. A batch that hangs is done again run by run; one that ended the process is first done again as it
+        was, for the process may have been killed from outside.
 
         Raises:
-            Refused, Stopped: If the estimator cannot be built.
+            Raised, Lost: If the estimator cannot be built.
         """
         runs, probe = len(measurement), self.probe(first_two)
         step = runs if probe is None else max(1, probe.size)

@@ -100,7 +100,7 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
         problem,
         experiment.seed,
         experiment.block,
-        experiment.moves.tolist(),
+        experiment.control_sequence.tolist(),
         None if experiment.start is None else np.asarray(experiment.start, dtype=float).tolist(),
         source_digest(PACKAGE, NUMERIC),
         {name: version_of(name) for name in LIBRARIES},
@@ -116,7 +116,7 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
             source = plugin_source(builder, of_module)
         except Exception:  # its trials will say what is wrong
             source = "not found"
-        trials[label] = hash_of(world, who, source, experiment.limit(label), experiment.beliefs)
+        trials[label] = hash_of(world, who, source, experiment.timeout_of(label), experiment.beliefs)
     return world, trials
 
 

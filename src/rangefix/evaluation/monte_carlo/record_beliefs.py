@@ -35,8 +35,8 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
         key: What the beliefs depend on; pictures with the same key are left as they are.
     """
     path = folder / FILE
-    turning = experiment.told.space.is_angle.any()
-    if not (turning and isinstance(experiment.told.motion, Stationary)):
+    turning = experiment.assumed_problem.space.is_angle.any()
+    if not (turning and isinstance(experiment.assumed_problem.motion, Stationary)):
         path.unlink(missing_ok=True)
         return
     key = hash_of(key, SHOWN_RUN, IMAGE_DRAWS, PIXELS, BINS)
@@ -49,12 +49,12 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
 
 
 def _pictures(experiment: Experiment) -> Iterator[Picture]:
-    problem = experiment.told
+    problem = experiment.assumed_problem
     measurement = simulate(experiment, SHOWN_RUN, SHOWN_RUN + 1).measurement
     seen = np.where(experiment.masks()[-1], measurement, np.nan)
     for label, builder in experiment.estimators.items():
-        ours = isinstance(builder, NamedEstimator) and builder.ours
-        if experiment.limit(label) is not None and not ours:
+        ours = isinstance(builder, NamedEstimator) and builder.is_built_in
+        if experiment.timeout_of(label) is not None and not ours:
             continue  # it may hang or crash, from its building on
         try:
             estimator = builder(problem)
@@ -64,7 +64,7 @@ def _pictures(experiment: Experiment) -> Iterator[Picture]:
             belief = estimator.init(problem.prior, rngs)
             for step in range(experiment.steps):
                 if step:
-                    belief = estimator.predict(belief, experiment.moves[step - 1], rngs)
+                    belief = estimator.predict(belief, experiment.control_sequence[step - 1], rngs)
                 belief = estimator.update(belief, seen[:, step], rngs)
             found = picture(label, estimator, belief, problem.space, problem.sensor.room.bounds)  # type: ignore[attr-defined]
         except (Exception, SystemExit):  # its trials say what is wrong

@@ -28,7 +28,7 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
 
     Its streams are "truth" for the first state, "motion" for the moves and "measurement" for the readings.
     """
-    problem, moves, seed = experiment.truth, experiment.moves, experiment.seed
+    problem, moves, seed = experiment.truth, experiment.control_sequence, experiment.seed
     runs = range(first, end)
     if experiment.start is None:
         starts = np.concatenate([problem.prior.sample(1, rng) for rng in streams(seed, "truth", runs)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
@@ -52,19 +51,19 @@ class Worker:
     @property
     def trial(self) -> Trial:
         """What all estimators are put to."""
-        moves = self.experiment.moves.copy()
+        moves = self.experiment.control_sequence.copy()
         moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
-        return Trial(self.experiment.told, moves, self.experiment.seed)
+        return Trial(self.experiment.assumed_problem, moves, self.experiment.seed)
 
     def contestant(self, label: str) -> BuiltEstimator:
         """The estimator, in this process.
 
         Raises:
-            Unbuilt: With what its builder raised.
+            BuildFailure: With what its builder raised.
         """
         if label not in self.built:
             try:
-                self.built[label] = BuiltEstimator.of(self.trial, self.experiment.estimators[label])
+                self.built[label] = BuiltEstimator.build(self.trial, self.experiment.estimators[label])
             except (Exception, SystemExit) as error:  # a plug-in may raise anything
                 text = one_line(error) + plugin_line(error.__traceback__)
                 self.built[label] = self._unbuilt(label, Raised(type(error).__name__, text))
@@ -77,15 +76,13 @@ class Worker:
         """The estimator in a process of its own; those of other estimators are ended.
 
         Raises:
-            Unbuilt: If it cannot be sent, or built, there.
+            BuildFailure: If it cannot be sent, or built, there.
         """
         for other in self.guards.keys() - {label}:
             self.guards[other].close()
         if label not in self.guards:
             try:
-                self.guards[label] = GuardedEstimator.over(
-                    self.trial, self.experiment.estimators[label], limit
-                )
+                self.guards[label] = GuardedEstimator.of(self.trial, self.experiment.estimators[label], limit)
             except Exception as error:  # whatever refuses to be pickled
                 text = f"it cannot be sent to a process of its own: {type(error).__name__}: {one_line(error)}"
                 raise BuildFailure(f"{text}; timeout 0 runs it in this one") from None
@@ -108,21 +105,17 @@ class Worker:
         for guard in self.guards.values():
             guard.close()
 
-    def seen(self, beams: int, measurement: Array) -> Array:
-        """Measurements as a set of beams shows them: NaN for the others."""
-        return np.where(self.experiment.masks()[beams], measurement, np.nan)
-
-    def first_two(self, beams: int) -> Array:
+    def probe_measurement(self, beams: int) -> Array:
         """Measurements of runs 0 and 1, which size batches the same way in all processes."""
         if self.first is None:
             self.first = simulate(self.experiment, 0, 2).measurement
-        return self.seen(beams, self.first)
+        return self.experiment.masked(self.first, beams)
 
     def work(self, task: Task, world: Simulation, note: Note = silent) -> dict[str, NDArray[Any]]:
         """The part of a task whose runs are given; `note` hears what is about to be done."""
-        seen = self.seen(task.beams, world.measurement)
+        seen = self.experiment.masked(world.measurement, task.beams)
         truth = world.truth if self.experiment.beliefs else None
-        size = self.experiment.told.space.size
+        size = self.experiment.assumed_problem.space.size
         try:
             outcome = self._outcome(task, seen, truth, note)
         except BuildFailure as unbuilt:
@@ -130,32 +123,32 @@ class Worker:
         except (Raised, Lost) as error:  # it was built, and cannot be built again
             again = self._unbuilt(task.estimator, error)
             outcome = failed_outcome(seen.shape, size, again.status, str(again))
-        return part_arrays(outcome, evidence_floor(self.experiment.told.sensor, seen))
+        return part_arrays(outcome, evidence_floor(self.experiment.assumed_problem.sensor, seen))
 
     def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:
         label, beams = task.estimator, task.beams
-        limit = self.experiment.limit(label)
+        limit = self.experiment.timeout_of(label)
         if limit is not None:
-            return self.guard(label, limit).run(seen, task.first, self.first_two(beams), truth)
+            return self.guard(label, limit).run(seen, task.first, self.probe_measurement(beams), truth)
         contestant = self.contestant(label)
         if (label, beams) not in self.sizes:
-            size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
+            size = batch_size(contestant.trial, contestant.estimator, self.probe_measurement(beams))
             self.sizes[label, beams] = size
         return contestant.run(seen, task.first, self.sizes[label, beams], truth, note)
 
     def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
         row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
-        seen, limit = self.seen(beams, measurement), self.experiment.limit(label)
+        seen, limit = self.experiment.masked(measurement, beams), self.experiment.timeout_of(label)
         if not len(seen):
             return row
         try:
             if limit is None:
                 contestant = self.contestant(label)
-                size = batch_size(contestant.trial, contestant.estimator, self.first_two(beams))
+                size = batch_size(contestant.trial, contestant.estimator, self.probe_measurement(beams))
                 return row | contestant.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
             guard = self.guard(label, limit)
-            probe = guard.probe(self.first_two(beams))
+            probe = guard.probe(self.probe_measurement(beams))
             size = 1 if probe is None else probe.size
             return row | guard.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
         except (BuildFailure, Raised, Lost):

@@ -43,7 +43,7 @@ class World:
     warnings: tuple[str, ...] = ()
 
     @property
-    def told(self) -> Problem:
+    def assumed_problem(self) -> Problem:
         """The problem as the estimators know it."""
         return self.truth if self.assumed is None else self.assumed
 
@@ -65,7 +65,7 @@ def check_world(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -
     world = None
     if truth is not None and motion is not None:
         world = World(truth, assumed, drive, motion.controls(drive), start)
-    warnings = _estimators(sections.get("estimators", []), world.told if world else None, mistakes)
+    warnings = _estimators(sections.get("estimators", []), world.assumed_problem if world else None, mistakes)
     return replace(world, warnings=warnings) if world else None
 
 
