@@ -23,12 +23,12 @@ BUILT_IN = {
     "point-mass": "rangefix.filters.point_mass:PointMassFilter",
     "adaptive-point-mass": "rangefix.filters.adaptive:AdaptivePointMassFilter",
     "particle": "rangefix.filters.particle:ParticleFilter",
-    "ekf": "rangefix.filters.kalman:BatchExtendedKalmanFilter",
-    "ukf": "rangefix.filters.kalman:BatchUnscentedKalmanFilter",
+    "ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
+    "ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",
     "ckf": "rangefix.filters.kalman:cubature",
     "enkf": "rangefix.filters.kalman:EnsembleKalmanFilter",
-    "filterpy-ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
-    "filterpy-ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",
+    "filterpy-ekf": "rangefix.filters.kalman:FilterpyExtendedKalmanFilter",
+    "filterpy-ukf": "rangefix.filters.kalman:FilterpyUnscentedKalmanFilter",
 }
 
 

@@ -114,8 +114,8 @@ class GuardedEstimator:
         """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
 
         A batch may last as long as a trial, or BATCH_TIME_FACTOR times what two runs took for each of its
-        runs. A batch that hangs is done again run by run; one that ended the process is first done again as it
-        was, for the process may have been killed from outside.
+        runs. A batch that hangs is done again run by run; one that ended the process is first done again as
+        it was, for the process may have been killed from outside.
 
         Raises:
             Raised, Lost: If the estimator cannot be built.
