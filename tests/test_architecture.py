@@ -14,7 +14,7 @@ import rangefix
 
 ROOT = Path(rangefix.__file__).parent
 ON_TOP = {"cli", "__main__"}
-GROUND = {"errors"}
+GROUND = {"arrays", "errors", "extensions", "raster"}
 MAY_IMPORT = {
     "maps": {"maps"} | GROUND,
     "filters": {"filters"} | GROUND,
@@ -122,7 +122,8 @@ maps.mesh maps.floor_plan maps.rectangle
 maps.free_space
 maps.mesh_files maps.walls maps.polygon
 maps._open3d maps.base
-errors rangefix
+raster extensions
+arrays errors rangefix
 """
 RANKS = {
     "rangefix" if each == "rangefix" else f"rangefix.{each}": rank

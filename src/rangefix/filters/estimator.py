@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
@@ -133,3 +133,38 @@ def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generat
     if not np.isfinite(draws).all():
         raise ValueError("sample() gave numbers that are not finite")
     return draws
+
+
+def filtered(
+    estimator: Estimator[Belief],
+    prior: Prior,
+    controls: Sequence[Array] | Array,
+    measurements: Sequence[Array] | Array,
+    rngs: Sequence[Generator],
+    announce: Callable[[str, int], None] = lambda verb, step: None,
+) -> Iterator[tuple[str, int, Belief]]:
+    """Filter a recording: the one loop over the steps of a run.
+
+    Args:
+        estimator: The estimator.
+        prior: Where the object may be at first.
+        controls: The moves between the measurements, T - 1 of (k,) or (M, k); or T, from before the first.
+        measurements: T measurements (M, B), m.
+        rngs: One generator for each of the M runs.
+        announce: Told the verb and the step before each verb is called.
+
+    Yields:
+        The verb ("init", "predict" or "update"), the step from 0, and the belief after it.
+    """
+    lead = len(measurements) - len(controls)
+    announce("init", 0)
+    belief = estimator.init(prior, rngs)
+    yield "init", 0, belief
+    for step, measurement in enumerate(measurements):
+        if step >= lead:
+            announce("predict", step)
+            belief = estimator.predict(belief, controls[step - lead], rngs)
+            yield "predict", step, belief
+        announce("update", step)
+        belief = estimator.update(belief, measurement, rngs)
+        yield "update", step, belief
