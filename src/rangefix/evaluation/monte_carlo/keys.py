@@ -5,10 +5,15 @@ from __future__ import annotations
 import datetime
 import importlib.util
 import inspect
-from collections.abc import Callable
+import io
+import pickle
+import sys
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -19,30 +24,17 @@ from ..isolation import to_pickle
 from ..results import hash_of
 from .environment import LIBRARIES, PACKAGE, version_of
 
-NUMERIC = (
-    "maps",
-    "filters",
-    "errors.py",
-    "evaluation/experiment.py",
-    "evaluation/seeds.py",
-    "evaluation/isolation",
-    "evaluation/study",
-    "evaluation/results",
-    "evaluation/consistency",
-    "evaluation/monte_carlo",
-)
+# All of this package is in a key but these, which only show numbers: a new module is in it unless named here.
+EXEMPT = ("cli", "evaluation/report", "evaluation/figures", "evaluation/paper", "evaluation/drawing.py")
 
 
-def source_digest(root: Path, inside: tuple[str, ...] = ("",)) -> str:
-    """SHA-256 of the Python files of a package, or of the named folders and files of it."""
-    files = [
-        file
-        for name in inside
-        for file in ([root / name] if name.endswith(".py") else (root / name).rglob("*.py"))
-    ]
+def source_digest(root: Path, exempt: Collection[str] = ()) -> str:
+    """SHA-256 of the Python files of a package, but for some folders and files of it."""
     hashed = sha256()
-    for file in sorted(files):
-        hashed.update(f"{file.relative_to(root).as_posix()}\n".encode() + file.read_bytes())
+    for file in sorted(root.rglob("*.py")):
+        name = file.relative_to(root)
+        if not any(name.is_relative_to(other) for other in exempt):
+            hashed.update(f"{name.as_posix()}\n".encode() + file.read_bytes())
     return hashed.hexdigest()
 
 
@@ -51,6 +43,29 @@ def _identity(thing: object) -> str:
         return sha256(to_pickle(thing)).hexdigest()
     except Exception:  # what cannot be pickled is never the same again
         return f"unpicklable {id(thing)} {datetime.datetime.now().isoformat()}"
+
+
+class _Modules(pickle.Pickler):
+    """Notes the modules of the classes and functions of all that it pickles."""
+
+    def __init__(self) -> None:
+        super().__init__(io.BytesIO())
+        self.names: set[str] = set()
+
+    def reducer_override(self, thing: object) -> Any:
+        """Pickle as usual."""
+        self.names.add((thing if isinstance(thing, type | FunctionType) else type(thing)).__module__)
+        return NotImplemented
+
+
+def _world_source(experiment: Experiment) -> dict[str, str]:
+    """The source of other packages that the world is made of: maps, motions, sensors and their sections."""
+    modules = _Modules()
+    with suppress(Exception):  # what cannot be pickled has no identity either
+        modules.dump((experiment.truth, experiment.assumed))
+    known = {PACKAGE.name, *LIBRARIES, *sys.stdlib_module_names}
+    names = {name.partition(".")[0] for name in (*modules.names, *experiment.sources)}
+    return {name: _module_source(name) for name in sorted(names - known)}
 
 
 def plugin_source(builder: Builder, of_module: Callable[[str], str] | None = None) -> str:
@@ -67,12 +82,7 @@ def plugin_source(builder: Builder, of_module: Callable[[str], str] | None = Non
             return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
         return of_module(module_of(builder.name))
     module = inspect.getmodule(target)
-    file = getattr(module, "__file__", None)
-    if module is None or file is None:
-        return ""
-    if module.__name__ == "__main__":
-        return sha256(Path(file).read_bytes()).hexdigest()
-    return of_module(module.__name__)
+    return "" if module is None else of_module(module.__name__)
 
 
 def _module_source(module: str) -> str:
@@ -80,6 +90,9 @@ def _module_source(module: str) -> str:
     top = module.partition(".")[0]
     if top == PACKAGE.name:
         return ""
+    if top == "__main__":
+        file = getattr(sys.modules[top], "__file__", None)
+        return sha256(Path(file).read_bytes()).hexdigest() if file else ""
     spec = importlib.util.find_spec(top)
     if spec is None:
         return "not found"
@@ -102,7 +115,8 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
         experiment.block,
         experiment.control_sequence.tolist(),
         None if experiment.start is None else np.asarray(experiment.start, dtype=float).tolist(),
-        source_digest(PACKAGE, NUMERIC),
+        source_digest(PACKAGE, EXEMPT),
+        _world_source(experiment),
         {name: version_of(name) for name in LIBRARIES},
     )
     trials, of_module = {}, cache(_module_source)
@@ -122,8 +136,8 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
 
 def code_fingerprint(experiment: Experiment) -> dict[str, str | None]:
     """What must be the same on all machines that compute: our source, the libraries and the plug-ins."""
-    prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, NUMERIC)}
-    prints |= {name: version_of(name) for name in LIBRARIES}
+    prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, EXEMPT)}
+    prints |= {name: version_of(name) for name in LIBRARIES} | _world_source(experiment)
     for label, builder in experiment.estimators.items():
         try:
             prints[f"estimator {label!r}"] = plugin_source(builder)

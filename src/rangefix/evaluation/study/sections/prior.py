@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -122,6 +122,7 @@ class PriorSection(Section):
 class UniformPrior(PriorSection):
     """Uniform over free space: of the whole map, of a box, or of a box of a size where most space is free."""
 
+    alternatives: ClassVar = (frozenset({"lower_m", "upper_m", "size_m"}),)
     kind: Literal["uniform"] = "uniform"
     lower_m: Point | None = Field(default=None, description="lower corner of the box")
     upper_m: Point | None = Field(default=None, description="upper corner of the box")
@@ -188,6 +189,7 @@ class CentredPrior(PriorSection):
 class MixturePrior(Section):
     """One of several priors, by chance."""
 
+    alternatives: ClassVar = (frozenset({"parts", "weights"}),)
     kind: Literal["mixture"]
     parts: Annotated[
         list[Annotated[UniformPrior | CentredPrior, Field(discriminator="kind")]], Field(min_length=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -115,6 +115,7 @@ AnyNoise = Annotated[
 class SensorSection(Section):
     """A rangefinder: its beams, clockwise from straight ahead, and its noise."""
 
+    alternatives: ClassVar = (frozenset({"std_m", "noise"}), frozenset({"bearings_deg", "resolution_deg"}))
     bearings_deg: Annotated[list[float], Field(min_length=1)] | None = None
     resolution_deg: Positive | None = None
     blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
