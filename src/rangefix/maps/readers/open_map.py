@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...errors import one_line
 from ...extensions import extensions
 from ..base import MapError
 from ..floor_plan import FloorPlan
@@ -70,11 +70,15 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     if path is not None and kind in READERS:
         return _read(path, kind, options)
     if kind not in WRITTEN:
-        raise MapError(f"no map of kind {kind!r}; there are {', '.join({*WRITTEN, *READERS})}")
+        kinds = ", ".join(dict.fromkeys([*WRITTEN, *READERS]))
+        raise MapError(
+            f"no path of a {kind}" if kind in READERS else f"no map of kind {kind!r}; there are {kinds}"
+        )
     try:
         return WRITTEN[kind](**options)
-    except TypeError as error:
-        raise MapError(f"a {kind} map: {one_line(error)}") from None
+    except TypeError:
+        takes = ", ".join(inspect.signature(WRITTEN[kind]).parameters)
+        raise MapError(f"a {kind} map takes {takes}, got {', '.join(options) or 'nothing'}") from None
 
 
 def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:
