@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from rangefix.evaluation import Study, parse_study, study_names
 from rangefix.evaluation.study.sections import SensorSection
-from rangefix.evaluation.study.sections.kinds import kinds_of
+from rangefix.evaluation.study.sections.base import kinds_of
 
 PAGE = Path(__file__).parents[3] / "docs" / "studies.md"
 if not PAGE.is_file():  # a source distribution has it, an installed package has not

@@ -57,9 +57,9 @@ def test_one_grammar(tmp_path, off):
     [
         ("room:4", "a room is given as room:WIDTHxLENGTH in metres, got 'room:4'"),
         ("room:-4x6", "width must be positive"),
-        ({"kind": "cube"}, "no map of kind 'cube'; there are "),
-        ({"kind": "mesh"}, "no path of a mesh"),
-        ({"kind": "rectangle", "width_m": 1.0}, "a rectangle map takes width, length, got width"),
+        ({"kind": "cube"}, "no map of kind 'cube' without a file of it; there are rectangle, floor-plan"),
+        ({"kind": "mesh"}, "no map of kind 'mesh' without a file"),
+        ({"kind": "rectangle", "width_m": 1.0}, "a room has `width` and `length`; found width"),
         ({"kind": "mesh", "path": "plan.toml"}, "no mesh of type '.toml'; there are .ply"),
     ],
 )

@@ -8,9 +8,8 @@ import inspect
 import io
 import pickle
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from contextlib import suppress
-from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from types import FunctionType
@@ -68,21 +67,16 @@ def _world_source(experiment: Experiment) -> dict[str, str]:
     return {name: _module_source(name) for name in sorted(names - known)}
 
 
-def plugin_source(builder: Builder, of_module: Callable[[str], str] | None = None) -> str:
-    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours.
-
-    `of_module` digests the package of a module; several builders of one package may share one that remembers.
-    """
-    of_module = of_module or _module_source
-    target: Any = builder
+def plugin_source(builder: Builder) -> str:
+    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours."""
     if isinstance(builder, NamedEstimator):
         where = builder.name.rpartition(":")[0]
         if where.endswith(".py"):
             path = Path(where)
             return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-        return of_module(module_of(builder.name))
-    module = inspect.getmodule(target)
-    return "" if module is None else of_module(module.__name__)
+        return _module_source(module_of(builder.name))
+    module = inspect.getmodule(builder)
+    return "" if module is None else _module_source(module.__name__)
 
 
 def _module_source(module: str) -> str:
@@ -119,7 +113,7 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
         _world_source(experiment),
         {name: version_of(name) for name in LIBRARIES},
     )
-    trials, of_module = {}, cache(_module_source)
+    trials = {}
     for label, builder in experiment.estimators.items():
         who = (
             [builder.name, dict(builder.options)]
@@ -127,7 +121,7 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
             else _identity(builder)
         )
         try:
-            source = plugin_source(builder, of_module)
+            source = plugin_source(builder)
         except Exception:  # its trials will say what is wrong
             source = "not found"
         trials[label] = hash_of(world, who, source, experiment.timeout_of(label), experiment.beliefs)

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from ...errors import one_line, suggestion
 from .sections import Misfit
-from .sections.kinds import kinds_of
+from .sections.base import kinds_of
 from .toml_lines import Path, line_of
 
 T = TypeVar("T")
@@ -94,23 +94,24 @@ class Mistakes:
 
     def add_all(self, error: ValidationError, raw: dict[str, Any], model: type[BaseModel]) -> None:
         """Note what pydantic found in the keys of a study; what [assumed] inherits is told once."""
-        errors = error.errors(include_url=False)
-        paths = [_real_path(each, raw) for each in errors]
+        faults = error.errors(include_url=False)
+        places = [_place(fault, raw, model) for fault in faults]
         misspelt = {
-            (*each["loc"][:-1], close) for each in errors if each["type"] == "extra_forbidden"
-            for close in get_close_matches(str(each["loc"][-1]), _names(model, each["loc"]), n=1)
+            (*fault["loc"][:-1], meant) for fault, (_, inner) in zip(faults, places, strict=True)
+            if fault["type"] == "extra_forbidden"
+            for meant in get_close_matches(str(fault["loc"][-1]), _keys(inner), n=1)
         }  # fmt: skip
         told: list[tuple[Path, str]] = []
-        for each, path in zip(errors, paths, strict=True):
-            form = "float_type" if isinstance(each["input"], list) else "list_type"
-            if each["type"] == form and sum(other[: len(path)] == path for other in paths) > 1:
+        for fault, (path, inner) in zip(faults, places, strict=True):
+            form = "float_type" if isinstance(fault["input"], list) else "list_type"
+            if fault["type"] == form and sum(other[: len(path)] == path for other, _ in places) > 1:
                 continue  # the other form that the key might have had
-            if each["type"] == "missing" and each["loc"] in misspelt:
+            if fault["type"] == "missing" and fault["loc"] in misspelt:
                 continue  # the unknown key says so
-            if each["type"].startswith("union_tag") and len(path) == 1 + (path[0] == "assumed"):
+            if fault["type"].startswith("union_tag") and len(path) == 1 + (path[0] == "assumed"):
                 path = (*path, "kind")
-            text = _sentence(each, path, model)
-            if isinstance(misfit := each.get("ctx", {}).get("error"), Misfit):
+            text = _sentence(fault, path, inner)
+            if isinstance(misfit := fault.get("ctx", {}).get("error"), Misfit):
                 path = (*path, *misfit.path)
             told.append((path, text))
         for path, text in told:
@@ -132,47 +133,41 @@ def dotted(path: Path) -> str:
     return text
 
 
-def _real_path(error: Any, raw: Any) -> Path:
-    """Where a mistake is, without the names of types and kinds that pydantic puts in between."""
+def _place(error: Any, raw: Any, model: type[BaseModel]) -> tuple[Path, type[BaseModel]]:
+    """The key where a mistake is, and the model that has it; pydantic names types and kinds in between."""
     path: Path = ()
-    parts, missing = list(error["loc"]), error["type"] == "missing"
-    for i, part in enumerate(parts):
-        known = raw if isinstance(raw, dict) else range(len(raw)) if isinstance(raw, list) else ()
-        if part in known:
-            raw = raw[part]
-        elif i < len(parts) - 1 or not missing:
-            continue
-        path = (*path, part)
-    return path
-
-
-def innermost(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
-    """The model that the last part of a location is a key of: pydantic names the kinds on the way."""
     kinds: Mapping[str, type[BaseModel]] = {}
-    for part in loc[:-1]:
+    *around, last = error["loc"]
+    for part in around:
         if part in kinds:
-            model, kinds = kinds[str(part)], {}
+            model, kinds = kinds[part], {}
         elif part in model.model_fields:
-            kinds = kinds_of(model.model_fields[str(part)].annotation)
+            kinds = kinds_of(model.model_fields[part].annotation)
             model = kinds.get("", model)
-    return model
+        if _holds(raw, part):
+            path, raw = (*path, part), raw[part]
+    return (*path, last) if _holds(raw, last) or error["type"] == "missing" else path, model
 
 
-def _names(model: type[BaseModel], loc: Sequence[int | str]) -> list[str]:
-    """The keys that might stand at the end of a location."""
-    return [entry.alias or name for name, entry in innermost(model, loc).model_fields.items()]
+def _holds(raw: Any, part: Any) -> bool:
+    return part in (raw if isinstance(raw, dict) else range(len(raw)) if isinstance(raw, list) else ())
+
+
+def _keys(model: type[BaseModel]) -> list[str]:
+    """The keys of a section as a file has them."""
+    return [entry.alias or name for name, entry in model.model_fields.items()]
 
 
 def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
     """What is wrong and how to fix it."""
-    kind, value, fields = error["type"], error["input"], innermost(model, error["loc"]).model_fields
-    context = error.get("ctx", {})
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    fields = model.model_fields
     key = next((part for part in reversed(error["loc"]) if part in fields), "")
     hint = fields[key].description if key else None
     kinds = kinds_of(fields[key].annotation) if key else {}
     example = f" ({hint})" if hint else ""
     if kind == "extra_forbidden":
-        return f"unknown key; {suggestion(str(path[-1]), _names(model, error['loc']))}"
+        return f"unknown key; {suggestion(str(path[-1]), _keys(model))}"
     if kind == "missing":
         return f"is missing: {hint}" if len(path) == 1 else f"is missing{example}"
     if kind == "value_error":
@@ -187,8 +182,7 @@ def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
         return "must be tables, for example [assumed.sensor]"
     if kind.startswith("model") and all(isinstance(part, str) for part in path):
         first = next(iter(kinds), "")
-        return f"must be a table [{dotted(path)}]" + (
-            f' with, for example, kind = "{first}"' if first else ""
-        )
+        example = f' with, for example, kind = "{first}"' if first else ""
+        return f"must be a table [{dotted(path)}]{example}"
     said = FORMS[kind].format(**context) if kind in FORMS else str(error["msg"])
     return f"{said}, got {value!r}{example}"

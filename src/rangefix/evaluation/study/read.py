@@ -16,7 +16,7 @@ from ...maps.readers import kind_of, map_table
 from .build import build_world
 from .mistakes import Mistakes, StudyError
 from .sections import Section
-from .sections.kinds import kinds_of
+from .sections.base import kinds_of
 from .study import Study
 from .toml_lines import Path as Key
 from .toml_lines import key_lines
@@ -107,8 +107,8 @@ def parse_study(
 def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     """The mistake, with the line where others have it."""
     text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
-    if found := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
-        return f"{source}:{found[2]}: not TOML: {found[1]} ({found[3]})"
+    if place := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
+        return f"{source}:{place[2]}: not TOML: {place[1]} ({place[3]})"
     return f"{source}: not TOML: {text}"
 
 
@@ -177,7 +177,7 @@ def _validated(raw: dict[str, Any], mistakes: Mistakes) -> Study:
         return Study.model_validate(raw)
     except ValidationError as error:
         mistakes.add_all(error, raw, Study)
-        wrong = {each["loc"][:length] for each in error.errors() for length in (1, 2)}
+        wrong = {fault["loc"][:length] for fault in error.errors() for length in (1, 2)}
     sound = {key: value for key, value in raw.items() if key in Study.model_fields and (key,) not in wrong}
     if isinstance(entries := raw.get("estimators"), list) and entries:
         sound["estimators"] = [

@@ -29,7 +29,7 @@ from .sections import (
     TruthSection,
     UniformPrior,
 )
-from .sections.kinds import with_extensions
+from .sections.base import with_extensions
 
 if not TYPE_CHECKING:
     AnyMap = with_extensions(MapSection, AnyMap, "rangefix.maps")
@@ -111,9 +111,10 @@ class Study(Section):
         """
         if self._world is None:
             mistakes = Mistakes(self.name)
-            self._world = build_world(self, mistakes)
+            world = build_world(self, mistakes)
             mistakes.check()
-            assert self._world is not None  # else there would be a mistake
+            self._world = world
+        assert self._world is not None  # else there would be a mistake
         return self._world
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Study:

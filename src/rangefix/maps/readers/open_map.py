@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
 from ..mesh_files import MESHES, PathLike, existing
 from ..rectangle import RectangularRoom
-from .plan_files import PLANS, read_plan
+from .plan_files import PLANS, plan_of, read_plan
 
 GROUP = "rangefix.maps"  # entry points: sections of a study that build maps, see `evaluation/study/sections`
 
@@ -40,7 +39,6 @@ READERS = {  # by the kind that a study calls such a map
     "mesh": Reader(MESHES, MeshRoom.load, ("reachable_from", "resolution", "sensor_height"), HEIGHT),
     "floor-plan": Reader(PLANS, read_plan),
 }
-WRITTEN = {"rectangle": RectangularRoom, "floor-plan": FloorPlan}  # kinds that need no file
 
 
 def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **options: Any) -> Any:
@@ -63,22 +61,15 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     if path is not None:
         path = existing(Path(folder) / path)
         kind = kind or kind_of(path)
-    if kind not in WRITTEN and kind in extensions(GROUP):
+    if kind in extensions(GROUP):
         section: Any = extensions(GROUP)[kind]
         return section.model_validate({"kind": kind, **table, **options}).build(Path(folder))
     options |= {key.removesuffix("_m"): value for key, value in table.items() if key != "path"}
-    if path is not None and kind in READERS:
-        return _read(path, kind, options)
-    if kind not in WRITTEN:
-        kinds = ", ".join(dict.fromkeys([*WRITTEN, *READERS]))
-        raise MapError(
-            f"no path of a {kind}" if kind in READERS else f"no map of kind {kind!r}; there are {kinds}"
-        )
-    try:
-        return WRITTEN[kind](**options)
-    except TypeError:
-        takes = ", ".join(inspect.signature(WRITTEN[kind]).parameters)
-        raise MapError(f"a {kind} map takes {takes}, got {', '.join(options) or 'nothing'}") from None
+    if path is None and kind in (None, "rectangle", "floor-plan"):
+        return plan_of(options)
+    if path is None or kind not in READERS:
+        raise MapError(f"no map of kind {kind!r} without a file of it; there are rectangle, floor-plan")
+    return _read(path, kind, options)
 
 
 def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:

@@ -53,15 +53,26 @@ def read_plan(path: Path) -> RectangularRoom | FloorPlan:
     try:
         text = path.read_text(encoding="utf-8")
         content = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
+        return plan_of(content)
+    except MapError as error:
+        raise MapError(f"{path}: {one_line(error)}") from error
     except (ValueError, RecursionError) as error:  # of decoding, of TOML and of JSON alike
         raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({one_line(error)})") from error
+
+
+def plan_of(content: Any) -> RectangularRoom | FloorPlan:
+    """The room or floor plan of the keys of a file.
+
+    Raises:
+        MapError: If keys are missing or unknown, or the map cannot be.
+    """
     keys = set(content) if isinstance(content, dict) else set()
     try:
         if keys == ROOM:
             return RectangularRoom(**content)
         if "outer" in keys and keys <= PLAN:
             return FloorPlan(**content)
-    except (MapError, TypeError) as error:
-        raise MapError(f"{path}: {one_line(error)}") from error
+    except TypeError as error:
+        raise MapError(one_line(error)) from error
     expected = "a floor plan has `outer` with optional `holes` and `walls`, a room has `width` and `length`"
-    raise MapError(f"{path}: {expected}; found {', '.join(sorted(keys)) or 'none of them'}")
+    raise MapError(f"{expected}; found {', '.join(sorted(keys)) or 'none of them'}")

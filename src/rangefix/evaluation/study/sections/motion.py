@@ -90,10 +90,10 @@ class RandomWalkMotion(WalledMotion):
 
     def free(self, space: StateSpace) -> RandomWalk:
         """The motion without walls."""
-        one, two = np.broadcast_to(self.std_m, (2,)).tolist()
+        along_x1, along_x2 = np.broadcast_to(self.std_m, (2,)).tolist()
         speed = self.velocity_std_m_per_s
         turn = float(np.deg2rad(self.heading_std_deg))
-        stds = {"x1": one, "x2": two, "heading": turn, "v1": speed, "v2": speed}
+        stds = {"x1": along_x1, "x2": along_x2, "heading": turn, "v1": speed, "v2": speed}
         for key, name, fix in (
             ("heading_std_deg", "heading", 'heading = "unknown"'),
             ("velocity_std_m_per_s", "v1", "velocities = true"),
@@ -166,10 +166,8 @@ class OdometryMotion(WalledMotion):
         if "heading" not in space.names:
             raise Misfit("kind", 'odometry needs an unknown heading: write heading = "unknown" in [state]')
         forward, right = np.broadcast_to(self.floor_m, (2,)).tolist()
-        one, two, three, four = self.alphas
-        return Odometry(
-            space, (one, two, three, four), floor=[forward, right, float(np.deg2rad(self.floor_deg))]
-        )
+        a1, a2, a3, a4 = self.alphas
+        return Odometry(space, (a1, a2, a3, a4), floor=[forward, right, float(np.deg2rad(self.floor_deg))])
 
     def drive(self, room: RangeMap) -> Drive:
         """The drive, planned through free space."""
