@@ -84,8 +84,9 @@ def _module_source(module: str) -> str:
     top = module.partition(".")[0]
     if top == PACKAGE.name:
         return ""
-    if top == "__main__":
-        file = getattr(sys.modules[top], "__file__", None)
+    loaded = sys.modules.get(top)
+    if loaded is not None and loaded.__spec__ is None:  # a script, a notebook, or made in memory
+        file = getattr(loaded, "__file__", None)
         return sha256(Path(file).read_bytes()).hexdigest() if file else ""
     spec = importlib.util.find_spec(top)
     if spec is None:
