@@ -69,31 +69,33 @@ def _world_source(experiment: Experiment) -> dict[str, str]:
 
 def plugin_source(builder: Builder) -> str:
     """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours."""
-    if isinstance(builder, NamedEstimator):
-        where = builder.name.rpartition(":")[0]
-        if where.endswith(".py"):
-            path = Path(where)
-            return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    if not isinstance(builder, NamedEstimator):
+        module = inspect.getmodule(builder)
+        return "" if module is None else _module_source(module.__name__)
+    where = builder.name.rpartition(":")[0]
+    if where.endswith(".py"):
+        path = Path(where)
+        return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    with suppress(KeyError, ValueError):  # its trials will say that there is no such estimator
         return _module_source(module_of(builder.name))
-    module = inspect.getmodule(builder)
-    return "" if module is None else _module_source(module.__name__)
+    return "not found"
 
 
 def _module_source(module: str) -> str:
     """SHA-256 of the source of the package or file that holds a module, which is not imported."""
     top = module.partition(".")[0]
+    loaded = sys.modules.get(top)
     if top == PACKAGE.name:
         return ""
-    loaded = sys.modules.get(top)
     if loaded is not None and loaded.__spec__ is None:  # a script, a notebook, or made in memory
         file = getattr(loaded, "__file__", None)
         return sha256(Path(file).read_bytes()).hexdigest() if file else ""
     spec = importlib.util.find_spec(top)
-    if spec is None:
-        return "not found"
-    if folders := list(spec.submodule_search_locations or ()):
-        return source_digest(Path(folders[0]))
-    return sha256(Path(spec.origin or "").read_bytes()).hexdigest()
+    if spec and spec.submodule_search_locations:
+        return source_digest(Path(next(iter(spec.submodule_search_locations))))
+    with suppress(OSError):  # it may lie in an archive
+        return sha256(Path(spec.origin or "").read_bytes()).hexdigest() if spec else "not found"
+    return "not found"
 
 
 def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
@@ -121,11 +123,8 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
             if isinstance(builder, NamedEstimator)
             else _identity(builder)
         )
-        try:
-            source = plugin_source(builder)
-        except Exception:  # its trials will say what is wrong
-            source = "not found"
-        trials[label] = hash_of(world, who, source, experiment.timeout_of(label), experiment.beliefs)
+        limit = experiment.timeout_of(label)
+        trials[label] = hash_of(world, who, plugin_source(builder), limit, experiment.beliefs)
     return world, trials
 
 
@@ -133,9 +132,5 @@ def code_fingerprint(experiment: Experiment) -> dict[str, str | None]:
     """What must be the same on all machines that compute: our source, the libraries and the plug-ins."""
     prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, EXEMPT)}
     prints |= {name: version_of(name) for name in LIBRARIES} | _world_source(experiment)
-    for label, builder in experiment.estimators.items():
-        try:
-            prints[f"estimator {label!r}"] = plugin_source(builder)
-        except Exception:  # it is not there
-            prints[f"estimator {label!r}"] = None
-    return prints
+    builders = experiment.estimators.items()
+    return prints | {f"estimator {label!r}": plugin_source(builder) for label, builder in builders}

@@ -61,7 +61,7 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     if path is not None:
         path = existing(Path(folder) / path)
         kind = kind or kind_of(path)
-    if kind in extensions(GROUP):
+    if kind not in (None, "rectangle", *READERS) and kind in extensions(GROUP):
         section: Any = extensions(GROUP)[kind]
         return section.model_validate({"kind": kind, **table, **options}).build(Path(folder))
     options |= {key.removesuffix("_m"): value for key, value in table.items() if key != "path"}
