@@ -10,11 +10,14 @@ import typer
 
 from .app import GATE_FAILED, INTERRUPTED, NOTHING_RAN, SOME_FAILED, Json, print_json
 
+EXAMPLES = (
+    Path(__file__).parents[1] / "evaluation" / "study" / "examples"
+)  # listed without what a study loads
+OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
+
 
 def run(
-    study: Annotated[
-        str, typer.Argument(help="A study file, or the name of one of ours: paper, point, mesh.")
-    ],
+    study: Annotated[str, typer.Argument(help=f"A study file, or one of ours: {OURS}.")],
     runs: Annotated[int | None, typer.Option(help="Monte Carlo runs, instead of the study's.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the study's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of results; results/STUDY unless given.")] = None,
@@ -24,7 +27,8 @@ def run(
     ] = None,
     resume: Annotated[bool, typer.Option(help="Take parts that are there and whole.")] = True,
     map_path: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Map file, instead of the study's.")
+        str | None,
+        typer.Option("--map", metavar="MAP", help="A map file or room:4x6 (m), instead of the study's map."),
     ] = None,
     gate: Annotated[
         list[str] | None,

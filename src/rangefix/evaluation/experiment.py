@@ -65,6 +65,7 @@ class Experiment:
         name, title, config: What it is called, and the text of its file.
         block: Runs to a part, the unit that is saved and resumed. Blocks start at its multiples.
         identity: What tells this experiment's problem from another's; by pickling the problems unless given.
+        sources: Modules that made the problem, beyond those of its objects; their source is in the keys.
         timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
             limit. None: TRIAL_TIMEOUT_S for plug-ins that are known by name, none for our own estimators and
             for builders that are Python objects.
@@ -88,6 +89,7 @@ class Experiment:
     config: str = ""
     block: int = 500
     identity: str = ""
+    sources: Sequence[str] = ()
     timeout: float | None = None
     beliefs: bool = False
 

@@ -22,13 +22,14 @@ MOST_CELLS = 2_000_000
 class ClearanceGraph:
     """Places that keep clear of walls.
 
-    room: The map.
-    lower: Lower corner of the lattice, m, (2,).
-    cell: Distance between neighbours, m.
-    places: Number of the place in each cell, -1 where there is none, (I, J).
-    centres: x1, x2 of the places, m, (N, 2).
-    graph: Distances between neighbours, straight and diagonal, m, (N, N).
-    areas: Number of the connected area of each place, (N,).
+    Attributes:
+        room: The map.
+        lower: Lower corner of the lattice, m, (2,).
+        cell: Distance between neighbours, m.
+        places: Number of the place in each cell, -1 where there is none, (I, J).
+        centres: x1, x2 of the places, m, (N, 2).
+        graph: Distances between neighbours, straight and diagonal, m, (N, N).
+        areas: Number of the connected area of each place, (N,).
     """
 
     room: RangeMap
@@ -118,15 +119,14 @@ def _graph(room: RangeMap, places: IntArray, centres: Array) -> csr_array[np.flo
     """Distances between neighbouring places, each pair once."""
     from scipy.sparse import coo_array
 
-    one, two = [], []
+    pairs = []
     high, wide = places.shape
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         first = places[: high - down, max(0, -right) : wide - max(0, right)].ravel()
         second = places[down:, max(0, right) : wide + min(0, right)].ravel()
         both = (first >= 0) & (second >= 0)
-        one.append(first[both])
-        two.append(second[both])
-    rows, columns = np.concatenate(one), np.concatenate(two)
+        pairs.append((first[both], second[both]))
+    rows, columns = (np.concatenate(places) for places in zip(*pairs, strict=True))
     free = room.is_free(0.5 * (centres[rows] + centres[columns]))  # a gap may lie between
     rows, columns = rows[free], columns[free]
     lengths = np.hypot(*(centres[rows] - centres[columns]).T)
