@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from numpy.random import Generator
 
 from ..arrays import Array, BoolArray
 from .space import StateSpace
+
+
+class Hits(Protocol):
+    """What a bundle of beams meets; `rangefix.maps.Hits` has this shape."""
+
+    @property
+    def ranges(self) -> Array:
+        """Distances to the first wall, m, (..., B); inf = no wall."""
+        ...
+
+    @property
+    def normals(self) -> Array:
+        """Unit normals of the walls met, towards the rangefinder, (..., B, 2); 0 where no wall is met."""
+        ...
+
+    @property
+    def gradients(self) -> Array:
+        """d range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met."""
+        ...
 
 
 class RangeMap(Protocol):
@@ -17,6 +37,15 @@ class RangeMap(Protocol):
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner in metres, each (2,)."""
+        ...
+
+    @property
+    def segments(self) -> Array:
+        """Walls for pictures as x1a, x2a, x1b, x2b, m, (S, 4); (0, 4) where they are no segments."""
+        ...
+
+    def cast(self, poses: Array, bearings: Array) -> Hits:
+        """Ranges, normals of the walls met and gradients at once, for poses (..., 3) and bearings (B,)."""
         ...
 
     def ranges(self, poses: Array, bearings: Array) -> Array:
@@ -67,6 +96,11 @@ class Sensor(Protocol):
         ...
 
     @property
+    def room(self) -> RangeMap:
+        """The map that its beams are cast into."""
+        ...
+
+    @property
     def bearings(self) -> Array:
         """Beam directions relative to the heading, rad clockwise, (B,)."""
         ...
@@ -76,8 +110,26 @@ class Sensor(Protocol):
         """How readings scatter."""
         ...
 
+    @property
+    def max_range(self) -> float:
+        """Readings beyond it do not come back, m; inf where there is no such limit."""
+        ...
+
+    @property
+    def max_incidence(self) -> float:
+        """Beams that meet a wall at more than that from its normal are lost, rad; pi / 2 = none are."""
+        ...
+
+    @property
+    def gaussian_stds(self) -> Array | None:
+        """Where readings are ranges of the map plus N(0, std^2) and nothing more: the stds, m, (B,)."""
+        ...
+
     def expected(self, states: Array) -> Array:
-        """Ranges without noise: (..., n) -> (..., B) m; inf = no wall."""
+        """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or is lost.
+
+        All else are `room.ranges(space.poses(states), bearings)`: some estimators cast rays themselves.
+        """
         ...
 
     def jacobian(self, states: Array) -> Array:
@@ -97,12 +149,24 @@ class Sensor(Protocol):
         ...
 
     def sample(self, states: Array, rng: Generator) -> Array:
-        """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
+        """One measurement at each state, `read(expected(states), rng)`: (..., n) -> (..., B) m."""
+        ...
+
+    def read(self, expected: Array, rng: Generator) -> Array:
+        """One measurement where these ranges are expected: (..., B) -> (..., B) m.
+
+        NaN for a beam that is not measured, as in a blind sector; inf = no return.
+        """
         ...
 
 
 class Motion(Protocol):
     """How the state moves under a control; (..., n) states, (k,) or (..., k) controls."""
+
+    @property
+    def is_gaussian(self) -> bool:
+        """Whether the law of a move is N(mean, noise_covariance), angles wrapped, and nothing more."""
+        ...
 
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move, (..., n)."""
@@ -118,6 +182,15 @@ class Motion(Protocol):
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The states after one noisy move each, (..., n)."""
+        ...
+
+
+@runtime_checkable
+class CanSampleRuns(Protocol):
+    """The optional method of a motion: `sample` for many runs at once, faster than one after the other."""
+
+    def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
+        """One move of M runs, (M, n), (M, k) -> (M, n); row m is what `sample` draws from rngs[m]."""
         ...
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array
-from ...filters import Prior, Rangefinder
+from ...filters import Prior, Sensor
 
 Scene = Mapping[str, Array]
 PIXELS = 600  # along the longer side of the map
 
 
-def scene(sensor: Rangefinder, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
+def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
     """The scene of a problem as float64 arrays, ready to be saved.
 
     Args:
@@ -40,7 +40,7 @@ def scene(sensor: Rangefinder, prior: Prior, truth: ArrayLike) -> dict[str, Arra
     pose = space.poses(np.asarray(truth, dtype=float))
     corners = [corner[space.position_indices] for corner in prior.support]
     return {
-        "segments": np.asarray(getattr(room, "segments", np.empty((0, 4))), dtype=float),
+        "segments": np.asarray(room.segments, dtype=float),
         "free": room.is_free(np.stack([x1, x2], axis=-1)).astype(float),
         "extent": np.array([lower[0], lower[0] + step * counts[0], lower[1], lower[1] + step * counts[1]]),
         "prior_lower": corners[0],

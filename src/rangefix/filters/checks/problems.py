@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -27,6 +27,14 @@ MOVE_STD = 0.15  # m, of one move
 SEED = 20_260_101
 
 
+class HallHits(NamedTuple):
+    """What beams meet in the hall; satisfies `Hits`."""
+
+    ranges: Array
+    normals: Array
+    gradients: Array
+
+
 @dataclass(frozen=True)
 class Hall:
     """A rectangle about the origin, for poses inside it; satisfies `RangeMap`.
@@ -40,6 +48,12 @@ class Hall:
         """Lower and upper corner, m."""
         return LOWER.copy(), UPPER.copy()
 
+    @property
+    def segments(self) -> Array:
+        """The four walls, (4, 4) m."""
+        (x1, x2), (y1, y2) = LOWER, UPPER
+        return np.array([[x1, x2, y1, x2], [y1, x2, y1, y2], [y1, y2, x1, y2], [x1, y2, x1, x2]])
+
     def is_free(self, points: Array) -> BoolArray:
         """Whether points (..., 2) are in the hall."""
         return np.asarray(((points >= LOWER) & (points <= UPPER)).all(-1), dtype=np.bool_)
@@ -51,13 +65,18 @@ class Hall:
 
     def gradients(self, poses: Array, bearings: Array) -> Array:
         """Derivatives of `ranges` by x1, x2 and heading, (..., B, 3)."""
+        return self.cast(poses, bearings).gradients
+
+    def cast(self, poses: Array, bearings: Array) -> HallHits:
+        """Ranges, normals and gradients at once."""
         ahead, direction = self._walls(poses, bearings)
         side = ahead.argmin(-1)[..., None]
         along = np.take_along_axis(direction, side, -1)
         slope = np.where(np.arange(2) == side, -1.0 / along, 0.0)
         turned = np.stack([direction[..., 1], -direction[..., 0]], -1)
         by_heading = ahead.min(-1) * -np.take_along_axis(turned, side, -1)[..., 0] / along[..., 0]
-        return np.concatenate([slope, by_heading[..., None]], -1)
+        normals = np.where(np.arange(2) == side, -np.sign(direction), 0.0)
+        return HallHits(ahead.min(-1), normals, np.concatenate([slope, by_heading[..., None]], -1))
 
     def _walls(self, poses: Array, bearings: Array) -> tuple[Array, Array]:
         """How far each beam runs to the walls across x1 and across x2, and its direction: (..., B, 2)."""
@@ -99,6 +118,8 @@ class GaussianPrior:
 @dataclass(frozen=True)
 class Shift:
     """x + control + N(0, MOVE_STD^2), the same along x1 and x2; satisfies `Motion`."""
+
+    is_gaussian: bool = True
 
     def mean(self, states: Array, control: Array) -> Array:
         """x + control."""

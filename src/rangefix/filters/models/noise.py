@@ -8,7 +8,8 @@ may come out negative, and its density says how often.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -70,10 +71,14 @@ class Gaussian:
     """
 
     std: ArrayLike
-    stds: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stds", per_beam("noise std", self.std))
+        _ = self.stds  # refuses what does not fit
+
+    @cached_property
+    def stds(self) -> Array:
+        """The standard deviations, m, () or (B,)."""
+        return per_beam("noise std", self.std)
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-1/2 ((y - rho) / std)^2 - log(std sqrt(2 pi)), elementwise; nats."""
@@ -110,17 +115,20 @@ class RangeProportional:
 
     a: ArrayLike
     b: ArrayLike
-    at_zero: Array = field(init=False, repr=False, compare=False)
-    growth: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at_zero", per_beam("noise std a", self.a))
-        object.__setattr__(self, "growth", per_beam("growth b of the noise std", self.b, zero=True))
+        _ = self._line  # refuses what does not fit
+
+    @cached_property
+    def _line(self) -> tuple[Array, Array]:
+        """a and b, () or (B,) each."""
+        return per_beam("noise std a", self.a), per_beam("growth b of the noise std", self.b, zero=True)
 
     def stds(self, expected: ArrayLike) -> Array:
         """a + b |rho| for each expected range, m; a where no wall is expected."""
         expected = np.asarray(expected, dtype=float)
-        return self.at_zero + self.growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
+        at_zero, growth = self._line
+        return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)) with s = a + b |rho|, elementwise; nats."""
@@ -159,12 +167,16 @@ class StudentT:
 
     scale: ArrayLike
     dof: float
-    scales: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scales", per_beam("noise scale", self.scale))
+        _ = self.scales  # refuses what does not fit
         if not 0 < self.dof < np.inf:
             raise ValueError(f"degrees of freedom must be positive and finite, got {self.dof!r}")
+
+    @cached_property
+    def scales(self) -> Array:
+        """The scales, m, () or (B,)."""
+        return per_beam("noise scale", self.scale)
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-(dof + 1)/2 log(1 + t^2 / dof) - log(scale sqrt(dof) B(dof / 2, 1 / 2)), elementwise; nats."""
