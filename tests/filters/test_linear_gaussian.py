@@ -17,6 +17,7 @@ from rangefix.filters import (
     ConstantVelocity,
     EachRun,
     Gaussian,
+    GaussianPrior,
     Problem,
     RandomWalk,
     Rangefinder,
@@ -27,7 +28,7 @@ from rangefix.filters import (
     position_space,
     velocity_space,
 )
-from rangefix.filters.checks.problems import BEARINGS, STDS, GaussianPrior, Hall
+from rangefix.filters.checks.problems import BEARINGS, STDS, Hall
 from rangefix.filters.kalman import (
     EnsembleKalmanFilter,
     ExtendedKalmanFilter,
@@ -56,7 +57,8 @@ def posed(motion: str) -> Problem:
         "constant velocity": lambda: ConstantVelocity(space, step=0.5, intensity=0.02),
     }
     sensor = Rangefinder(Hall(), BEARINGS, Gaussian(STDS), space)
-    return Problem(space, motions[motion](), sensor, GaussianPrior(space, np.zeros(space.size), std))
+    prior = GaussianPrior(np.zeros(space.size), np.diag(std) ** 2, space)
+    return Problem(space, motions[motion](), sensor, prior)
 
 
 POSED = {motion: posed(motion) for motion in ("standing", "random walk", "constant velocity")}

@@ -124,10 +124,9 @@ def _load(target: str, name: str) -> Any:
     try:
         return attrgetter(attribute)(module)
     except AttributeError:
-        offered = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
+        offered = [found for found, value in vars(module).items() if callable(value) and found[0] != "_"]
         close = get_close_matches(attribute, offered, n=1)
-        mend = f"; did you mean {close[0]}?" if close else ""
-        text = f"{where} has no {attribute!r}{mend}"
+        text = f"{where} has no {attribute!r}" + (f"; did you mean {close[0]}?" if close else "")
         if name == target:
             raise KeyError(f"no estimator {name!r}: {text}") from None
         raise ImportError(f"estimator {name!r} failed to import: {text}") from None

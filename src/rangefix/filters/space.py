@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import TWO_PI, Array, BoolArray
-
-
-def wrap(angle: Array) -> Array:
-    """The same angle in [-pi, pi), rad."""
-    return (angle + np.pi) % TWO_PI - np.pi
+from ..arrays import Array, BoolArray, wrap
 
 
 @dataclass(frozen=True)

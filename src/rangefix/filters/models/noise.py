@@ -8,6 +8,7 @@ may come out negative, and its density says how often.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -59,8 +60,37 @@ def log_normal_below(deviates: Array) -> Array:
     return np.asarray(log_ndtr(deviates), dtype=float)
 
 
+class NormalNoise(ABC):
+    """Reading = expected range + N(0, s^2), with s of each beam or of each expected range."""
+
+    @abstractmethod
+    def _stds(self, expected: Array) -> Array:
+        """Standard deviations for expected ranges, m, broadcasting with them."""
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)), elementwise; nats."""
+        stds = self._stds(expected)
+        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TWO_PI) - np.log(stds)
+
+    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading above the limit, or of none: log Phi((rho - limit) / s)."""
+        return log_normal_below(-deviate(limit, expected, self._stds(np.asarray(expected, dtype=float))))
+
+    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading up to the limit."""
+        return log_normal_below(deviate(limit, expected, self._stds(np.asarray(expected, dtype=float))))
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, m; inf where no wall is expected."""
+        return expected + self._stds(expected) * rng.standard_normal(np.shape(expected))
+
+    def variance(self, expected: Array) -> Array:
+        """s^2 for each expected range, m^2."""
+        return np.broadcast_to(self._stds(expected) ** 2, np.shape(expected))
+
+
 @dataclass(frozen=True)
-class Gaussian:
+class Gaussian(NormalNoise):
     """Reading = expected range + N(0, std^2).
 
     Args:
@@ -80,29 +110,12 @@ class Gaussian:
         """The standard deviations, m, () or (B,)."""
         return per_beam("noise std", self.std)
 
-    def log_density(self, measurement: Array, expected: Array) -> Array:
-        """-1/2 ((y - rho) / std)^2 - log(std sqrt(2 pi)), elementwise; nats."""
-        return -0.5 * (((measurement - expected) / self.stds) ** 2 + LOG_TWO_PI) - np.log(self.stds)
-
-    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none: log Phi((rho - limit) / std)."""
-        return log_normal_below(-deviate(limit, expected, self.stds))
-
-    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading up to the limit."""
-        return log_normal_below(deviate(limit, expected, self.stds))
-
-    def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self.stds * rng.standard_normal(np.shape(expected))
-
-    def variance(self, expected: Array) -> Array:
-        """std^2 for each expected range, m^2."""
-        return np.broadcast_to(self.stds**2, np.shape(expected))
+    def _stds(self, expected: Array) -> Array:
+        return self.stds
 
 
 @dataclass(frozen=True)
-class RangeProportional:
+class RangeProportional(NormalNoise):
     """Reading = expected range + N(0, (a + b |range|)^2): most data sheets of laser scanners.
 
     Args:
@@ -124,32 +137,10 @@ class RangeProportional:
         """a and b, () or (B,) each."""
         return per_beam("noise std a", self.a), per_beam("growth b of the noise std", self.b, zero=True)
 
-    def stds(self, expected: ArrayLike) -> Array:
-        """a + b |rho| for each expected range, m; a where no wall is expected."""
-        expected = np.asarray(expected, dtype=float)
+    def _stds(self, expected: Array) -> Array:
+        """a + b |rho|; a where no wall is expected."""
         at_zero, growth = self._line
         return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
-
-    def log_density(self, measurement: Array, expected: Array) -> Array:
-        """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)) with s = a + b |rho|, elementwise; nats."""
-        stds = self.stds(expected)
-        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TWO_PI) - np.log(stds)
-
-    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none."""
-        return log_normal_below(-deviate(limit, expected, self.stds(expected)))
-
-    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading up to the limit."""
-        return log_normal_below(deviate(limit, expected, self.stds(expected)))
-
-    def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self.stds(expected) * rng.standard_normal(np.shape(expected))
-
-    def variance(self, expected: Array) -> Array:
-        """(a + b |rho|)^2 for each expected range, m^2."""
-        return self.stds(expected) ** 2
 
 
 @dataclass(frozen=True)

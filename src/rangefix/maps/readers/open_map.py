@@ -12,10 +12,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from ...errors import one_line
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
-from ..mesh_files import MESHES, PathLike, existing, one_line
+from ..mesh_files import MESHES, PathLike, existing
 from ..rectangle import RectangularRoom
 
 PLANS = (".toml", ".json")
