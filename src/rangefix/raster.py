@@ -15,16 +15,16 @@ Value = TypeVar("Value", bound=np.generic)
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Cells that fill a box, the same along every axis or not.
+    """Cells that fill a box.
 
     Attributes:
         lower: Lower corner of the box, (n,).
-        step: Size of a cell along each axis, (n,).
+        step: Size of a cell, one number or one for each axis, (n,).
         shape: Cells along each axis, n numbers.
     """
 
     lower: Array
-    step: Array
+    step: Array | float
     shape: tuple[int, ...]
 
     @classmethod
@@ -35,15 +35,17 @@ class Raster:
         return cls(lower, size / counts, tuple(counts.tolist()))
 
     @property
-    def axes(self) -> list[Array]:
-        """Centres along each axis."""
-        parts = zip(self.lower, self.step, self.shape, strict=True)
-        return [low + step * (np.arange(count) + 0.5) for low, step, count in parts]
+    def upper(self) -> Array:
+        """Upper corner of the box, (n,)."""
+        return self.lower + self.step * np.array(self.shape)
 
     @property
     def centres(self) -> Array:
         """Centres of the cells, (*shape, n)."""
-        return np.stack(np.meshgrid(*self.axes, indexing="ij"), -1)
+        steps = np.broadcast_to(self.step, self.lower.shape)
+        parts = zip(self.lower, steps, self.shape, strict=True)
+        axes = [low + step * (np.arange(count) + 0.5) for low, step, count in parts]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), -1)
 
     def centre(self, index: IntArray) -> Array:
         """Centres of some cells: (..., n) -> (..., n)."""

@@ -37,19 +37,15 @@ class Estimator(Protocol[Belief]):
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> Belief:
         """The belief before any measurement, for M = len(rngs) runs."""
-        ...
 
     def predict(self, belief: Belief, control: Array, rngs: Sequence[Generator]) -> Belief:
         """The belief after a move; control (k,) shared by the runs, or (M, k)."""
-        ...
 
     def update(self, belief: Belief, measurement: Array, rngs: Sequence[Generator]) -> Belief:
         """The belief after a measurement (M, B) in metres; NaN = beam not measured, inf = no return."""
-        ...
 
     def estimate(self, belief: Belief) -> Estimate:
         """Mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
-        ...
 
 
 class SingleRunEstimator(Protocol[Belief]):
@@ -57,19 +53,15 @@ class SingleRunEstimator(Protocol[Belief]):
 
     def init(self, prior: Prior, rng: Generator) -> Belief:
         """The belief before any measurement."""
-        ...
 
     def predict(self, belief: Belief, control: Array, rng: Generator) -> Belief:
         """The belief after a move; control (k,)."""
-        ...
 
     def update(self, belief: Belief, measurement: Array, rng: Generator) -> Belief:
         """The belief after a measurement (B,) in metres; NaN = beam not measured, inf = no return."""
-        ...
 
     def estimate(self, belief: Belief) -> Estimate:
         """Mean (n,), conditional covariance (n, n) and log evidence."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -145,7 +137,6 @@ class CanSample(Protocol[Asked]):
 
     def sample(self, belief: Asked, size: int, rngs: Sequence[Generator]) -> Array:
         """Independent draws from the belief, (M, size, n); run m draws from rngs[m] alone."""
-        ...
 
 
 @runtime_checkable
@@ -154,7 +145,6 @@ class CanShow(Protocol[Asked]):
 
     def density(self, belief: Asked, run: int) -> Image:
         """What the belief of a run looks like."""
-        ...
 
 
 @runtime_checkable
@@ -163,7 +153,6 @@ class CanSampleOne(Protocol[Asked]):
 
     def sample(self, belief: Asked, size: int, rng: Generator) -> Array:
         """Independent draws from the belief, (size, n)."""
-        ...
 
 
 @runtime_checkable
@@ -172,7 +161,6 @@ class CanShowOne(Protocol[Asked]):
 
     def density(self, belief: Asked) -> Image:
         """What the belief looks like."""
-        ...
 
 
 def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:

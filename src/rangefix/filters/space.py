@@ -72,7 +72,7 @@ class StateSpace:
         return np.where(self.is_angle, wrap(states), states)
 
     def difference(self, states: Array, reference: Array) -> Array:
-        """states - reference, angles the short way round: (..., n), (..., n) -> (..., n)."""
+        """Differences states - reference, angles the short way round: (..., n), (..., n) -> (..., n)."""
         return self.wrap(np.asarray(states) - np.asarray(reference))
 
     def moments(self, states: Array, weights: Array) -> tuple[Array, Array]:

@@ -139,7 +139,7 @@ def cut(vertices: Array, triangles: IntArray, height: float) -> Array:
 
 
 def _drop(vertices: Array, triangles: IntArray, height: float, points: Array) -> Array:
-    """z of the first surface below points (N, 2) at a height; -inf where there is none."""
+    """Height z of the first surface below points (N, 2) at a height; -inf where there is none."""
     o3d = open3d()
     tensor, scene = o3d.core.Tensor.from_numpy, o3d.t.geometry.RaycastingScene()
     centre = np.append((vertices[:, :2].min(0) + vertices[:, :2].max(0)) / 2, height)

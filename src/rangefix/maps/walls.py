@@ -190,7 +190,7 @@ class InWalls:
         return self._walls.cast(poses, bearings)
 
     def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """D range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met. Arguments as for `ranges`."""
+        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); arguments as for `ranges`."""
         return self.cast(poses, bearings).gradients
 
 

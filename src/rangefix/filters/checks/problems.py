@@ -93,7 +93,7 @@ class Shift:
     is_gaussian: bool = True
 
     def mean(self, states: Array, control: Array) -> Array:
-        """x + control."""
+        """States plus the control."""
         return np.asarray(states + control)
 
     def jacobian(self, states: Array, control: Array) -> Array:

@@ -56,7 +56,7 @@ class Confined:
         return self.motion.mean(states, control)
 
     def jacobian(self, states: Array, control: Array) -> Array:
-        """d mean / d state without walls, (..., n, n)."""
+        """Derivatives of `mean` by the state without walls, (..., n, n)."""
         return self.motion.jacobian(states, control)
 
     def noise_covariance(self, states: Array, control: Array) -> Array:

@@ -130,7 +130,7 @@ def _cut_off(
         block = spread[np.ix_(where, where)]
         deviation = centres - peak[where]
         logs = -0.5 * np.einsum("ni,ij,nj->n", deviation, np.linalg.inv(block), deviation)
-        weights = np.exp(logs) * raster.step.prod() / (TWO_PI * np.sqrt(np.linalg.det(block)))
+        weights = np.exp(logs) * np.prod(raster.step) / (TWO_PI * np.sqrt(np.linalg.det(block)))
         free = float(weights.sum())
     if free < MIN_FREE_PROBABILITY:
         raise ValueError(f"only {free:.1g} of the prior's probability is in free space")

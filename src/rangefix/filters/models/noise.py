@@ -28,7 +28,6 @@ class CumulativeNoise(Noise, Protocol):
 
     def log_below(self, limit: Array, expected: Array) -> Array:
         """Log probability of a finite reading up to each limit given each expected range, elementwise."""
-        ...
 
 
 def per_beam(name: str, value: ArrayLike, zero: bool = False) -> Array:
@@ -60,37 +59,48 @@ def log_normal_below(deviates: Array) -> Array:
     return np.asarray(log_ndtr(deviates), dtype=float)
 
 
-class NormalNoise(ABC):
-    """Reading = expected range + N(0, s^2), with s of each beam or of each expected range."""
+class ScaledNoise(ABC):
+    """Reading = expected range + scale t, with t of one law and scales of beams or of expected ranges."""
 
     @abstractmethod
-    def _stds(self, expected: Array) -> Array:
-        """Standard deviations for expected ranges, m, broadcasting with them."""
+    def _scale(self, expected: Array) -> Array:
+        """Scales for expected ranges, m, broadcasting with them."""
+
+    def _log_below(self, deviates: Array) -> Array:
+        """Log probability that t is below each deviate; accurate in the far tails."""
+        return log_normal_below(deviates)
+
+    def _draws(self, shape: tuple[int, ...], rng: Generator) -> Array:
+        """Independent draws of t."""
+        return rng.standard_normal(shape)
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)), elementwise; nats."""
-        stds = self._stds(expected)
+        stds = self._scale(expected)
         return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TWO_PI) - np.log(stds)
 
     def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none: log Phi((rho - limit) / s)."""
-        return log_normal_below(-deviate(limit, expected, self._stds(np.asarray(expected, dtype=float))))
+        """Log probability of a reading above the limit, or of none."""
+        return self._log_below(-self._deviates(limit, expected))
 
     def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
         """Log probability of a reading up to the limit."""
-        return log_normal_below(deviate(limit, expected, self._stds(np.asarray(expected, dtype=float))))
+        return self._log_below(self._deviates(limit, expected))
+
+    def _deviates(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        return deviate(limit, expected, self._scale(np.asarray(expected, dtype=float)))
 
     def sample(self, expected: Array, rng: Generator) -> Array:
         """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self._stds(expected) * rng.standard_normal(np.shape(expected))
+        return expected + self._scale(expected) * self._draws(np.shape(expected), rng)
 
     def variance(self, expected: Array) -> Array:
-        """s^2 for each expected range, m^2."""
-        return np.broadcast_to(self._stds(expected) ** 2, np.shape(expected))
+        """Scale^2 for each expected range, m^2."""
+        return np.broadcast_to(self._scale(expected) ** 2, np.shape(expected))
 
 
 @dataclass(frozen=True)
-class Gaussian(NormalNoise):
+class Gaussian(ScaledNoise):
     """Reading = expected range + N(0, std^2).
 
     Args:
@@ -110,12 +120,12 @@ class Gaussian(NormalNoise):
         """The standard deviations, m, () or (B,)."""
         return per_beam("noise std", self.std)
 
-    def _stds(self, expected: Array) -> Array:
+    def _scale(self, expected: Array) -> Array:
         return self.stds
 
 
 @dataclass(frozen=True)
-class RangeProportional(NormalNoise):
+class RangeProportional(ScaledNoise):
     """Reading = expected range + N(0, (a + b |range|)^2): most data sheets of laser scanners.
 
     Args:
@@ -134,17 +144,17 @@ class RangeProportional(NormalNoise):
 
     @cached_property
     def _line(self) -> tuple[Array, Array]:
-        """a and b, () or (B,) each."""
+        """Both a and b, () or (B,) each."""
         return per_beam("noise std a", self.a), per_beam("growth b of the noise std", self.b, zero=True)
 
-    def _stds(self, expected: Array) -> Array:
-        """a + b |rho|; a where no wall is expected."""
+    def _scale(self, expected: Array) -> Array:
+        """Standard deviations a + b |rho|; a where no wall is expected."""
         at_zero, growth = self._line
         return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
 
 
 @dataclass(frozen=True)
-class StudentT:
+class StudentT(ScaledNoise):
     """Reading = expected range + scale t, with t of Student's distribution: outliers without a second model.
 
     Args:
@@ -177,17 +187,14 @@ class StudentT:
         level = np.log(self.scales) + 0.5 * np.log(self.dof) + betaln(0.5 * self.dof, 0.5)
         return np.asarray(-0.5 * (self.dof + 1) * np.log1p(t * (t / self.dof)) - level)
 
-    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none."""
-        return _log_student_below(-deviate(limit, expected, self.scales), self.dof)
+    def _scale(self, expected: Array) -> Array:
+        return self.scales
 
-    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading up to the limit."""
-        return _log_student_below(deviate(limit, expected, self.scales), self.dof)
+    def _log_below(self, deviates: Array) -> Array:
+        return _log_student_below(deviates, self.dof)
 
-    def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self.scales * rng.standard_t(self.dof, np.shape(expected))
+    def _draws(self, shape: tuple[int, ...], rng: Generator) -> Array:
+        return rng.standard_t(self.dof, shape)
 
     def variance(self, expected: Array) -> Array:
         """scale^2 dof / (dof - 2) for each expected range, m^2.

@@ -76,10 +76,17 @@ class Odometry:
 
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move, (..., n), headings wrapped; control (3,) or (..., 3)."""
-        return self._moved(states, control)
+        states, control = _pair(states, control)
+        one, two, heading = self._places
+        moved = np.array(states)
+        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
+        moved[..., one] += step1
+        moved[..., two] += step2
+        moved[..., heading] = wrap(states[..., heading] + control[..., 2])
+        return moved
 
     def jacobian(self, states: Array, control: Array) -> Array:
-        """d mean / d state, (..., n, n): the displacement turns with the heading."""
+        """Derivatives of `mean` by the state, (..., n, n): the displacement turns with the heading."""
         states, control = _pair(states, control)
         one, two, heading = self._places
         result = np.zeros((*states.shape[:-1], self.space.size, self.space.size))
@@ -111,7 +118,7 @@ class Odometry:
             draws = rng.standard_normal(states.shape[:-1])
             for column, part in enumerate(error):
                 noisy[..., column] += draws * part
-        return self._moved(states, noisy)
+        return self.mean(states, noisy)
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
         """One move of M runs, run m drawn from rngs[m] alone, (M, n)."""
@@ -150,16 +157,6 @@ class Odometry:
             parts[place] = zero + floor
             errors.append((parts[0], parts[1], parts[2]))
         return [error for error in errors if any(np.any(part) for part in error)]
-
-    def _moved(self, states: Array, control: Array) -> Array:
-        states, control = _pair(states, control)
-        one, two, heading = self._places
-        moved = np.array(states)
-        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
-        moved[..., one] += step1
-        moved[..., two] += step2
-        moved[..., heading] = wrap(states[..., heading] + control[..., 2])
-        return moved
 
 
 def _least_turn(angle: Array) -> Array:

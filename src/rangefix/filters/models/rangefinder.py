@@ -113,7 +113,7 @@ class Rangefinder:
         return ranges
 
     def jacobian(self, states: Array) -> Array:
-        """D expected / d state: (..., n) -> (..., B, n); 0 where a beam meets no wall or grazes it."""
+        """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where it is inf."""
         gradients = self.room.gradients(self.space.poses(states), self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)

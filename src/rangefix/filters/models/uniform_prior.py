@@ -66,12 +66,12 @@ class Uniform:
     def _place(self) -> tuple[float, Array, Array]:
         """Free area of the box, m^2, and mean (2,) and covariance (2, 2) of a point there."""
         raster = Raster.over(*self._box, LATTICE)
-        centres = raster.centres.reshape(-1, 2)
+        centres, step = raster.centres.reshape(-1, 2), np.asarray(raster.step)
         inside = centres[self.room.is_free(centres)]
         if not len(inside):
             return 0.0, np.zeros(2), np.zeros((2, 2))
-        spread = np.cov(inside.T, bias=True) + np.diag(raster.step**2 / 12)  # the spread within a cell
-        return len(inside) * float(raster.step.prod()), inside.mean(0), spread
+        spread = np.cov(inside.T, bias=True) + np.diag(step**2 / 12)  # the spread within a cell
+        return len(inside) * float(step.prod()), inside.mean(0), spread
 
     @property
     def _arc(self) -> tuple[float, float]:
