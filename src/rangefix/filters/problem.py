@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from numpy.random import Generator
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array, BoolArray, short_repr
 from .space import StateSpace
 
 
@@ -192,6 +192,9 @@ class Problem:
     motion: Motion
     sensor: Sensor
     prior: Prior
+
+    def __repr__(self) -> str:
+        return short_repr(self, ",\n    ")
 
 
 class SpacedPrior(Prior, Protocol):

@@ -55,6 +55,12 @@ class FloorPlan(InWalls):
         set_field(self, "holes", tuple(map(_corners, polygons)))
         set_field(self, "walls", tuple((a, b, c, d) for a, b, c, d in _check_walls(walls).tolist()))
 
+    def __repr__(self) -> str:
+        (left, low), (right, high) = self.bounds
+        parts = f"{len(self.outer)} corners, {len(self.holes)} holes, {len(self.walls)} inner walls"
+        walls = len(self.outer) + sum(map(len, self.holes)) + len(self.walls)
+        return f"FloorPlan({walls} walls: {parts}; {left:g} to {right:g} m by {low:g} to {high:g} m)"
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the outline, m, each (2,)."""

@@ -14,6 +14,7 @@ from ...arrays import TWO_PI, Array
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
+MAX_SHOWN = 4  # parts that are printed
 SHARE_DRAWS = 1 << 16  # for the moments of mixtures with a heading
 
 
@@ -35,6 +36,11 @@ class Mixture:
 
     priors: Sequence[SpacedPrior]
     weights: ArrayLike | None = None
+
+    def __repr__(self) -> str:
+        parts = [f"{share:.3g} of {prior!r}" for share, prior in zip(self.shares, self.priors, strict=True)]
+        more = [f"and {len(parts) - MAX_SHOWN} more"] if len(parts) > MAX_SHOWN else []
+        return "Mixture(" + ",\n    ".join(parts[:MAX_SHOWN] + more) + ")"
 
     def __post_init__(self) -> None:
         priors = self.priors

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array
+from ...arrays import LOG_TWO_PI, Array, short_repr
 from ..problem import Noise
 
 UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
@@ -62,6 +62,8 @@ def log_normal_below(deviates: Array) -> Array:
 class ScaledNoise(ABC):
     """Reading = expected range + scale t, with t of one law and scales of beams or of expected ranges."""
 
+    __repr__ = short_repr
+
     @abstractmethod
     def _scale(self, expected: Array) -> Array:
         """Scales for expected ranges, m, broadcasting with them."""
@@ -99,7 +101,7 @@ class ScaledNoise(ABC):
         return np.broadcast_to(self._scale(expected) ** 2, np.shape(expected))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gaussian(ScaledNoise):
     """Reading = expected range + N(0, std^2).
 
@@ -124,7 +126,7 @@ class Gaussian(ScaledNoise):
         return self.stds
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RangeProportional(ScaledNoise):
     """Reading = expected range + N(0, (a + b |range|)^2): most data sheets of laser scanners.
 
@@ -153,7 +155,7 @@ class RangeProportional(ScaledNoise):
         return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StudentT(ScaledNoise):
     """Reading = expected range + scale t, with t of Student's distribution: outliers without a second model.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, wrap
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
 from .noise import Gaussian
@@ -68,6 +68,7 @@ class Rangefinder:
     blind_sector: float = 0.0
     max_range: float = np.inf
     max_incidence: float = RIGHT_ANGLE
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         bearings = np.array(self.bearings, dtype=float)
