@@ -12,7 +12,7 @@ from ...arrays import LOG_TWO_PI, TWO_PI, Array, wrap
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
-from .uniform_prior import BATCHES, LATTICE
+from .uniform_prior import LATTICE, draw_free
 
 REACH = 6.0  # standard deviations that `support` covers: all but 2e-9 of each component
 MIN_FREE_PROBABILITY = 1e-4  # of the probability must be in free space
@@ -81,15 +81,11 @@ class GaussianPrior:
         Raises:
             ValueError: If free space is not found.
         """
-        states = np.empty((0, self.space.size))
-        for _ in range(BATCHES):
-            drawn = self.peak + rng.standard_normal((max(size, 16), self.space.size)) @ self.root.T
-            if self.room is not None:
-                drawn = drawn[np.asarray(self.room.is_free(drawn[:, self.space.position_indices]))]
-            states = np.concatenate([states, drawn])
-            if len(states) >= size:
-                return self.space.wrap(states[:size])
-        raise ValueError(f"found {len(states)} of {size} points in free space: give the prior a wider spread")
+
+        def draw(count: int) -> Array:
+            return np.asarray(self.peak + rng.standard_normal((count, self.space.size)) @ self.root.T)
+
+        return draw_free(draw, size, self.room, self.space, "give the prior a wider spread")
 
     def log_density(self, states: Array) -> Array:
         """Log density, summed over the turns that lead to a heading; -inf in walls: (..., n) -> (...)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -115,14 +116,11 @@ class Uniform:
             ValueError: If the free space is too small a part of the box to be found.
         """
         lower, upper = self.support
-        states = np.empty((0, self.space.size))
-        for _ in range(BATCHES):
-            candidates = lower + (upper - lower) * rng.random((max(size, 16), self.space.size))
-            free = self.room.is_free(candidates[:, self.space.position_indices])
-            states = np.concatenate([states, candidates[free]])
-            if len(states) >= size:
-                return self.space.wrap(states[:size])
-        raise ValueError(f"found {len(states)} of {size} points in free space: give the prior a smaller box")
+
+        def draw(count: int) -> Array:
+            return lower + (upper - lower) * rng.random((count, self.space.size))
+
+        return draw_free(draw, size, self.room, self.space, "give the prior a smaller box")
 
     def log_density(self, states: Array) -> Array:
         """-log(area) [- log(arc)] in the free space of box and arc, else -inf: (..., n) -> (...)."""
@@ -139,6 +137,32 @@ class Uniform:
                 away = wrap(states[..., column] - self.support[0][column] - half)
                 inside &= np.abs(away) <= half * (1 + 1e-12)
         return np.where(inside, -level, -np.inf)
+
+
+def draw_free(
+    draw: Callable[[int], Array], size: int, room: RangeMap | None, space: StateSpace, advice: str
+) -> Array:
+    """Draws in free space, (size, n): those in walls are drawn again.
+
+    Args:
+        draw: Gives so many draws, walls or not, (count, n).
+        size: How many are wanted.
+        room: The map, or None where there are no walls.
+        space: The state space.
+        advice: What to do where free space is not found.
+
+    Raises:
+        ValueError: If it is not found.
+    """
+    states = np.empty((0, space.size))
+    for _ in range(BATCHES):
+        drawn = draw(max(size, 16))
+        if room is not None:
+            drawn = drawn[np.asarray(room.is_free(drawn[:, space.position_indices]))]
+        states = np.concatenate([states, drawn])
+        if len(states) >= size:
+            return space.wrap(states[:size])
+    raise ValueError(f"found {len(states)} of {size} points in free space: {advice}")
 
 
 def check_arc(low: float, high: float, who: str) -> None:
