@@ -121,7 +121,10 @@ class Ruler:
     """A map along whose x1 axis one beam measures x1 itself: the posterior is Gaussian."""
 
     bounds: tuple[Array, Array] = (np.array([0.0, 0.0]), np.array([20.0, 1.0]))
-    segments: Array = np.zeros((0, 4))  # noqa: RUF009
+
+    @property
+    def segments(self) -> Array:
+        return np.zeros((0, 4))
 
     def cast(self, poses: Array, bearings: Array) -> Hits:
         gradients = self.gradients(poses, bearings)
