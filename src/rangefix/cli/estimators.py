@@ -29,13 +29,13 @@ def check(
 ) -> None:
     """Whether an estimator does what every estimator must; exit code 1 if not."""
     from ..evaluation.isolation.checks import run_checks_isolated
-    from ..filters.checks import conforms, sum_up, told
+    from ..filters.checks import conforms, lines_of, sum_up
 
     options, reasons = read_options(option or ()), read_reasons(expect_failure or ())
     results = []
     for result in run_checks_isolated(target, options, reasons, timeout):
         results.append(result)
-        for line in () if as_json else told(result):
+        for line in () if as_json else lines_of(result):
             typer.echo(line)
     if as_json:
         checks = [vars(result) for result in results]

@@ -174,7 +174,7 @@ def test_the_whole_estimator(rows):
 
 
 def test_p_values_agree_with_intervals(rows):
-    """p < 5 % exactly where the 95 % interval leaves out the honest value."""
+    """Below 5 % p is exactly where the 95 % interval leaves out the honest value."""
     for row in rows.values():
         for name, ratio in zip(row.names, row.ratio, strict=True):
             assert (row.p_values[f"ratio_{name}"] < 0.05) == (not ratio.low <= 1 <= ratio.high)

@@ -185,7 +185,7 @@ def test_adding_runs_changes_no_number(options, moving):
 
 
 def test_split_beams_have_the_evidence_of_one_update():
-    """log p(y1) + log p(y2 | y1) = log p(y1, y2): exact without resampling."""
+    """Evidence: log p(y1) + log p(y2 | y1) = log p(y1, y2): exact without resampling."""
     estimator = ParticleFilter(PAPER, particles=2000, resample_below=0.0)
     first, second = CENTRE.copy(), CENTRE.copy()
     first[:, 1:], second[:, :1] = NAN, NAN

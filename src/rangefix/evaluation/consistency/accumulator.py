@@ -143,7 +143,7 @@ class Accumulator:
             moments.add(10.0 * (signs * logs + influence))
 
     def _logs(self, chunk: RunBlock, whitened: Array) -> tuple[Array, Array]:
-        """e' G^-1 e, and log10 of e' P^-1 e over it; 0 where there is no error."""
+        """Squared errors e' G^-1 e, and log10 of e' P^-1 e over it; 0 where there is no error."""
         true = (whitened * chunk.errors).sum(-1)
         apart = true > 0
         with np.errstate(divide="ignore"):

@@ -95,4 +95,4 @@ def _lost(check: Check, detail: str) -> CheckResult:
 
 
 def _skipped(check: Check, detail: str) -> CheckResult:
-    return CheckResult(check.name, "skipped", check.claim.meaning, check.claim.mend, detail)
+    return CheckResult(check.name, "skipped", check.claim.meaning, check.claim.fix, detail)

@@ -39,7 +39,7 @@ def source_digest(root: Path, exempt: Collection[str] = ()) -> str:
 
 def _identity(thing: object) -> str:
     try:
-        return sha256(to_pickle(thing)).hexdigest()
+        return sha256(to_pickle(thing, cached=False)).hexdigest()
     except Exception:  # what cannot be pickled is never the same again
         return f"unpicklable {id(thing)} {datetime.datetime.now().isoformat()}"
 

@@ -66,7 +66,7 @@ def _pictures(experiment: Experiment) -> Iterator[Picture]:
                 if step:
                     belief = estimator.predict(belief, experiment.control_sequence[step - 1], rngs)
                 belief = estimator.update(belief, seen[:, step], rngs)
-            found = picture(label, estimator, belief, problem.space, problem.sensor.room.bounds)  # type: ignore[attr-defined]
+            found = picture(label, estimator, belief, problem.space, problem.sensor.room.bounds)
         except (Exception, SystemExit):  # its trials say what is wrong
             continue
         if found is not None:

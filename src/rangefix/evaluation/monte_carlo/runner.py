@@ -211,7 +211,7 @@ def _save_scene(experiment: Experiment, folder: Path) -> None:
 
     truth = simulate(experiment, 0, 1).truth[0, 0]
     try:
-        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)  # type: ignore[arg-type]
+        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)
     except (AttributeError, TypeError):
         (folder / "scene.npz").unlink(missing_ok=True)
         return

@@ -58,7 +58,7 @@ class AdaptivePointMassFilter:
     the modes' points are the guesses.
 
     Args:
-        problem: The problem; its sensor must be a `Rangefinder` with no `max_incidence`.
+        problem: The problem; its sensor must have no largest incidence.
         accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances and of
             probabilities, as the lattices' own halves show it.
         drop: Density, relative to the greatest, below which no mode is looked at.
@@ -77,7 +77,7 @@ class AdaptivePointMassFilter:
     table: SearchTable = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if getattr(self.problem.sensor, "max_incidence", np.pi / 2) < np.pi / 2:
+        if self.problem.sensor.max_incidence < np.pi / 2:
             raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
         if not 1e-4 <= self.accuracy <= 0.5:
             raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {self.accuracy}")

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ..compiled import njit, prange
 from ..problem import Prior, Sensor
-from .target import CAP, room_of
+from .target import CAP
 
 QUANTUM = 0.01  # m; the table's unit of range
 NONE = np.uint16(65535)  # the table's sign for "no wall"
@@ -191,7 +191,7 @@ def _quanta(
     sensor: Sensor, points: Array, directions: Array
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Ranges from points (N, 2) in directions (D,), a quantum or two less and more, (N, D) each."""
-    ranges = room_of(sensor).ranges(np.column_stack([points, np.zeros(len(points))]), directions) / QUANTUM
+    ranges = sensor.room.ranges(np.column_stack([points, np.zeros(len(points))]), directions) / QUANTUM
     none = np.isinf(ranges)
     ranges = np.clip(np.where(none, 0, ranges), 1, FARTHEST)
     low, high = np.floor(ranges) - 1, np.ceil(ranges) + 1
@@ -226,7 +226,7 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
     truth = sensor.expected(states)
     nearest = np.clip(truth, _metres(low), _metres(high))
-    reading = np.where(truth > getattr(sensor, "max_range", np.inf), np.inf, truth)
+    reading = np.where(truth > sensor.max_range, np.inf, truth)
     lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)

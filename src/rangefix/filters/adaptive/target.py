@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,9 +18,10 @@ CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 s
 class Target:
     """A prior density times the likelihood of measurements.
 
-    sensor: The rangefinder; it must have its map as `room`.
-    log_prior: Log density of states, (K, n) -> (K,).
-    measurements: (U, B); NaN = beam not measured.
+    Attributes:
+        sensor: The rangefinder.
+        log_prior: Log density of states, (K, n) -> (K,).
+        measurements: (U, B); NaN = beam not measured.
     """
 
     sensor: Sensor
@@ -49,18 +49,13 @@ class Target:
         """Ranges of the beams that were measured, or of these; (K, B), 0 for the others."""
         beams = self.beams if beams is None else beams
         poses = self.sensor.space.poses(states)
-        return self._among_all(room_of(self.sensor).ranges(poses, self.sensor.bearings[beams]), beams)
+        return self._among_all(self.sensor.room.ranges(poses, self.sensor.bearings[beams]), beams)
 
     def expected_and_slopes(self, states: Array) -> tuple[Array, Array]:
         """The same and the derivatives of the ranges that were measured, (K, k, n)."""
-        room, space, beams = room_of(self.sensor), self.sensor.space, self.beams
-        poses, bearings = space.poses(states), self.sensor.bearings[beams]
-        if hasattr(room, "cast"):
-            hits = room.cast(poses, bearings)
-            ranges, gradients = hits.ranges, hits.gradients
-        else:
-            ranges, gradients = room.ranges(poses, bearings), room.gradients(poses, bearings)
-        return self._among_all(ranges, beams), space.from_pose_gradients(gradients)
+        space, beams = self.sensor.space, self.beams
+        hits = self.sensor.room.cast(space.poses(states), self.sensor.bearings[beams])
+        return self._among_all(hits.ranges, beams), space.from_pose_gradients(hits.gradients)
 
     def _among_all(self, ranges: Array, beams: IntArray) -> Array:
         """Ranges (K, k) of some beams as (K, B), 0 for the others."""
@@ -84,16 +79,3 @@ class Target:
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""
         return float(sum(self.sensor.log_density(reading, reading) for reading in self.measurements))
-
-
-def room_of(sensor: Sensor) -> Any:
-    """The map behind a sensor.
-
-    Raises:
-        TypeError: If the sensor does not say.
-    """
-    if not hasattr(sensor, "room"):
-        raise TypeError(
-            "the adaptive point-mass filter casts rays itself: its sensor must have a map as `room`"
-        )
-    return sensor.room

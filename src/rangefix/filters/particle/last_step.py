@@ -19,7 +19,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
-from ..models import Confined, ConstantVelocity, Odometry, RandomWalk
+from ..models import Confined
 from ..problem import Motion, Problem
 from ..space import StateSpace
 
@@ -102,7 +102,7 @@ class LastStep:
 
     def _is_gaussian(self, free: Motion) -> bool:
         """Whether the noise is Gaussian, and that of a heading far from going round."""
-        if not isinstance(free, RandomWalk | ConstantVelocity | Odometry):
+        if not free.is_gaussian:
             return False
         variances = np.diagonal(free.noise_covariance(self.starts[0], self.control))
         return bool((variances[self.problem.space.is_angle] <= TURNS_LITTLE**2).all())

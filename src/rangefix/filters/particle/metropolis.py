@@ -155,13 +155,7 @@ def separate_copies(
 
 
 def reject_crossings(sensor: Sensor, start: Array, end: Array) -> Array:
-    """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n).
-
-    A sensor that has no map, as `room`, knows of no walls.
-    """
-    room = getattr(sensor, "room", None)
-    if room is None:
-        return end
+    """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n)."""
     where = sensor.space.position_indices
-    clear = in_line_of_sight(room, start[:, where], end[:, where])
+    clear = in_line_of_sight(sensor.room, start[:, where], end[:, where])
     return np.where(clear[:, None], end, start)

@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from ...arrays import Array, BoolArray
-from ..models import Rangefinder
 from ..problem import Sensor
 from .cell_error import add_unresolved
 from .cell_kernels import block_bounds, gaussian_moments
@@ -117,7 +116,7 @@ def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
         ValueError: If they would take more.
     """
     beams = len(sensor.bearings)
-    if grid.turns > 1 and isinstance(sensor, Rangefinder):
+    if grid.turns > 1:
         found = directions(sensor.bearings, grid.centres[0, 2], grid.step[2], grid.turns)
         kinds, period = found.angles.shape
         places = len(grid.centres) // grid.turns

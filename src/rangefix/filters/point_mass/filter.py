@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, Array
 from ..estimator import Estimate
-from ..models import Gaussian, Stationary
+from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from .cell_ranges import CellRanges, cast_cells
@@ -121,7 +121,7 @@ class PointMassFilter:
         measurement = np.asarray(measurement, dtype=float)
         if measurement.shape != belief.counts.shape:
             raise ValueError(f"need a measurement of shape {belief.counts.shape}, got {measurement.shape}")
-        if self._gaussian is not None:
+        if self.problem.sensor.gaussian_stds is not None:
             return self._finish(self._with_readings(belief, measurement), belief)
         return self._finish(self._with_densities(belief, measurement), belief)
 
@@ -170,17 +170,8 @@ class PointMassFilter:
     @property
     def _precision(self) -> Array:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
-        beams = len(self.problem.sensor.bearings)
-        if self._gaussian is None:
-            return np.zeros(beams)
-        return np.broadcast_to(1 / self._gaussian.stds**2, (beams,))
-
-    @property
-    def _gaussian(self) -> Gaussian | None:
-        """The sensor's noise where it is Gaussian and there is no more to the sensor, else None."""
-        sensor = self.problem.sensor
-        noise, plain = sensor.noise, getattr(sensor, "is_plain_gaussian", False)
-        return noise if plain and isinstance(noise, Gaussian) else None
+        stds = self.problem.sensor.gaussian_stds
+        return np.zeros(len(self.problem.sensor.bearings)) if stds is None else 1 / stds**2
 
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""

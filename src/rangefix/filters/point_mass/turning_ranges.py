@@ -8,13 +8,14 @@ many, for all cells by fast Fourier transform along the directions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import TWO_PI, Array, IntArray
 from ..models import Gaussian, Rangefinder
+from ..problem import Sensor
 from ..space import StateSpace
 from .cell_error import add_unresolved
 from .grid import Grid
@@ -203,17 +204,17 @@ def directions(bearings: Array, first: float, step: float, headings: int) -> Dir
     return Directions(angles, kind, shift)
 
 
-def cast_turning(grid: Grid, sensor: Rangefinder, found: Directions) -> RangesByDirection:
+def cast_turning(grid: Grid, sensor: Sensor, found: Directions) -> RangesByDirection:
     """Cast the table for a grid whose cells lie in rows of headings."""
     places = grid.centres[:: grid.turns, :2]
     headings = grid.centres[: grid.turns, 2]
     kinds, period = found.angles.shape
-    turned = replace(
-        sensor,
-        bearings=found.angles.ravel(),
-        noise=Gaussian(1.0),  # none is asked for
-        space=StateSpace(sensor.space.names[:2], heading=0.0),
-        blind_sector=0.0,
+    turned = Rangefinder(
+        sensor.room,
+        found.angles.ravel(),
+        Gaussian(1.0),  # none is asked for
+        StateSpace(sensor.space.names[:2], heading=0.0),
+        max_incidence=sensor.max_incidence,
     )
     table = np.empty((len(places), kinds, period + HEADINGS_PER_BLOCK - 1))
     spots = np.arange(0, len(places), PLACES_PER_BLOCK)

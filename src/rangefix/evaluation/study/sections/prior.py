@@ -21,6 +21,7 @@ from ....filters import (
     position_space,
 )
 from ....filters.problem import SpacedPrior
+from ....raster import Raster
 from .base import Misfit, Point, Positive, Section
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
@@ -220,8 +221,7 @@ def box_with_most_free_space(room: RangeMap, size: Array) -> tuple[Array, Array]
     size = np.minimum(size, upper - lower)
     step = float(size.min()) / LATTICE
     counts = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9))).astype(int)
-    axes = [low + step * (np.arange(count) + 0.5) for low, count in zip(lower, counts, strict=True)]
-    free = room.is_free(np.stack(np.meshgrid(*axes, indexing="ij"), -1))
+    free = room.is_free(Raster(lower, step, tuple(counts.tolist())).centres)
     sums = np.pad(free.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     wide, high = np.clip(np.round(size / step).astype(int), 1, counts)
     inside = sums[wide:, high:] - sums[:-wide, high:] - sums[wide:, :-high] + sums[:-wide, :-high]
