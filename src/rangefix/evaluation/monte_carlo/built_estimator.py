@@ -1,4 +1,4 @@
-"""An estimator in the comparison, and what is asked of it: how many runs at once, trials, and its time."""
+"""An estimator that was built, and what is asked of it: how many runs at once, trials, and its time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ...arrays import Array
 from ...filters import Estimator
 from ..experiment import Builder, NamedEstimator
-from ..isolation import At, Note, silent
+from ..isolation import Announce, Note, say_nothing
 from ..results import Outcome, concatenate
 from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
@@ -29,19 +29,19 @@ class BuiltEstimator(NamedTuple):
     estimator: Estimator[Any]
 
     @classmethod
-    def build(cls, trial: Trial, builder: Builder, at: At = silent) -> BuiltEstimator:
-        """The one that a builder makes; whatever the builder raises comes out.
+    def build(cls, trial: Trial, builder: Builder, announce: Announce = say_nothing) -> BuiltEstimator:
+        """Build it; whatever the builder raises comes out.
 
         Args:
             trial: What it will be put to.
             builder: What makes it.
-            at: Hears whether it is being imported or built.
+            announce: Told whether it is being imported or built.
         """
         if isinstance(builder, NamedEstimator):
             factory = builder.factory()
-            at("building it", 0)
+            announce("building it", 0)
             return cls(trial, builder.build_with(factory, trial.problem))
-        at("building it", 0)
+        announce("building it", 0)
         return cls(trial, builder(trial.problem))
 
     def probe(self, measurement: Array) -> Probe:
@@ -57,12 +57,12 @@ class BuiltEstimator(NamedTuple):
         first: int,
         size: int,
         truth: Array | None = None,
-        note: Note = silent,
-        at: At = silent,
+        note: Note = say_nothing,
+        announce: Announce = say_nothing,
     ) -> Outcome:
         """Trials of runs first, first + 1, ... in batches of a size; with truths, beliefs are judged too.
 
-        `note` and `at` hear what is about to be done: see `Trial.run`.
+        `note` and `announce` are told what is about to be done: see `Trial.run`.
         """
         outcomes = []
         for start in range(0, len(measurement), size):
@@ -73,7 +73,7 @@ class BuiltEstimator(NamedTuple):
             here = slice(start, start + size)
             true = None if truth is None else truth[here]
             some = measurement[here]
-            outcomes.append(self.trial.run(self.estimator, some, first + start, noted, true, at))
+            outcomes.append(self.trial.run(self.estimator, some, first + start, noted, true, announce))
         return concatenate(outcomes) if len(outcomes) != 1 else outcomes[0]
 
     def time(self, measurement: Array) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Seconds for an update, on one thread."""
+"""Measure the seconds that an update takes, on one thread."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import Estimator
+from ...filters.estimator import filtered
 from ..seeds import Streams
 from .trial import Trial
 
@@ -41,15 +42,17 @@ def seconds_per_update(
 
     def once(count: int) -> float:  # seconds for the batch, mean over steps
         rngs = Streams(trial.seed, "estimator", range(count))
-        belief = estimator.init(trial.problem.prior, rngs)
-        spent = 0.0
-        for step in range(measurement.shape[1]):
-            if step:
-                belief = estimator.predict(belief, trial.moves[step - 1], rngs)
-            start = clock()
-            belief = estimator.update(belief, measurement[:count, step], rngs)
-            estimator.estimate(belief)
-            spent += clock() - start
+        start = spent = 0.0
+
+        def begin(verb: str, step: int) -> None:
+            nonlocal start
+            start = clock() if verb == "update" else start
+
+        readings = measurement[:count].swapaxes(0, 1)
+        for verb, _, belief in filtered(estimator, trial.problem.prior, trial.moves, readings, rngs, begin):
+            if verb == "update":
+                estimator.estimate(belief)
+                spent += clock() - start
         return float(spent / measurement.shape[1])
 
     try:

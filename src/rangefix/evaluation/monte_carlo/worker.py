@@ -1,8 +1,9 @@
-"""What does the trials of an experiment, part by part; one to a process."""
+"""Do the trials of an experiment, part by part; one worker to a process."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from ...arrays import Array
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Lost, Note, Raised, silent
+from ..isolation import Lost, Note, Raised, say_nothing
 from ..results import Outcome, failed_outcome, part_arrays
 from .batch_size import batch_size
 from .built_estimator import BuiltEstimator
@@ -46,17 +47,16 @@ class Worker:
     built: dict[str, BuiltEstimator | BuildFailure] = field(default_factory=dict)
     guards: dict[str, GuardedEstimator] = field(default_factory=dict)
     sizes: dict[tuple[str, int], int] = field(default_factory=dict)
-    first: Array | None = None
 
-    @property
+    @cached_property
     def trial(self) -> Trial:
         """What all estimators are put to."""
         moves = self.experiment.control_sequence.copy()
         moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
         return Trial(self.experiment.assumed_problem, moves, self.experiment.seed)
 
-    def contestant(self, label: str) -> BuiltEstimator:
-        """The estimator, in this process.
+    def estimator(self, label: str) -> BuiltEstimator:
+        """The estimator, built in this process.
 
         Raises:
             BuildFailure: With what its builder raised.
@@ -66,14 +66,14 @@ class Worker:
                 self.built[label] = BuiltEstimator.build(self.trial, self.experiment.estimators[label])
             except (Exception, SystemExit) as error:  # a plug-in may raise anything
                 text = one_line(error) + plugin_line(error.__traceback__)
-                self.built[label] = self._unbuilt(label, Raised(type(error).__name__, text))
-        found = self.built[label]
-        if isinstance(found, BuildFailure):
-            raise found
-        return found
+                self.built[label] = self._failure(label, Raised(type(error).__name__, text))
+        built = self.built[label]
+        if isinstance(built, BuildFailure):
+            raise built
+        return built
 
     def guard(self, label: str, limit: float) -> GuardedEstimator:
-        """The estimator in a process of its own; those of other estimators are ended.
+        """The estimator, built in a separate process; those of other estimators are ended.
 
         Raises:
             BuildFailure: If it cannot be sent, or built, there.
@@ -89,11 +89,11 @@ class Worker:
         try:
             self.guards[label].start()
         except (Raised, Lost) as error:
-            raise self._unbuilt(label, error) from None
+            raise self._failure(label, error) from None
         return self.guards[label]
 
-    def _unbuilt(self, label: str, error: Raised | Lost) -> BuildFailure:
-        """Names the plug-in and the stage."""
+    def _failure(self, label: str, error: Raised | Lost) -> BuildFailure:
+        """Why there is no estimator: the plug-in and the stage by name."""
         builder = self.experiment.estimators[label]
         name = f"estimator {(builder.name if isinstance(builder, NamedEstimator) else label)!r}"
         if isinstance(error, Lost):
@@ -107,49 +107,55 @@ class Worker:
 
     def probe_measurement(self, beams: int) -> Array:
         """Measurements of runs 0 and 1, which size batches the same way in all processes."""
-        if self.first is None:
-            self.first = simulate(self.experiment, 0, 2).measurement
-        return self.experiment.masked(self.first, beams)
+        return self.experiment.masked(self._first_two, beams)
 
-    def work(self, task: Task, world: Simulation, note: Note = silent) -> dict[str, NDArray[Any]]:
-        """The part of a task whose runs are given; `note` hears what is about to be done."""
-        seen = self.experiment.masked(world.measurement, task.beams)
+    @cached_property
+    def _first_two(self) -> Array:
+        return simulate(self.experiment, 0, 2).measurement
+
+    def work(self, task: Task, world: Simulation, note: Note = say_nothing) -> dict[str, NDArray[Any]]:
+        """Do a task whose runs are given; `note` is told what is about to be done."""
+        problem = self.experiment.assumed_problem
+        readings = self.experiment.masked(world.measurement, task.beams)
         truth = world.truth if self.experiment.beliefs else None
-        size = self.experiment.assumed_problem.space.size
         try:
-            outcome = self._outcome(task, seen, truth, note)
-        except BuildFailure as unbuilt:
-            outcome = failed_outcome(seen.shape, size, unbuilt.status, str(unbuilt))
-        except (Raised, Lost) as error:  # it was built, and cannot be built again
-            again = self._unbuilt(task.estimator, error)
-            outcome = failed_outcome(seen.shape, size, again.status, str(again))
-        return part_arrays(outcome, evidence_floor(self.experiment.assumed_problem.sensor, seen))
+            outcome = self._outcome(task, readings, truth, note)
+        except (
+            BuildFailure,
+            Raised,
+            Lost,
+        ) as error:  # it was built, and cannot be built again, if not the first
+            failure = error if isinstance(error, BuildFailure) else self._failure(task.estimator, error)
+            outcome = failed_outcome(readings.shape, problem.space.size, failure.status, str(failure))
+        return part_arrays(outcome, evidence_floor(problem.sensor, readings))
 
-    def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:
+    def _outcome(self, task: Task, readings: Array, truth: Array | None, note: Note) -> Outcome:
         label, beams = task.estimator, task.beams
         limit = self.experiment.timeout_of(label)
         if limit is not None:
-            return self.guard(label, limit).run(seen, task.first, self.probe_measurement(beams), truth)
-        contestant = self.contestant(label)
+            return self.guard(label, limit).run(readings, task.first, self.probe_measurement(beams), truth)
+        return self.estimator(label).run(readings, task.first, self._batch_size(label, beams), truth, note)
+
+    def _batch_size(self, label: str, beams: int) -> int:
         if (label, beams) not in self.sizes:
-            size = batch_size(contestant.trial, contestant.estimator, self.probe_measurement(beams))
-            self.sizes[label, beams] = size
-        return contestant.run(seen, task.first, self.sizes[label, beams], truth, note)
+            measurement = self.probe_measurement(beams)
+            self.sizes[label, beams] = batch_size(self.trial, self.estimator(label).estimator, measurement)
+        return self.sizes[label, beams]
 
     def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
         row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
-        seen, limit = self.experiment.masked(measurement, beams), self.experiment.timeout_of(label)
-        if not len(seen):
+        readings, limit = self.experiment.masked(measurement, beams), self.experiment.timeout_of(label)
+        if not len(readings):
             return row
         try:
+            timed: BuiltEstimator | GuardedEstimator
             if limit is None:
-                contestant = self.contestant(label)
-                size = batch_size(contestant.trial, contestant.estimator, self.probe_measurement(beams))
-                return row | contestant.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
-            guard = self.guard(label, limit)
-            probe = guard.probe(self.probe_measurement(beams))
-            size = 1 if probe is None else probe.size
-            return row | guard.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
+                timed, size = self.estimator(label), self._batch_size(label, beams)
+            else:
+                timed = self.guard(label, limit)
+                probe = timed.probe(self.probe_measurement(beams))
+                size = 1 if probe is None else probe.size
+            return row | timed.time(readings[:size]) | {"runs_at_once": len(readings[:size])}
         except (BuildFailure, Raised, Lost):
             return row
