@@ -9,7 +9,7 @@ from ...arrays import Array
 from ...filters import Estimator
 from ..experiment import Builder, NamedEstimator
 from ..isolation import Announce, Note, say_nothing
-from ..results import Outcome, concatenate
+from ..results import Outcome
 from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
 from .trial import Trial
@@ -60,21 +60,8 @@ class BuiltEstimator(NamedTuple):
         note: Note = say_nothing,
         announce: Announce = say_nothing,
     ) -> Outcome:
-        """Trials of runs first, first + 1, ... in batches of a size; with truths, beliefs are judged too.
-
-        `note` and `announce` are told what is about to be done: see `Trial.run`.
-        """
-        outcomes = []
-        for start in range(0, len(measurement), size):
-
-            def noted(place: int, count: int, start: int = start) -> None:
-                note(start + place, count)
-
-            here = slice(start, start + size)
-            true = None if truth is None else truth[here]
-            some = measurement[here]
-            outcomes.append(self.trial.run(self.estimator, some, first + start, noted, true, announce))
-        return concatenate(outcomes) if len(outcomes) != 1 else outcomes[0]
+        """Trials of runs first, first + 1, ...: see `Trial.run`."""
+        return self.trial.run(self.estimator, measurement, first, size, truth, note, announce)
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

@@ -41,13 +41,13 @@ class Trial(NamedTuple):
         truth: Array | None = None,
         announce: Announce = say_nothing,
     ) -> Outcome:
-        """Estimates after each step, all runs at once; beliefs are judged if truths (M, T, n) are given.
+        """Estimates after each step, all runs at once, all "ok"; beliefs are judged if truths are given.
 
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
         """
         rngs = Streams(self.seed, "estimator", runs)
-        mean, covariance, log_evidence = failed_outcome(measurement.shape, self.problem.space.size)[:3]
+        outcome = failed_outcome(measurement.shape, self.problem.space.size)
         scores: list[BeliefScores | None] = []
         stage = "init", 0
 
@@ -65,7 +65,7 @@ class Trial(NamedTuple):
                     continue
                 begin("estimate", step)
                 for target, (name, array) in zip(
-                    (mean, covariance, log_evidence), _named(estimator.estimate(belief)), strict=True
+                    outcome[:3], _named(estimator.estimate(belief)), strict=True
                 ):
                     wanted = target[:, step].shape
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
@@ -82,23 +82,23 @@ class Trial(NamedTuple):
             text += "; copy what you write to" if "read-only" in text else ""
             what, where = in_words(*stage), plugin_line(error.__traceback__)
             raise TrialError(f"{what} failed: {type(error).__name__}: {text}{where}") from error
-        outcome = with_status(mean, covariance, log_evidence)
-        if known := [score for score in scores if score is not None]:
-            from ..consistency import belief_arrays
+        if not (known := [score for score in scores if score is not None]):
+            return outcome
+        from ..consistency import belief_arrays
 
-            outcome = outcome._replace(beliefs=belief_arrays(known))
-        return outcome
+        return outcome._replace(beliefs=belief_arrays(known))
 
     def run(
         self,
         estimator: Estimator[Any],
         measurement: Array,
         first: int,
-        note: Note = say_nothing,
+        size: int | None = None,
         truth: Array | None = None,
+        note: Note = say_nothing,
         announce: Announce = say_nothing,
     ) -> Outcome:
-        """Runs first, first + 1, ... for measurements (M, T, B); where a batch fails, run by run.
+        """Runs first, first + 1, ... in batches; where a batch fails, run by run.
 
         An estimator of single runs is always run so, with the same numbers.
 
@@ -106,31 +106,35 @@ class Trial(NamedTuple):
             estimator: The estimator.
             measurement: (M, T, B), m.
             first: Number of the first run.
-            note: Told the place in the batch, and how many runs are done at once, before each piece of work.
+            size: Runs to a batch; all at once unless given.
             truth: True states (M, T, n), if beliefs are to be judged.
+            note: Told the place of the first run, and how many are done at once, before each piece of work.
             announce: Told the method and the step before each call.
         """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
-        count = len(measurement)
-        if count > 1 and not isinstance(estimator, EachRun):
-            note(0, count)
-            try:
-                return self.attempt(estimator, measurement, range(first, first + count), truth, announce)
-            except TrialError:
-                pass  # whose fault it is will show
+        runs = len(measurement)
+        size = 1 if isinstance(estimator, EachRun) else size or runs
+        todo = [(start, min(start + size, runs)) for start in range(0, runs, size)][::-1]
         outcomes = []
-        for place in range(count):
-            note(place, 1)
-            here = slice(place, place + 1)
-            true = None if truth is None else truth[here]
+        while todo:
+            start, end = todo.pop()
+            note(start, end - start)
+            readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
-                outcome = self.attempt(estimator, measurement[here], [first + place], true, announce)
+                numbers = range(first + start, first + end)
+                outcomes.append(self.attempt(estimator, readings, numbers, true, announce))
             except TrialError as error:
-                shape, size = measurement[here].shape, self.problem.space.size
-                outcome = failed_outcome(shape, size, "error", str(error))
-            outcomes.append(outcome)
-        return concatenate(outcomes)
+                if end - start > 1:  # whose fault it is will show
+                    todo += [(place, place + 1) for place in range(start, end)][::-1]
+                else:
+                    shape, components = readings.shape, self.problem.space.size
+                    outcomes.append(failed_outcome(shape, components, "error", str(error)))
+        tried = concatenate(outcomes)
+        outcome = with_status(*tried[:3])
+        outcome.reasons.update(tried.reasons)
+        outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
+        return outcome._replace(beliefs=tried.beliefs)
 
 
 def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
