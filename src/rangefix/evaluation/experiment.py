@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..filters import Estimator, Problem
+from ..filters.registry import BUILT_IN, build_with, resolve
 
 Builder = Callable[[Problem], Estimator[Any]]
 MAX_BEAMS_LISTED = 8  # sets of more are labelled by ranges
@@ -37,21 +38,15 @@ class NamedEstimator:
 
     def factory(self) -> Any:
         """Import the function or class of that name; it may raise what `resolve` raises."""
-        from ..filters.registry import resolve
-
         return resolve(self.name)
 
     def build_with(self, factory: Any, problem: Problem) -> Estimator[Any]:
         """Build the estimator for a problem; whatever the factory raises comes out."""
-        from ..filters.registry import build_with
-
         return build_with(self.name, factory, problem, self.options)
 
     @property
     def is_built_in(self) -> bool:
         """Whether it comes with this package."""
-        from ..filters.registry import BUILT_IN
-
         return self.name in BUILT_IN
 
 

@@ -60,9 +60,8 @@ class GuardedEstimator:
         if self._child is None:
             child = IsolatedProcess()
             try:
-                child.ask(
-                    "build", (BuiltEstimator.build, self.content), lambda count: BUILD_EXTRA_S + self.timeout
-                )
+                limit = BUILD_EXTRA_S + self.timeout
+                child.ask("build", (BuiltEstimator.build, self.content), lambda count: limit)
             except (Raised, Lost) as error:
                 child.kill()
                 self._ends += isinstance(error, Lost) and error.status == "error"
