@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ...filters import EachRun, Estimator
+from ...filters import EachRun, Estimate, Estimator
 from ...filters.estimator import filtered
 from ...filters.plugin_line import plugin_line
 from ..experiment import Builder, NamedEstimator
@@ -91,9 +91,11 @@ class BuiltEstimator(NamedTuple):
                 if verb != "update":
                     continue
                 begin("estimate", step)
-                for target, (name, array) in zip(
-                    outcome[:3], _named(self.estimator.estimate(belief)), strict=True
-                ):
+                estimate = tuple(self.estimator.estimate(belief))
+                if len(estimate) != 3:
+                    raise ValueError(f"it gave {len(estimate)} things, not mean, covariance and log evidence")
+                for name, target, value in zip(Estimate._fields, outcome[:3], estimate, strict=True):
+                    array = np.asarray(value, dtype=float)
                     wanted = target[:, step].shape
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
@@ -168,11 +170,3 @@ class BuiltEstimator(NamedTuple):
         with one_thread() as held:
             seconds = seconds_per_update(self.trial, self.estimator, measurement)
         return {"seconds": seconds if seconds == seconds else None, "one_thread": held}
-
-
-def _named(estimate: Iterable[Any]) -> list[tuple[str, Array]]:
-    parts = tuple(estimate)
-    if len(parts) != 3:
-        raise ValueError(f"it gave {len(parts)} things, not mean, covariance and log evidence")
-    names = ("mean", "covariance", "log_evidence")
-    return [(name, np.asarray(part, dtype=float)) for name, part in zip(names, parts, strict=True)]

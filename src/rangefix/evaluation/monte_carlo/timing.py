@@ -6,7 +6,7 @@ import importlib
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from time import perf_counter
 from typing import Any
 
@@ -70,23 +70,17 @@ def seconds_per_update(
 @contextmanager
 def one_thread() -> Iterator[list[str]]:
     """Hold the libraries' thread pools to one thread for timing; yields the names of those it could hold."""
-    held = []
-    numba = sys.modules.get("numba")
-    with warnings.catch_warnings():  # numba says which of its threading layers it cannot take
-        warnings.simplefilter("ignore")
-        before = numba.get_num_threads() if numba else 0
-    try:
-        limits: Any = importlib.import_module("threadpoolctl").threadpool_limits(1)
-        held += ["BLAS", "OpenMP"]
-    except ModuleNotFoundError:
-        limits = None
-    try:
+    held, numba = [], sys.modules.get("numba")
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(importlib.import_module("threadpoolctl").threadpool_limits(1))
+            held += ["BLAS", "OpenMP"]
+        except ModuleNotFoundError:
+            pass
         if numba:
+            with warnings.catch_warnings():  # it says which of its threading layers it cannot take
+                warnings.simplefilter("ignore")
+                stack.callback(numba.set_num_threads, numba.get_num_threads())
             numba.set_num_threads(1)
             held.append("numba")
         yield held
-    finally:
-        if numba:
-            numba.set_num_threads(before)
-        if limits is not None:
-            limits.restore_original_limits()
