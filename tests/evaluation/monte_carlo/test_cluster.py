@@ -91,6 +91,19 @@ def test_a_killed_worker_changes_no_bit(dask, tmp_path):
     assert contents(tmp_path / "cluster") == contents(tmp_path / "serial")
 
 
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_a_task_that_kills_its_workers_ends_the_run_in_a_line(request, monkeypatch, tmp_path):
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")  # else four workers go
+    address, _ = request.getfixturevalue("dask")
+    plugin = tmp_path / "deadly.py"
+    plugin.write_text(
+        PLUGIN.replace("time.sleep(0.005)", "__import__('os').kill(__import__('os').getpid(), 9)")
+    )
+    deadly = {"deadly": NamedEstimator(f"{plugin}:Slow")}
+    with pytest.raises(ResultsError, match="workers of the cluster keep dying"):
+        run(Experiment(make_problem(), deadly, runs=3, timeout=0), tmp_path / "out", cluster=address)
+
+
 def test_without_dask(monkeypatch, tmp_path):
     def missing(name):
         raise ModuleNotFoundError(name)
