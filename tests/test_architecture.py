@@ -112,7 +112,7 @@ evaluation.seeds
 filters filters.checks
 filters.adaptive
 filters.point_mass filters.particle filters.kalman filters.registry
-filters.models
+filters.models filters.images
 filters.estimator filters.sampling filters.compiled filters.plugin_line
 filters.problem
 filters.space

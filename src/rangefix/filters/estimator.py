@@ -163,6 +163,33 @@ class CanShowOne(Protocol[Asked]):
         """What the belief looks like."""
 
 
+@runtime_checkable
+class CanShow(Protocol[Asked]):
+    """The optional method `density` of an estimator whose belief is more than a mean and a covariance."""
+
+    def density(self, belief: Asked, run: int) -> Image:
+        """What the belief of a run looks like."""
+        ...
+
+
+@runtime_checkable
+class CanSampleOne(Protocol[Asked]):
+    """`CanSample` of an estimator for single runs."""
+
+    def sample(self, belief: Asked, size: int, rng: Generator) -> Array:
+        """Independent draws from the belief, (size, n)."""
+        ...
+
+
+@runtime_checkable
+class CanShowOne(Protocol[Asked]):
+    """`CanShow` of an estimator for single runs."""
+
+    def density(self, belief: Asked) -> Image:
+        """What the belief looks like."""
+        ...
+
+
 def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
     """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
 

@@ -15,7 +15,7 @@ import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, summarise
 from rangefix.evaluation.monte_carlo import keys
-from rangefix.evaluation.monte_carlo import worker as crew_module
+from rangefix.evaluation.monte_carlo import worker as worker_module
 
 from ..conftest import PriorOnly, make_problem
 
@@ -144,13 +144,13 @@ def test_an_interrupted_run_resumes_to_the_same_bits(plugin, tmp_path, monkeypat
 
 def count_work(monkeypatch):
     done = []
-    work = crew_module.Worker.work
+    work = worker_module.Worker.work
 
     def counted(self, task, *rest):
         done.append(task)
         return work(self, task, *rest)
 
-    monkeypatch.setattr(crew_module.Worker, "work", counted)
+    monkeypatch.setattr(worker_module.Worker, "work", counted)
     return done
 
 

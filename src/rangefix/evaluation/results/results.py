@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -16,7 +16,7 @@ from ...arrays import Array
 from ...filters import StateSpace
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json, read_npz
-from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing
+from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing, run_blocks
 from .trials import InFolder, InMemory, Source, Trials
 
 MAX_RUNS_IN_MEMORY = (
@@ -73,12 +73,9 @@ class Results:
         first = self.source.world(0, 1)[0][0, 0]
         return self.runs > 1 and all(bool((each == first).all()) for each in starts)
 
-    def blocks(self) -> Iterator[tuple[int, int]]:
+    def blocks(self) -> list[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""
-        return (
-            (first, min(first + MAX_RUNS_IN_MEMORY, self.runs))
-            for first in range(0, self.runs, MAX_RUNS_IN_MEMORY)
-        )
+        return run_blocks(self.runs, MAX_RUNS_IN_MEMORY)
 
     def get(self, estimator: str, beams: str | None = None) -> Trials:
         """The trials of one estimator on one set of beams; the last set (usually all beams) unless named.

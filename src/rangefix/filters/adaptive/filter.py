@@ -8,7 +8,8 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array
-from ..estimator import Estimate
+from ..estimator import Estimate, Image
+from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..models import Stationary
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
@@ -145,6 +146,10 @@ class AdaptivePointMassFilter:
         if belief.posterior is None and not isinstance(belief.prior, Predicted):
             return belief.prior.sample(size, rng)
         return sample_modes(self._cells(belief).modes, size, rng)
+
+    def density(self, belief: AdaptiveBelief) -> Image:
+        """Draws from the belief counted in pixels, for pictures: its lattices lie askew to them."""
+        return image_of_points(self.sample(belief, IMAGE_DRAWS, image_rng()), self.problem)
 
     @staticmethod
     def _evidence(belief: AdaptiveBelief, cells: Quadrature) -> float:

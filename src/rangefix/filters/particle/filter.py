@@ -21,7 +21,8 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..estimator import Estimate
+from ..estimator import Estimate, Image
+from ..images import image_of_points
 from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
@@ -161,6 +162,10 @@ class ParticleFilter:
     def sample(self, belief: ParticleBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Particles drawn by their weights, (M, size, n): where few have all the weight, copies of those."""
         return weighted_draws(belief.states, exp_of(belief.log_weights), size, rngs)
+
+    def density(self, belief: ParticleBelief, run: int) -> Image:
+        """A run's weighted particles counted in pixels, for pictures."""
+        return image_of_points(belief.states[run], self.problem, belief.log_weights[run])
 
     def effective_particles(self, belief: ParticleBelief) -> Array:
         """Effective number of particles 1 / sum w^2 (Kong, Liu and Wong, 1994), (M,)."""

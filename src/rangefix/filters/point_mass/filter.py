@@ -10,7 +10,8 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import Estimate
+from ..estimator import Estimate, Image
+from ..images import image_of_cells
 from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
@@ -150,6 +151,11 @@ class PointMassFilter:
                 logs, claim = self._log_weights(belief, run), (mean[run], covariance[run])
                 draws[run] = cell_draws(grid.centres, logs, grid.step, claim, size, space, rng)
         return draws
+
+    def density(self, belief: PointMassBelief, run: int) -> Image:
+        """The probabilities of a run's cells, for pictures."""
+        masses = self.grid.image(self.posterior(belief)[run])
+        return image_of_cells(masses, self.grid.lower, self.grid.step, self.problem.space)
 
     def _log_weights(self, belief: PointMassBelief, run: int) -> Array:
         """Log probability of each cell in one run, not normalised, (G,)."""
