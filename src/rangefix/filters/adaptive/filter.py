@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array
-from ..estimator import Estimate
+from ..estimator import BriefRepr, Estimate, brief
 from ..models import Stationary
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
@@ -32,11 +33,12 @@ SEEDS = 24  # points of a predicted mode that are followed
 class AdaptiveBelief:
     """What was predicted, what has been measured since, and the posterior that follows.
 
-    prior: What was predicted; the problem's prior before the first move.
-    measurements: Since then, (U, B); readings of different beams share a row.
-    posterior: Where it is; None before the first measurement after a move.
-    log_evidence: Of all that was measured before `prior`, nats.
-    possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
+    Attributes:
+        prior: What was predicted; the problem's prior before the first move.
+        measurements: Since then, (U, B); readings of different beams share a row.
+        posterior: Where it is; None before the first measurement after a move.
+        log_evidence: Of all that was measured before `prior`, nats.
+        possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
     """
 
     prior: Prior | Predicted
@@ -45,9 +47,15 @@ class AdaptiveBelief:
     log_evidence: float
     possible: bool = True
 
+    def __repr__(self) -> str:
+        if self.posterior is None:
+            return brief(self)
+        space, mass = self.posterior.modes[0].space, np.exp(self.posterior.log_mass)
+        return brief(self, Estimate(*space.moments(self.posterior.states, mass)))
 
-@dataclass(frozen=True)
-class AdaptivePointMassFilter:
+
+@dataclass(frozen=True, repr=False)
+class AdaptivePointMassFilter(BriefRepr):
     """The posterior on lattices that lie where it is, each in the axes of its own mode.
 
     A table of the least and greatest range from every coarse cell of the prior's support bounds the
@@ -74,7 +82,6 @@ class AdaptivePointMassFilter:
     drop: float = 1e-9
     table_rays: int = 20_000_000
     most_cells: int = 1_000_000
-    table: SearchTable = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if getattr(self.problem.sensor, "max_incidence", np.pi / 2) < np.pi / 2:
@@ -85,8 +92,12 @@ class AdaptivePointMassFilter:
             raise ValueError(f"the dropped density must be in (0, 0.01), got {self.drop}")
         if self.table_rays < 1000 or self.most_cells < 1000:
             raise ValueError("need at least 1000 rays for the table and 1000 cells")
-        table = build_table(self.problem.sensor, self.problem.prior, self.table_rays)
-        object.__setattr__(self, "table", table)
+        self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
+
+    @cached_property
+    def table(self) -> SearchTable:
+        """Bounds of the ranges from the coarse cells of the prior's support."""
+        return build_table(self.problem.sensor, self.problem.prior, self.table_rays)
 
     def init(self, prior: Prior, rng: Generator) -> AdaptiveBelief:
         """The prior's moments.

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..estimator import Estimate
+from ..estimator import BriefRepr, Estimate
 from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
@@ -32,14 +32,12 @@ from .resampling import SCHEMES
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
-MIN_EFFECTIVE = (
-    100  # effective particles: with fewer, the covariance of an object that moves is not to be trusted
-)
+MIN_EFFECTIVE = 100  # particles; with fewer, the covariance of an object that moves is not to be trusted
 Target = Posterior | LastStep
 
 
-@dataclass(frozen=True)
-class ParticleFilter:
+@dataclass(frozen=True, repr=False)
+class ParticleFilter(BriefRepr):
     """Particles weighted by the likelihood.
 
     Args:

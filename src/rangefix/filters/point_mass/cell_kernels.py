@@ -49,14 +49,13 @@ def _select(
     logs: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Find the cells that matter and their log weights; returns their number and the greatest log weight."""
-    cells, beams = table.ranges.shape
-    bounds = np.empty(len(table.low))
+    ranges, low, high = table.ranges, table.low, table.high
+    (cells, beams), bounds = ranges.shape, np.empty(len(low))
     start, count, best = 0, 0, -math.inf
     for block in range(bounds.size):
         bound = tops[block]
         for beam in range(beams):
-            low, high = table.low[block, beam], table.high[block, beam]
-            bound -= _least_penalty(reading[beam], precision[beam], low, high)
+            bound -= _least_penalty(reading[beam], precision[beam], low[block, beam], high[block, beam])
         bounds[block] = bound
         if bound > bounds[start]:
             start = block
@@ -67,7 +66,7 @@ def _select(
             for cell in range(first, min(first + CELLS_PER_BLOCK, cells)):
                 log = log_mass[cell]
                 for beam in range(beams):
-                    log -= _penalty(reading[beam], precision[beam], table.ranges[cell, beam])
+                    log -= _penalty(reading[beam], precision[beam], ranges[cell, beam])
                 if log > best - NEGLIGIBLE_NATS:
                     chosen[count], logs[count] = cell, log
                     count += 1
@@ -86,7 +85,7 @@ def _moments(
     The sums of docs/theory.md, "Point masses"; a heading's mean is that of "Moments of a heading". The logs
     become weights over the greatest one.
     """
-    size, count, is_angle = mean.size, chosen.size, table.is_angle
+    size, count, centres, is_angle = mean.size, chosen.size, table.centres, table.is_angle
     total = 0.0
     for k in range(count):
         logs[k] = math.exp(logs[k] - best)
@@ -95,7 +94,7 @@ def _moments(
         sine = 0.0
         cosine = 0.0
         for k in range(count):
-            value = table.centres[chosen[k], i]
+            value = centres[chosen[k], i]
             if is_angle[i]:
                 sine += logs[k] * math.sin(value)
                 cosine += logs[k] * math.cos(value)
@@ -106,7 +105,7 @@ def _moments(
     covariance[:] = 0.0
     for k in range(count):
         for i in range(size):
-            deviation[i] = table.centres[chosen[k], i] - mean[i]
+            deviation[i] = centres[chosen[k], i] - mean[i]
             if is_angle[i]:
                 deviation[i] = (deviation[i] + math.pi) % (2.0 * math.pi) - math.pi
         for i in range(size):

@@ -63,6 +63,12 @@ class RangesByCell:
         """The ranges with their bounds in blocks."""
         return CellTable(self.ranges, *block_bounds(self.ranges), self.grid.centres, self.is_angle)
 
+    @cached_property
+    def shared(self) -> SharedRanges:
+        """The ranges as if they were shared by headings, of which there is one."""
+        kinds = np.arange(self.ranges.shape[1])
+        return SharedRanges(kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
+
     def expected(self, first: int, last: int) -> Array:
         """See `CellRanges`."""
         return self.ranges[first:last]
@@ -75,9 +81,7 @@ class RangesByCell:
         """See `CellRanges`."""
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         gaussian_moments(readings, self.table, mass, sums)
-        kinds = np.arange(self.ranges.shape[1])
-        shared = SharedRanges(kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
-        error = lattice_errors(self.grid, sums, readings, shared, mass.logs)
+        error = lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         sums.covariances[sums.log_sums == -np.inf] = 0.0
         add_unresolved(sums.covariances, error)
         return sums

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import Estimate
+from ..estimator import BriefRepr, Estimate
 from ..models import Gaussian, Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
@@ -22,8 +22,8 @@ from .records import CellMass, Readings
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
-@dataclass(frozen=True)
-class PointMassBelief:
+@dataclass(frozen=True, repr=False)
+class PointMassBelief(BriefRepr):
     """Cell probabilities, kept as what they were before the readings and what the readings said.
 
     Readings of a beam with Gaussian noise enter a static object's posterior through their number and mean
@@ -46,8 +46,8 @@ class PointMassBelief:
     estimate: Estimate
 
 
-@dataclass(frozen=True)
-class PointMassFilter:
+@dataclass(frozen=True, repr=False)
+class PointMassFilter(BriefRepr):
     """The exact posterior, up to cell size, for an object that stays where it is.
 
     Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,7 @@ class Box(NamedTuple):
     goes_round: bool
 
 
+@cache
 def stencil(size: int) -> IntArray:
     """A cell, its neighbours +-e_i, and for each i < j its neighbours +-e_i +-e_j, (S, n)."""
     axes = np.eye(size, dtype=np.int64)
@@ -175,14 +177,14 @@ def _log_weight(cell: int, beams: MeasuredBeams, ranges: SharedRanges, log_mass:
     if cell < 0:
         return -math.inf
     log = float(log_mass[cell])
+    reading, weight, kind, shift = beams
+    table, period = ranges.ranges, ranges.period
     place, heading = divmod(cell, ranges.headings)
-    for beam in range(beams.reading.size):
-        column = heading + beams.shift[beam]
-        if column >= ranges.period:
-            column -= ranges.period
-        reading, expected = beams.reading[beam], ranges.ranges[place, beams.kind[beam], column]
-        if not math.isinf(reading):
-            log -= beams.weight[beam] * (reading - expected) ** 2
+    for beam in range(reading.size):
+        column = heading + shift[beam]
+        expected = table[place, kind[beam], column - period if column >= period else column]
+        if not math.isinf(reading[beam]):
+            log -= weight[beam] * (reading[beam] - expected) ** 2
         elif not math.isinf(expected):
             return -math.inf
     return log

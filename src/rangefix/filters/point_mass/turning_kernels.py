@@ -59,12 +59,14 @@ def _gap(reading: float, low: float, high: float) -> float:
 @njit(cache=True, nogil=True)
 def _compare(early: int, beams: MeasuredBeams, blocks: DirectionBlocks, bounds: Array) -> None:
     """Take from each block's greatest log mass (P, K), in place, what the first few beams take at least."""
+    readings, weights, kind, shift = beams
+    low, high = blocks.low, blocks.high
     for row in range(bounds.shape[0]):
         for beam in range(early):
-            turn, lane = divmod(beams.shift[beam], HEADINGS_PER_BLOCK)
-            least = blocks.low[row, beams.kind[beam], lane, turn : turn + bounds.shape[1]]
-            most = blocks.high[row, beams.kind[beam], lane, turn : turn + bounds.shape[1]]
-            reading, weight = beams.reading[beam], beams.weight[beam]
+            turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
+            least = low[row, kind[beam], lane, turn : turn + bounds.shape[1]]
+            most = high[row, kind[beam], lane, turn : turn + bounds.shape[1]]
+            reading, weight = readings[beam], weights[beam]
             if math.isinf(reading):
                 for column in range(bounds.shape[1]):
                     if not math.isinf(most[column]):
@@ -81,11 +83,12 @@ def _bound(
     log: float, bar: float, early: int, row: int, column: int, beams: MeasuredBeams, blocks: DirectionBlocks
 ) -> float:
     """The same for one block and the other beams; stops below the bar."""
-    for beam in range(early, beams.reading.size):
-        turn, lane = divmod(beams.shift[beam], HEADINGS_PER_BLOCK)
-        least = blocks.low[row, beams.kind[beam], lane, turn + column]
-        most = blocks.high[row, beams.kind[beam], lane, turn + column]
-        log -= beams.weight[beam] * _gap(beams.reading[beam], least, most) ** 2
+    reading, weight, kind, shift = beams
+    low, high = blocks.low, blocks.high
+    for beam in range(early, reading.size):
+        turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
+        least, most = low[row, kind[beam], lane, turn + column], high[row, kind[beam], lane, turn + column]
+        log -= weight[beam] * _gap(reading[beam], least, most) ** 2
         if log <= bar:
             break
     return log
@@ -110,18 +113,19 @@ def _append_block(
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block that matter; returns the new count and best log weight."""
     first, heading = PLACES_PER_BLOCK * block[0], HEADINGS_PER_BLOCK * block[1]
+    reading, weight, kind, shift = beams
     table, period, headings = ranges.ranges, ranges.period, log_mass.shape[1]
     misfits = np.empty(HEADINGS_PER_BLOCK)
     for place in range(first, min(first + PLACES_PER_BLOCK, len(table))):
         masses = log_mass[place, heading : heading + HEADINGS_PER_BLOCK]
         room = masses.max() - best + NEGLIGIBLE_NATS
         misfits[:] = 0.0
-        for beam in range(beams.reading.size):
-            column = heading + beams.shift[beam]
+        for beam in range(reading.size):
+            column = heading + shift[beam]
             if column >= period:
                 column -= period
-            expected = table[place, beams.kind[beam], column : column + HEADINGS_PER_BLOCK]
-            _add_misfits(beams.reading[beam], beams.weight[beam], expected, misfits)
+            expected = table[place, kind[beam], column : column + HEADINGS_PER_BLOCK]
+            _add_misfits(reading[beam], weight[beam], expected, misfits)
             if beam % BEAMS_PER_CHECK == BEAMS_PER_CHECK - 1 and misfits.min() >= room:
                 break
         for lane in range(masses.size):
@@ -239,12 +243,12 @@ def scan_moments(
 @njit(cache=True, nogil=True, parallel=True)
 def scan_misfits(beams: MeasuredBeams, ranges: SharedRanges, misfits: Array) -> None:
     """Sum_j weight_j (reading_j - range_j)^2 for all cells, written in place, (C, H)."""
-    headings = misfits.shape[1]
-    for place in prange(len(misfits)):
+    reading, weight, kind, shift = beams
+    table, period = ranges.ranges, ranges.period
+    for place in prange(len(table)):
         misfits[place] = 0.0
-        for beam in range(beams.reading.size):
-            reading, weight, shift = beams.reading[beam], beams.weight[beam], beams.shift[beam]
-            turn = min(headings, ranges.period - shift)  # headings before the directions start again
-            row = ranges.ranges[place, beams.kind[beam]]
-            _add_misfits(reading, weight, row[shift:], misfits[place, :turn])
-            _add_misfits(reading, weight, row, misfits[place, turn:])
+        for beam in range(reading.size):
+            turn = min(misfits.shape[1], period - shift[beam])  # headings before the directions start again
+            row = table[place, kind[beam]]
+            _add_misfits(reading[beam], weight[beam], row[shift[beam] :], misfits[place, :turn])
+            _add_misfits(reading[beam], weight[beam], row, misfits[place, turn:])
