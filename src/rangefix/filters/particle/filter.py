@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -27,7 +28,15 @@ from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
-from .metropolis import Posterior, covariance_root, kernel_step, metropolis, reject_crossings, separate_copies
+from .metropolis import (
+    Posterior,
+    covariance_root,
+    kernel_step,
+    metropolis,
+    metropolis_steps,
+    reject_crossings,
+    separate_copies,
+)
 from .resampling import SCHEMES
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
@@ -246,7 +255,8 @@ class ParticleFilter(BriefRepr):
         logs = np.repeat(known, counts), np.repeat(fresh, counts)
         if isinstance(target, LastStep):
             target = target.of(ancestors)
-            moved, log_density = target.renewed(copies, logs, power, self.moves, rng)
+            propose = partial(target.propose, rng=rng)
+            moved, log_density = metropolis_steps(copies, logs, target, propose, power, self.moves, rng)
             weights = exp_of(equal(self.particles))
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
             if spread is not moved:
@@ -256,4 +266,4 @@ class ParticleFilter(BriefRepr):
         _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
         spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
         root = covariance_root(covariance + spacing)
-        return *metropolis(copies, logs, target, power, root, space, self.moves, rng), target
+        return *metropolis(copies, logs, target, power, root, self.moves, rng), target
