@@ -82,8 +82,8 @@ class Lattice:
         """What twice the spacing along each axis would cost, (n,): the greatest of three errors.
 
         Of the probability, as a share; of the mean, in standard deviations; of the covariance, in variances,
-        in the direction in which it is greatest: point 5 of docs/theory.md, "Adaptive cells". What shows across
-        several axes is counted for that one of them that is worst: halving it is enough.
+        in the direction in which it is greatest: point 5 of docs/theory.md, "Adaptive cells". What shows
+        across several axes is counted for that one of them that is worst: halving it is enough.
         """
         weights = self._weights()
         mean, covariance = self.moments
