@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array
-from .problem import Prior
+from .problem import Prior, Problem
 
 Belief = TypeVar("Belief")
 Asked = TypeVar("Asked", contravariant=True)
@@ -30,6 +30,42 @@ class Estimate(NamedTuple):
     mean: Array
     covariance: Array
     log_evidence: Array | float = np.nan
+
+
+class BriefRepr:
+    """A dataclass whose `repr` fits a few lines: arrays by their shapes, a problem by its state and beams."""
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+
+def brief(record: Any, estimate: Estimate | None = None) -> str:
+    """A dataclass in a few lines.
+
+    Args:
+        record: The record.
+        estimate: What it comes down to, if that is known: that of the first run is written out.
+    """
+    parts = [f"{field.name}={_in_short(getattr(record, field.name))}" for field in fields(record)]
+    if estimate is not None:
+        parts.insert(0, _in_short(estimate))
+    return f"{type(record).__name__}({', '.join(parts)})"
+
+
+def _in_short(value: object) -> str:
+    """A field of a record in a few words."""
+    if isinstance(value, Estimate):
+        size = value.mean.shape[-1]
+        mean, covariance = value.mean.reshape(-1, size)[0], value.covariance.reshape(-1, size, size)[0]
+        pairs = zip(mean, np.sqrt(np.diagonal(covariance)), strict=True)
+        return "run 0 at " + " ".join(f"{centre:.4g}±{std:.2g}" for centre, std in pairs)
+    if isinstance(value, np.ndarray) and value.size > 1:
+        return f"<{' x '.join(map(str, value.shape))}>"
+    if isinstance(value, Problem):
+        return f"<{', '.join(value.space.names)} by {len(value.sensor.bearings)} beams>"
+    if type(value) is tuple:
+        return f"<{len(value)} of them>"
+    return f"<{type(value).__name__}>" if is_dataclass(value) or isinstance(value, tuple) else str(value)
 
 
 class Estimator(Protocol[Belief]):
@@ -153,32 +189,6 @@ class CanSampleOne(Protocol[Asked]):
 
     def sample(self, belief: Asked, size: int, rng: Generator) -> Array:
         """Independent draws from the belief, (size, n)."""
-
-
-@runtime_checkable
-class CanShowOne(Protocol[Asked]):
-    """`CanShow` of an estimator for single runs."""
-
-    def density(self, belief: Asked) -> Image:
-        """What the belief looks like."""
-
-
-@runtime_checkable
-class CanShow(Protocol[Asked]):
-    """The optional method `density` of an estimator whose belief is more than a mean and a covariance."""
-
-    def density(self, belief: Asked, run: int) -> Image:
-        """What the belief of a run looks like."""
-        ...
-
-
-@runtime_checkable
-class CanSampleOne(Protocol[Asked]):
-    """`CanSample` of an estimator for single runs."""
-
-    def sample(self, belief: Asked, size: int, rng: Generator) -> Array:
-        """Independent draws from the belief, (size, n)."""
-        ...
 
 
 @runtime_checkable

@@ -57,7 +57,7 @@ def image_of_points(states: Array, problem: Problem, log_weights: Array | None =
     logs = np.zeros(len(states)) if log_weights is None else log_weights
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
-    lower, upper = problem.sensor.room.bounds  # type: ignore[attr-defined]
+    lower, upper = problem.sensor.room.bounds
     counts = np.maximum(1, np.ceil(PIXELS * (upper - lower) / (upper - lower).max())).astype(int)
     edges = [np.linspace(*ends, dtype=float) for ends in zip(lower, upper, counts + 1, strict=True)]
     x1, x2 = states[:, space.position_indices].T

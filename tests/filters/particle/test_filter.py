@@ -289,7 +289,7 @@ def test_metropolis_steps_leave_the_posterior_as_it_is():
     posterior = Posterior(PAPER.prior, PAPER.sensor, [reading])
     mean, covariance = SPACE.moments(exact, np.full(size, 1 / size))
     logs_there = posterior.log_densities(exact)
-    moved, _ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), SPACE, 5, rng)
+    moved, _ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), 5, rng)
     assert (moved != exact).any(1).mean() > 0.5
     difference = moved - exact
     assert (np.abs(difference.mean(0)) < 5 * difference.std(0) / np.sqrt(size)).all()

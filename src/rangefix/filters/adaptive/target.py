@@ -39,10 +39,10 @@ class Target:
         beams = self.beams
         possible = np.flatnonzero(logs > -np.inf)
         if len(beams):
-            for some in np.array_split(possible, 1 + len(possible) * len(beams) // BATCH):
-                expected = self.expected(states[some], beams)
+            for part in np.array_split(possible, 1 + len(possible) * len(beams) // BATCH):
+                expected = self.expected(states[part], beams)
                 for reading in self.measurements:
-                    logs[some] += self.sensor.log_density(reading, expected)
+                    logs[part] += self.sensor.log_density(reading, expected)
         return logs
 
     def expected(self, states: Array, beams: IntArray | None = None) -> Array:
@@ -72,9 +72,9 @@ class Target:
         if len(measured) <= most:
             return self
         beams = measured[np.linspace(0, len(measured) - 1, most).round().astype(int)]
-        some = np.full_like(self.measurements, np.nan)
-        some[:, beams] = self.measurements[:, beams]
-        return Target(self.sensor, self.log_prior, some)
+        measurements = np.full_like(self.measurements, np.nan)
+        measurements[:, beams] = self.measurements[:, beams]
+        return Target(self.sensor, self.log_prior, measurements)
 
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""

@@ -12,22 +12,27 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import Estimate, Image
+from ..estimator import BriefRepr, Estimate, Image
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 
 
-@dataclass(frozen=True)
-class EnsembleBelief:
-    """Members of equal weight (M, N, n), and log evidence (M,)."""
+@dataclass(frozen=True, repr=False)
+class EnsembleBelief(BriefRepr):
+    """Members of equal weight, and what the readings said.
+
+    Attributes:
+        members: (M, N, n).
+        log_evidence: (M,).
+    """
 
     members: Array
     log_evidence: Array
 
 
-@dataclass(frozen=True)
-class EnsembleKalmanFilter:
+@dataclass(frozen=True, repr=False)
+class EnsembleKalmanFilter(BriefRepr):
     """The Kalman gain from sample covariances, applied to every member with a perturbed reading of its own.
 
     A beam that was not measured, has no return, or has none for some member, is left out.
