@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from rangefix.evaluation.consistency import (
 )
 from rangefix.evaluation.consistency.belief_scores import main_mode, measure
 from rangefix.evaluation.consistency.scores import crps, energy_score
+from rangefix.evaluation.figures import FigureData
 from rangefix.evaluation.figures.ranks import OUTSIDE, ranks_figure
 from rangefix.evaluation.figures.style import CLAIMED
 from rangefix.evaluation.monte_carlo.simulate import simulate
@@ -345,14 +346,15 @@ def test_ranks_come_from_a_study_to_rows_summary_and_figure(tmp_path):
     assert second.split(",")[header.split(",").index("belief_crps_x2")] == "nan"
     assert first.count("nan") < second.count("nan")
     told = Experiment(make_problem(), {"sure": NamedEstimator("ekf")}, runs=200, beliefs=True, assumed=sure)
-    wrong = summarise(run(told, timing=False))
+    wrong_results = run(told, timing=False)
+    wrong = summarise(wrong_results)
     assert wrong[0].flat()["belief_rank_p_x2"] < 1e-6
-    figure = ranks_figure(summarise(results), "2", "ranks")
-    assert figure is not None
+    data = FigureData(results)
+    assert data.has_samples()
+    figure = ranks_figure(data)
     assert len(figure.axes) == 3
     bars = [bar.get_facecolor() for axes in figure.axes for bar in axes.patches[:10]]
     assert bars.count(to_rgba(CLAIMED)) >= 27
-    odd = ranks_figure(wrong, wrong[0].beams, "ranks")
-    assert odd is not None
+    odd = ranks_figure(FigureData(wrong_results))
     assert odd.axes[1].patches[0].get_facecolor() == to_rgba(OUTSIDE)
-    assert ranks_figure([prior], "2", "ranks") is None
+    assert not FigureData(replace(results, estimators=("prior",))).has_samples()
