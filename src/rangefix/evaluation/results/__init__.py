@@ -1,6 +1,5 @@
 """What a study yields, in memory and in a folder."""
 
-from ...arrays import Array
 from .belief_images import FILE, Picture, load_pictures
 from .files import (
     ResultsError,
@@ -29,6 +28,7 @@ from .outcome import (
     STATUSES,
     BeliefScores,
     Outcome,
+    Status,
     concatenate,
     failed_outcome,
     with_status,
@@ -44,7 +44,6 @@ __all__ = [
     "PREFIX",
     "STATUSES",
     "TIMING",
-    "Array",
     "BeliefScores",
     "FolderLayout",
     "Outcome",
@@ -53,6 +52,7 @@ __all__ = [
     "ResultsError",
     "Scene",
     "Source",
+    "Status",
     "Trials",
     "concatenate",
     "failed_outcome",

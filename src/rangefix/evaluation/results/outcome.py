@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -10,12 +11,34 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
 
-CORRELATION_ROUNDING = (
-    1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
-)
+CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 PREFIX = "belief_"  # of the arrays in a part
-FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
-STATUSES = ("ok", *FAILURES)  # the code of a status is its place here
+
+
+class Status(StrEnum):
+    """How a trial ended. Parts hold the code of a status, which is its place here: add at the end only."""
+
+    OK = "ok"
+    DIVERGED = "diverged"
+    NAN = "nan"
+    TIMEOUT = "timeout"
+    ERROR = "error"
+    SKIPPED = "skipped"
+
+    @property
+    def code(self) -> int:
+        """The int8 that stands for it in arrays."""
+        return STATUSES.index(self)
+
+
+STATUSES = tuple(status.value for status in Status)
+FAILURES = STATUSES[1:]
+
+
+def count_failures(status: NDArray[np.int8]) -> dict[str, int]:
+    """Runs by status other than "ok", from codes (M,); statuses that did not occur are left out."""
+    counts = np.bincount(status, minlength=len(STATUSES))[1:]
+    return {name: int(count) for name, count in zip(FAILURES, counts, strict=True) if count}
 
 
 class Outcome(NamedTuple):
@@ -32,15 +55,15 @@ class Outcome(NamedTuple):
     beliefs: Mapping[str, Array] = {}
 
 
-def failed_outcome(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
+def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, reason: str = "") -> Outcome:
     """An outcome without estimates for measurements of a shape (M, T, B): all runs of one status."""
     runs, steps = shape[:2]
     return Outcome(
         np.full((runs, steps, size), np.nan),
         np.full((runs, steps, size, size), np.nan),
         np.full((runs, steps), np.nan),
-        np.full(runs, STATUSES.index(status), dtype=np.int8),
-        dict.fromkeys(range(runs), reason) if status != "ok" else {},
+        np.full(runs, Status(status).code, dtype=np.int8),
+        dict.fromkeys(range(runs), reason) if status != Status.OK else {},
     )
 
 
@@ -54,15 +77,19 @@ def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
     status = np.zeros(len(mean), dtype=np.int8)
     reasons: dict[int, str] = {}
-    for name, wrong, text in (
-        ("diverged", log_evidence == -np.inf, "the log evidence is -inf (nothing explains the measurement)"),
-        ("error", ~is_covariance(sound), "estimate(): the covariance is not "),
-        ("nan", ~finite, "estimate(): an estimate is not finite"),
+    for found, wrong, text in (
+        (
+            Status.DIVERGED,
+            log_evidence == -np.inf,
+            "the log evidence is -inf (nothing explains the measurement)",
+        ),
+        (Status.ERROR, ~is_covariance(sound), "estimate(): the covariance is not "),
+        (Status.NAN, ~finite, "estimate(): an estimate is not finite"),
     ):
         for place in np.flatnonzero(wrong.any(1)):
             step = int(wrong[place].argmax())
-            fault = _fault(covariance[place, step]) if name == "error" else ""
-            status[place] = STATUSES.index(name)
+            fault = _fault(covariance[place, step]) if found is Status.ERROR else ""
+            status[place] = found.code
             reasons[int(place)] = f"{text}{fault} at measurement {step + 1}"
     return Outcome(mean, covariance, log_evidence, status, reasons)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, BoolArray
 from .files import read_part
 from .folder import FolderLayout, trials_path, world_path
-from .outcome import STATUSES, BeliefScores, belief_of
+from .outcome import BeliefScores, Status, belief_of, count_failures
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Trials:
         covariance: Claimed covariances, (M, T, n, n).
         log_evidence: Log density of the measurements so far, nats, (M, T).
         log_evidence_floor: Below it they were improbable, (M, T).
-        status: Codes, places in STATUSES, (M,).
+        status: Codes of `Status`, (M,).
         reasons: Run -> why it is not ok.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
@@ -67,7 +67,7 @@ class Trials:
     @property
     def ok(self) -> BoolArray:
         """Which runs went well, (M,)."""
-        return np.asarray(self.status == 0)
+        return np.asarray(self.status == Status.OK.code)
 
     @property
     def improbable(self) -> BoolArray:
@@ -77,8 +77,7 @@ class Trials:
     @property
     def failures(self) -> dict[str, int]:
         """Runs by status other than "ok"; statuses that did not occur are left out."""
-        counts = np.bincount(self.status, minlength=len(STATUSES))
-        return {name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"}
+        return count_failures(self.status)
 
 
 class Source(Protocol):
@@ -142,7 +141,7 @@ class InFolder:
             "covariance": np.full((runs, steps, size, size), np.nan),
             "log_evidence": np.full((runs, steps), np.nan),
             "log_evidence_floor": np.full((runs, steps), np.nan),
-            "status": np.full(runs, STATUSES.index("skipped"), dtype=np.int8),
+            "status": np.full(runs, Status.SKIPPED.code, dtype=np.int8),
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
