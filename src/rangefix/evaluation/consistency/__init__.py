@@ -1,5 +1,6 @@
 """Whether to trust it: claimed against true errors."""
 
+from .averages import ratio_interval
 from .belief_scores import RANK_DRAWS, belief_arrays, judge_belief, rank_histogram
 from .calibration import Curve, Reliability, coverage_curve, curve, histogram, pit, reliability, uniform_band
 from .compare import Comparison, Difference
@@ -17,7 +18,7 @@ from .formatting import (
 )
 from .from_arrays import coverage, credibility, noncredibility
 from .gates import Gate, GateLine, check_gates, need_sound, parse_gates
-from .intervals import Interval, mean_interval, ratio_interval, share_interval, uniform_p_value
+from .intervals import Interval, mean_interval, share_interval, uniform_p_value
 from .normalised import anees_band, is_positive, nees
 from .row import Row, to_csv
 from .verdict import ALARMS, CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall, is_overconfident

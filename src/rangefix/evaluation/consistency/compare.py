@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import unified_diff
 from itertools import product
@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtr
 
-from ...arrays import Array, BoolArray
-from ..results import Results, Trials
+from ...arrays import Array
+from ..results import Results
 from .intervals import Interval, Moments
-from .normalised import nees
+from .metrics import Metric, metrics
+from .run_block import RunBlock
+from .summarise import run_blocks
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
+COMPARED_AS = {"G": "mse", "P": "claimed"}  # run by run they are no covariances
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,20 @@ class Difference:
     def significant(self) -> bool:
         """Whether it is more than chance."""
         return self.adjusted < LEVEL
+
+    @property
+    def is_variance(self) -> bool:
+        """Whether tables show the root of it."""
+        return self.figure.startswith(("mse_", "claimed_"))
+
+    @property
+    def label(self) -> str:
+        """What tables call the figure."""
+        for metric in _compared():
+            name, _, component = self.figure.partition(f"{_name(metric)}_")
+            if self.figure == _name(metric) or (not name and component):
+                return metric.short_label(component)
+        return "share ok"
 
 
 @dataclass(frozen=True)
@@ -167,12 +184,12 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
     """The figures of one estimator on one set of beams, step by step."""
     pairs: dict[tuple[int, str], _Pairs] = {}
     counts = np.zeros((2, 2), dtype=int)  # by ok in A, ok in B
-    for block in _blocks(a, b):
-        one, other = (each.source.trials(estimator, beams, *block) for each in (a, b))
-        np.add.at(counts, (one.ok.astype(int), other.ok.astype(int)), 1)
-        both = one.ok & other.ok
+    for first, end in _blocks(a, b):
+        ok = [results.source.trials(estimator, beams, first, end).ok for results in (a, b)]
+        np.add.at(counts, (ok[0].astype(int), ok[1].astype(int)), 1)
         figures_a, figures_b = (
-            _figures(results, trials, both, block) for results, trials in ((a, one), (b, other))
+            _values(run_blocks(results, estimator, beams, first, end, also=ok[0] & ok[1]))
+            for results in (a, b)
         )
         for key in figures_a.keys() & figures_b.keys():
             pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
@@ -184,18 +201,22 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
         yield pair.difference(estimator, beams, step, figure)
 
 
-def _figures(
-    results: Results, trials: Trials, both: BoolArray, block: tuple[int, int]
-) -> dict[tuple[int, str], Array]:
-    errors = results.space.difference(results.source.world(*block)[0], trials.mean)[both]
-    covariance = trials.covariance[both]
-    figures: dict[tuple[int, str], Array] = {}
-    for step in range(errors.shape[1]):
-        for i, name in enumerate(results.space.names):
-            figures[step, f"mse_{name}"] = errors[:, step, i] ** 2
-            figures[step, f"claimed_{name}"] = covariance[:, step, i, i]
-        figures[step, "anees"] = nees(errors[:, step], covariance[:, step]) / errors.shape[-1]
-    return figures
+def _values(blocks: Sequence[RunBlock]) -> dict[tuple[int, str], Array]:
+    """The values of runs that are compared, by step and figure."""
+    return {
+        (step, _name(metric) + column.removeprefix(metric.name)): values[0].astype(float)
+        for step, runs in enumerate(blocks)
+        for metric in _compared()
+        for column, values in metric.values(runs).items()
+    }
+
+
+def _compared() -> list[Metric]:
+    return [metric for metric in metrics() if "compare" in metric.shown]
+
+
+def _name(metric: Metric) -> str:
+    return COMPARED_AS.get(metric.name, metric.name)
 
 
 def _sign_test(lost: int, gained: int) -> float:

@@ -7,10 +7,11 @@ from itertools import product
 
 import numpy as np
 
-from ...arrays import Array
-from ..results import STATUSES, Results
-from .accumulator import PASSES, Accumulator, RunBlock
+from ...arrays import BoolArray
+from ..results import Results
+from .accumulator import PASSES, Accumulator
 from .row import Row
+from .run_block import RunBlock
 
 
 def summarise(results: Results) -> list[Row]:
@@ -25,39 +26,48 @@ def summarise(results: Results) -> list[Row]:
 
 def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
     """The rows of one estimator on one set of beams, block by block."""
-    blocks = list(results.blocks())
-    judgements: list[Accumulator] = []
-    counts = np.zeros(len(STATUSES), dtype=int)
-    improbable: Array = np.zeros(0, dtype=int)
-    chunks: list[RunBlock] = []
+    ranges = list(results.blocks())
+    accumulators: list[Accumulator] = []
+    blocks: list[RunBlock] = []
     for number in range(PASSES):
-        for first, end in blocks:
-            if number == 0 or len(blocks) > 1:
-                trials = results.source.trials(estimator, beams, first, end)
-                errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
-                ok = trials.ok
-                chunks = [
-                    RunBlock(
-                        errors[ok, t], trials.covariance[ok, t], trials.log_evidence[ok, t], trials.belief(t)
-                    )
-                    for t in range(errors.shape[1])
-                ]
-                if number == 0:
-                    judgements = judgements or [Accumulator(results.space.names) for _ in chunks]
-                    counts += np.bincount(trials.status, minlength=len(STATUSES))
-                    improbable = trials.improbable.sum(0) + (improbable if improbable.size else 0)
-            for judgement, chunk in zip(judgements, chunks, strict=True):
-                judgement.add(number, chunk)
-        for judgement in judgements:
-            judgement.end(number)
-    for step, judgement in enumerate(judgements):
-        yield judgement.row(
-            planned=results.runs,
-            failures={name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"},
-            improbable=int(improbable[step]),
-            estimator=estimator,
-            beams=beams,
-            step=step,
-            seconds=results.timing.get((estimator, beams), np.nan),
-            one_truth=results.one_truth,
+        for first, end in ranges:
+            if number == 0 or len(ranges) > 1:
+                blocks = run_blocks(results, estimator, beams, first, end)
+                accumulators = accumulators or [Accumulator(results.space.names) for _ in blocks]
+            for accumulator, block in zip(accumulators, blocks, strict=True):
+                accumulator.add(number, block)
+        for accumulator in accumulators:
+            accumulator.end(number)
+    seconds = results.timing.get((estimator, beams), np.nan)
+    for step, accumulator in enumerate(accumulators):
+        yield accumulator.row(
+            estimator=estimator, beams=beams, step=step, seconds=seconds, one_truth=results.one_truth
         )
+
+
+def run_blocks(
+    results: Results, estimator: str, beams: str, first: int, end: int, also: BoolArray | None = None
+) -> list[RunBlock]:
+    """Runs first to end - 1 of one estimator on one set of beams, a block for each step.
+
+    Args:
+        results: The results.
+        estimator, beams: Labels.
+        first, end: Which runs.
+        also: Which of them to take of those that went well, (M,); all unless given.
+    """
+    trials = results.source.trials(estimator, beams, first, end)
+    errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
+    ok = trials.ok if also is None else trials.ok & also
+    return [
+        RunBlock(
+            results.space.names,
+            errors[ok, step],
+            trials.covariance[ok, step],
+            log_evidence=trials.log_evidence[ok, step],
+            improbable=trials.improbable[ok, step],
+            status=trials.status,
+            belief=trials.belief(step),
+        )
+        for step in range(errors.shape[1])
+    ]

@@ -22,6 +22,7 @@ from .folder import (
     world_path,
 )
 from .map_snapshot import Scene, scene
+from .notebook import html_table
 from .outcome import (
     FAILURES,
     PREFIX,
@@ -31,6 +32,7 @@ from .outcome import (
     Status,
     concatenate,
     failed_outcome,
+    failures_of,
     with_status,
 )
 from .results import MAX_RUNS_IN_MEMORY, Results, load
@@ -56,7 +58,9 @@ __all__ = [
     "Trials",
     "concatenate",
     "failed_outcome",
+    "failures_of",
     "hash_of",
+    "html_table",
     "load",
     "load_pictures",
     "part_arrays",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, IntArray
 
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 PREFIX = "belief_"  # of the arrays in a part
@@ -35,10 +35,9 @@ STATUSES = tuple(status.value for status in Status)
 FAILURES = STATUSES[1:]
 
 
-def count_failures(status: NDArray[np.int8]) -> dict[str, int]:
-    """Runs by status other than "ok", from codes (M,); statuses that did not occur are left out."""
-    counts = np.bincount(status, minlength=len(STATUSES))[1:]
-    return {name: int(count) for name, count in zip(FAILURES, counts, strict=True) if count}
+def failures_of(counts: IntArray) -> dict[str, int]:
+    """Runs by status other than "ok", from counts by code; statuses that did not occur are left out."""
+    return {name: int(count) for name, count in zip(FAILURES, counts[1:], strict=True) if count}
 
 
 class Outcome(NamedTuple):

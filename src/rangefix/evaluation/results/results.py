@@ -17,6 +17,7 @@ from ...filters import StateSpace
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json, read_npz
 from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing
+from .notebook import html_table
 from .trials import InFolder, InMemory, Source, Trials
 
 MAX_RUNS_IN_MEMORY = (
@@ -49,6 +50,39 @@ class Results:
     timing: Mapping[tuple[str, str], float] = field(default_factory=dict)
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     folder: Path | None = None
+
+    def __repr__(self) -> str:
+        """What was run, on a few lines; nothing is read for it."""
+        return "\n  ".join(
+            [
+                f"Results of {self._title()}",
+                f"estimators: {', '.join(self.estimators)}",
+                f"beams: {', '.join(self.beam_sets)}",
+                f"state: {', '.join(self.space.names)}",
+                f"saved in: {self.folder}" if self.folder else "in memory",
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        """How the trials of each estimator went, for notebooks; of a large study, only what it is."""
+        columns = ("estimator", "beams", "ok", "failed", "ms per update")
+        trials = self.trials if self.runs <= MAX_RUNS_IN_MEMORY else ()
+        seconds = [self.timing.get((each.estimator, each.beams), np.nan) for each in trials]
+        lines = [
+            (
+                each.estimator,
+                each.beams,
+                int(each.ok.sum()),
+                ", ".join(f"{count} {name}" for name, count in each.failures.items()),
+                f"{1e3 * time:.3g}" if np.isfinite(time) else "",
+            )
+            for each, time in zip(trials, seconds, strict=True)
+        ]
+        return html_table(self._title(), columns, lines)
+
+    def _title(self) -> str:
+        name, seed = self.manifest.get("name", "a study"), self.manifest.get("seed")
+        return f"{name}: {self.runs} runs, seed {seed}"
 
     @cached_property
     def truth(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, BoolArray
 from .files import read_part
 from .folder import FolderLayout, trials_path, world_path
-from .outcome import BeliefScores, Status, belief_of, count_failures
+from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
 
 
 @dataclass(frozen=True)
@@ -45,18 +45,25 @@ class Trials:
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
-        some = slice(first, end)
-        return Trials(
-            self.estimator,
-            self.beams,
-            self.mean[some],
-            self.covariance[some],
-            self.log_evidence[some],
-            self.log_evidence_floor[some],
-            self.status[some],
-            {run: text for run, text in self.reasons.items() if first <= run < end},
-            {name: array[some] for name, array in self.beliefs.items()},
+        runs = slice(first, end)
+        return replace(
+            self,
+            mean=self.mean[runs],
+            covariance=self.covariance[runs],
+            log_evidence=self.log_evidence[runs],
+            log_evidence_floor=self.log_evidence_floor[runs],
+            status=self.status[runs],
+            reasons={run: text for run, text in self.reasons.items() if first <= run < end},
+            beliefs={name: array[runs] for name, array in self.beliefs.items()},
         )
+
+    def __repr__(self) -> str:
+        """What they are of and how they went."""
+        runs, steps, components = self.mean.shape
+        counts = {"ok": int(self.ok.sum())} | self.failures
+        told = ", ".join(f"{count} {name}" for name, count in counts.items())
+        size = f"{runs} runs of {steps} steps, {components} components"
+        return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
 
     def belief(self, step: int) -> BeliefScores | None:
         """What draws from the beliefs of the ok runs came to after a step, (K, ...); NaN in runs without."""
@@ -77,7 +84,7 @@ class Trials:
     @property
     def failures(self) -> dict[str, int]:
         """Runs by status other than "ok"; statuses that did not occur are left out."""
-        return count_failures(self.status)
+        return failures_of(np.bincount(self.status, minlength=len(STATUSES)))
 
 
 class Source(Protocol):
