@@ -1,7 +1,9 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
 from .consistency import (
+    Average,
     Interval,
+    Metric,
     Row,
     Verdict,
     anees_band,
@@ -30,8 +32,10 @@ Named = NamedEstimator  # its name in 0.1
 
 __all__ = [
     "STATUSES",
+    "Average",
     "Experiment",
     "Interval",
+    "Metric",
     "Named",
     "NamedEstimator",
     "Progress",

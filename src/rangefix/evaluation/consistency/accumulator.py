@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Array
 from ..results import STATUSES, failures_of
-from .averages import AVERAGES, Averaged
+from .averages import AVERAGES, Mean
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval
 from .metrics import Metric, metrics
@@ -25,7 +25,7 @@ class Accumulator:
     def __init__(self, names: tuple[str, ...], table: Sequence[Metric] | None = None) -> None:
         self.names, self.runs, self.counts = names, 0, np.zeros(len(STATUSES), dtype=int)
         self.table = metrics() if table is None else table
-        self.averages: dict[str, dict[str, Averaged]] = {metric.name: {} for metric in self.table}
+        self.averages: dict[str, dict[str, Mean]] = {metric.name: {} for metric in self.table}
         self.G, self.P = np.zeros((2, len(names), len(names)))
         self.inverse: Array | None = None
         self.ranks: Array | None = None

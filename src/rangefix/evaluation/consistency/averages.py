@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
-from scipy.special import ndtr
 
 from ...arrays import Array
 from .intervals import HUGE, LEVEL, UNKNOWN, Interval, Moments, share_interval
@@ -13,26 +10,8 @@ from .metrics import Average
 from .run_block import RunBlock
 
 
-class Averaged(Protocol):
-    """A figure in the making. In each pass it is given all blocks, in the same order."""
-
-    passes: int
-
-    def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
-        """Take in a block in a pass, 0, 1, ... `passes` - 1."""
-        ...
-
-    def interval(self, level: float) -> Interval:
-        """The figure after all passes."""
-        ...
-
-    def p_value(self, honest: float) -> float:
-        """Two-sided p-value of "the true figure is `honest`"; NaN = cannot say."""
-        ...
-
-
 class Mean:
-    """The mean of the values."""
+    """The mean of the values. In each of its passes it is given all blocks, in the same order."""
 
     passes = 1
 
@@ -40,12 +19,15 @@ class Mean:
         self.moments = Moments()
 
     def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
+        """Take in a block in a pass, 0, 1, ... `passes` - 1."""
         self.moments.add(values[0])
 
     def interval(self, level: float) -> Interval:
+        """The figure after all passes."""
         return self.moments.interval(level)
 
     def p_value(self, honest: float) -> float:
+        """Two-sided p-value of "the true mean is `honest`"; NaN = cannot say."""
         return self.moments.p_value_of_mean(honest)
 
 
@@ -59,31 +41,15 @@ class RootMean(Mean):
         return super().p_value(honest**2)
 
 
-class Share:
+class Share(Mean):
     """How many of the values are true."""
 
-    passes = 1
-
-    def __init__(self) -> None:
-        self.hits, self.total = 0, 0
-
-    def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
-        self.hits += int(values[0].sum())
-        self.total += len(values[0])
-
     def interval(self, level: float) -> Interval:
-        return share_interval(self.hits, self.total, level)
-
-    def p_value(self, honest: float) -> float:
-        """Of the score test, which Wilson's interval inverts."""
-        if not self.total or not 0 < honest < 1:
-            return float("nan")
-        z = (self.hits / self.total - honest) / np.sqrt(honest * (1 - honest) / self.total)
-        return float(2 * ndtr(-abs(z)))
+        return share_interval(round(self.moments.mean * self.moments.count), self.moments.count, level)
 
 
-class Ratio:
-    """The mean of the first values over that of the second.
+class Ratio(Mean):
+    """The ratio R of the mean of the first values to that of the second.
 
     By linearisation: R varies as the mean of (a - R b) / mean(b) does (the delta method; Cochran, Sampling
     Techniques, 1977, section 6.4), to which the interval for a skewed mean is applied.
@@ -92,7 +58,8 @@ class Ratio:
     passes = 2
 
     def __init__(self) -> None:
-        self.a, self.b, self.variation = Moments(), Moments(), Moments()
+        super().__init__()
+        self.a, self.b = Moments(), Moments()
 
     def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
         a, b = values
@@ -100,7 +67,7 @@ class Ratio:
             self.a.add(a)
             self.b.add(b)
         elif self.value == self.value:
-            self.variation.add((a - self.value * b) / self.b.mean)
+            self.moments.add((a - self.value * b) / self.b.mean)
 
     @property
     def value(self) -> float:
@@ -111,54 +78,50 @@ class Ratio:
     def interval(self, level: float) -> Interval:
         if self.value != self.value:
             return UNKNOWN
-        return self.variation.around(self.value, level, 0.0 if self.a.least >= 0 else -np.inf)
+        return self.moments.around(self.value, level, 0.0 if self.a.least >= 0 else -np.inf)
 
     def p_value(self, honest: float) -> float:
-        return self.variation.p_value(self.value, honest)
+        return self.moments.p_value(self.value, honest)
 
 
 def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
-    """The ratio of the means of paired samples (M,), whose second mean is positive, and its interval."""
+    """The ratio of the means of paired samples (M,), of which the second is positive, and its interval."""
     ratio = Ratio()
     for number in range(Ratio.passes):
         ratio.add(number, (np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float)))
     return ratio.interval(level)
 
 
-class LogRatio:
-    """The weighted mean, dB, of e' P^-1 e over e' G^-1 e; the error of G counts by its influence on it."""
+class LogRatio(Mean):
+    """The weighted mean of the runs' `log_ratios`, dB; the error of G counts by its influence on it."""
 
     passes = 3
 
     def __init__(self) -> None:
-        self.moments, self.slope, self.runs, self.infinite = Moments(), np.zeros(()), 0, False
+        super().__init__()
+        self.slope, self.runs, self.infinite = np.zeros(()), 0, False
 
     def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
         if runs is None or runs.G is None or runs.inverse is None:
             return
         errors, weights = runs.errors, values[0]
         if number == 1:
-            true = runs.true_nees
+            true, whitened = runs.true_nees, errors @ runs.inverse
             influence = np.where(true > 0, weights / np.where(true > 0, true, 1.0), 0.0) / np.log(10.0)
-            whitened = errors @ runs.inverse
             self.slope = self.slope + whitened.T @ (whitened * influence[:, None])
             self.runs += len(errors)
-            return
-        logs, slope = runs.log_ratios, self.slope / self.runs
-        if not np.isfinite(logs).all():
+        elif np.isfinite(runs.log_ratios).all():
+            slope = self.slope / self.runs
+            influence = ((errors @ slope) * errors).sum(-1) - float((slope * runs.G).sum())
+            self.moments.add(10.0 * (weights * runs.log_ratios + influence))
+        else:
             self.infinite = True
-            return
-        off = ((errors @ slope) * errors).sum(-1) - float((slope * runs.G).sum())
-        self.moments.add(10.0 * (weights * logs + off))
 
     def interval(self, level: float) -> Interval:
-        return Interval(np.inf, np.nan, np.inf) if self.infinite else self.moments.interval(level)
-
-    def p_value(self, honest: float) -> float:
-        return 0.0 if self.infinite else self.moments.p_value_of_mean(honest)
+        return Interval(np.inf, np.nan, np.inf) if self.infinite else super().interval(level)
 
 
-AVERAGES: dict[Average, type[Averaged]] = {
+AVERAGES: dict[Average, type[Mean]] = {
     Average.MEAN: Mean,
     Average.ROOT_MEAN: RootMean,
     Average.RATIO: Ratio,

@@ -24,7 +24,7 @@ from ..results import Status
 from .formatting import factor, scaled, unit
 from .intervals import Interval
 from .run_block import RunBlock
-from .scores import crps, energy_score, log_score_of
+from .scores import crps, energy_score, log_score
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
@@ -155,7 +155,7 @@ METRICS = (
     Metric("share_indefinite", "", lambda runs: ~runs.positive, SHARE),
     Metric("share_diverged", "", lambda runs: runs.status == Status.DIVERGED.code, SHARE),
     Metric("share_improbable", "", lambda runs: runs.improbable, SHARE),
-    Metric("log_score", "nats", lambda runs: log_score_of(runs.nees, runs.covariance, runs.positive), MEAN),
+    Metric("log_score", "nats", lambda runs: log_score(runs.nees, runs.covariance, runs.positive), MEAN),
     Metric("energy_score", "m", _energy_score, MEAN, shown=TERMINAL, label="energy score"),
     Metric("crps", COMPONENT, lambda runs: crps(runs.errors, np.sqrt(np.maximum(runs.variances, 0.0))), MEAN),
     Metric("log_evidence", "nats", lambda runs: runs.log_evidence, MEAN, better="higher"),

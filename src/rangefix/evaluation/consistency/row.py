@@ -10,22 +10,14 @@ from typing import NamedTuple, cast
 
 from ...arrays import Array
 from ..results import FAILURES, html_table
-from .formatting import format_interval
+from .formatting import beams_in_words, format_interval
 from .intervals import Interval, uniform_p_value
 from .metrics import LEVELS, Metric, Place, metrics
 from .normalised import anees_band
 
 
 class ClaimScores(NamedTuple):
-    """Mean scores of what is claimed, N(mean, P); lower is better, but for the evidence. See `scores.py`.
-
-    Attributes:
-        log: Minus log density of the Gaussian claim at the truth, nats.
-        energy: Energy score of the Gaussian claim of the position, m; NaN without x1 or x2.
-        crps: Continuous ranked probability score of the Gaussian claim of each component, m or rad.
-        evidence: Log evidence of the measurements up to this step, nats: HIGHER is better. It judges the
-            estimator's prediction of measurements, not of the state; NaN where the estimator gives none.
-    """
+    """Mean scores of the Gaussian claim; see `metrics.py`. The evidence is of the measurements."""
 
     log: Interval
     energy: Interval
@@ -37,10 +29,8 @@ class BeliefSummary(NamedTuple):
     """What draws from the beliefs themselves come to, whatever their shape. See `belief_scores.py`.
 
     Attributes:
-        energy: Mean energy score of the position, m.
-        crps: Mean continuous ranked probability score of each component, m or rad.
-        whole: Mean variance of the whole belief in each component, m^2 or rad^2.
-        mode: Mean variance of its main mode alone.
+        energy, crps: Mean scores, the second of each component.
+        whole, mode: Mean variances of the whole belief, and of its main mode alone, in each component.
         share: Mean share of the main mode.
         ranks: How often the truth has each rank among the draws, in equal bins; a row for each component and
             one for the distance from the middle of the belief, (n + 1, bins).
@@ -175,25 +165,22 @@ class Row:
 
     def __repr__(self) -> str:
         """What it is of, and the figures that a terminal shows."""
-        told = [f"Row: {self._title()}", f"  {self.ok} of {self.planned} runs ok"]
-        told += [
-            f"  {metric.full_label(component)}: {format_interval(metric.in_shown_unit(interval, component))}"
-            for metric, component, interval in self.shown("terminal")
-        ]
-        return "\n".join(told)
+        return "\n  ".join(
+            [f"Row of {self._title()}", *(": ".join(line) for line in self._lines("terminal"))]
+        )
 
     def _repr_html_(self) -> str:
-        """A table of its figures, for notebooks."""
-        lines = [
-            (metric.full_label(component), format_interval(metric.in_shown_unit(interval, component)))
-            for metric, component, interval in self.shown("report")
-        ]
-        caption = f"{self._title()}: {self.ok} of {self.planned} runs ok"
-        return html_table(caption, ("figure", "value [95 %]"), lines)
+        """The figures of a report as a table, for notebooks."""
+        return html_table(self._title(), ("figure", "value [95 %]"), self._lines("report"))
 
     def _title(self) -> str:
-        beams = f" on beams {self.beams}" if self.beams else ""
-        return f"{self.estimator or 'an estimator'}{beams}, measurement {self.step + 1}"
+        beams = f", {beams_in_words(self.beams)}" if self.beams else ""
+        return f"{self.estimator}{beams}, measurement {self.step + 1}: {self.ok} of {self.planned} runs ok"
+
+    def _lines(self, place: Place) -> Iterator[tuple[str, str]]:
+        for metric, component, interval in self.shown(place):
+            shown = metric.in_shown_unit(interval, component)
+            yield metric.full_label(component), format_interval(shown)
 
 
 def to_csv(rows: Sequence[Row]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from ..consistency import (
     CERTAIN,
+    METRICS,
     beams_in_words,
     capital,
     decide,
@@ -205,5 +206,9 @@ def _facts(setting: Setting) -> Iterable[Html]:
             )
             whole, mode = (format_number(k * each[i].sqrt().value) for each in (beliefs.whole, beliefs.mode))
             pairs.append((f"std of {name}, {shown}: whole belief / main mode", f"{whole} / {mode}"))
+    for metric, component, interval in row.shown("report"):
+        if metric not in METRICS:  # of another package
+            shown = metric.in_shown_unit(interval, component)
+            pairs.append((metric.full_label(component), format_interval(shown)))
     for label, value in pairs:
         yield tag("div", tag("dt", label), tag("dd", value))

@@ -52,37 +52,19 @@ class Results:
     folder: Path | None = None
 
     def __repr__(self) -> str:
-        """What was run, on a few lines; nothing is read for it."""
-        return "\n  ".join(
-            [
-                f"Results of {self._title()}",
-                f"estimators: {', '.join(self.estimators)}",
-                f"beams: {', '.join(self.beam_sets)}",
-                f"state: {', '.join(self.space.names)}",
-                f"saved in: {self.folder}" if self.folder else "in memory",
-            ]
-        )
+        """What was run, on three lines; nothing is read for it."""
+        where = f"in {self.folder}" if self.folder else "in memory"
+        labels = f"  estimators: {', '.join(self.estimators)}\n  beams: {', '.join(self.beam_sets)}"
+        return f"Results of {self._title()}, {where}\n{labels}"
 
     def _repr_html_(self) -> str:
-        """How the trials of each estimator went, for notebooks; of a large study, only what it is."""
-        columns = ("estimator", "beams", "ok", "failed", "ms per update")
+        """How the trials went, for notebooks; not of a large study, whose trials would have to be read."""
         trials = self.trials if self.runs <= MAX_RUNS_IN_MEMORY else ()
-        seconds = [self.timing.get((each.estimator, each.beams), np.nan) for each in trials]
-        lines = [
-            (
-                each.estimator,
-                each.beams,
-                int(each.ok.sum()),
-                ", ".join(f"{count} {name}" for name, count in each.failures.items()),
-                f"{1e3 * time:.3g}" if np.isfinite(time) else "",
-            )
-            for each, time in zip(trials, seconds, strict=True)
-        ]
-        return html_table(self._title(), columns, lines)
+        lines = [(each.estimator, each.beams, each.ok.sum(), each.failures or "") for each in trials]
+        return html_table(self._title(), ("estimator", "beams", "ok", "failed"), lines)
 
     def _title(self) -> str:
-        name, seed = self.manifest.get("name", "a study"), self.manifest.get("seed")
-        return f"{name}: {self.runs} runs, seed {seed}"
+        return f"{self.manifest.get('name')}: {self.runs} runs, seed {self.manifest.get('seed')}"
 
     @cached_property
     def truth(self) -> Array:

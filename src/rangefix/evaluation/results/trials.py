@@ -58,11 +58,11 @@ class Trials:
         )
 
     def __repr__(self) -> str:
-        """What they are of and how they went."""
+        """What they are of and how they went, on one line."""
         runs, steps, components = self.mean.shape
-        counts = {"ok": int(self.ok.sum())} | self.failures
-        told = ", ".join(f"{count} {name}" for name, count in counts.items())
         size = f"{runs} runs of {steps} steps, {components} components"
+        counts = {"ok": self.ok.sum()} | self.failures
+        told = ", ".join(f"{count} {status}" for status, count in counts.items())
         return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
 
     def belief(self, step: int) -> BeliefScores | None:
