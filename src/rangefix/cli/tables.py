@@ -50,18 +50,16 @@ def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
 def table1(paper: Paper) -> Table:
     """The paper's Table 1: noise-free values beside the printed ones, with the band over noise draws."""
     low, high = BAND
-    title = (
-        f"Table 1: conditional standard deviations, m (cells of {CELLS[-1]:g} m, {paper.draws} noise draws)"
-    )
-    columns = (
+    cells = f"cells of {CELLS[-1]:g} m, {paper.draws} noise draws"
+    columns = [
         "beams",
         "",
         "noise-free",
         "paper prints",
         f"{low:g}-{high:g} % of draws",
         "paper's percentile",
-    )
-    table = new_table(title, columns, left=2)
+    ]
+    table = new_table(f"Table 1: conditional standard deviations, m ({cells})", columns, left=2)
     for row in paper.rows:
         for i, inside in enumerate(row.in_band()):
             first, last = row.percentile[i]
@@ -81,10 +79,8 @@ def table1_notes(paper: Paper) -> list[str]:
     """What must be said with Table 1."""
     agreeing = round(paper.agreeing * paper.draws)
     outside = sum(not inside for row in paper.rows for inside in row.in_band())
-    if outside:
-        inside = f"All printed figures but {outside} lie in their bands."
-    else:
-        inside = "Every printed figure lies in its band."
+    some = f"All printed figures but {outside} lie in their bands."
+    inside = some if outside else "Every printed figure lies in its band."
     return [
         "The paper prints one unstated draw of the noise and cuts off: 0.64 is anything from 0.64 to 0.65,"
         " hence a range of percentiles.",
@@ -100,14 +96,8 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
     intervals, energy scores and times are left out: they are in `summary.csv`.
     """
     narrow = width < NARROW
-    figures = list(
-        {
-            (metric, component): None
-            for row in rows
-            for metric, component, _ in row.shown("terminal")
-            if metric.honest is not None or not narrow
-        }
-    )
+    shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
+    figures = [figure for figure in shown if figure[0].honest is not None or not narrow]
     columns = ["\nestimator", f"ok of\n{rows[0].planned}", *_std_headings(rows[0].names, "true / claimed")]
     columns += [_heading(metric, component, narrow) for metric, component in figures]
     table = new_table(title, columns if narrow else [*columns, "ms per\nupdate"])

@@ -1,7 +1,6 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
 from .consistency import (
-    Average,
     Interval,
     Metric,
     Row,
@@ -32,7 +31,6 @@ Named = NamedEstimator  # its name in 0.1
 
 __all__ = [
     "STATUSES",
-    "Average",
     "Experiment",
     "Interval",
     "Metric",

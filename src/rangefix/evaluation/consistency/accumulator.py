@@ -11,10 +11,8 @@ from ..results import STATUSES, failures_of
 from .averages import AVERAGES, Mean
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval
-from .metrics import Metric, metrics
-from .normalised import is_positive
+from .metrics import Metric, RunBlock, metrics
 from .row import Row
-from .run_block import RunBlock
 
 PASSES = 3  # over the runs: means; what varies about the means; what varies about G
 
@@ -26,9 +24,8 @@ class Accumulator:
         self.names, self.runs, self.counts = names, 0, np.zeros(len(STATUSES), dtype=int)
         self.table = metrics() if table is None else table
         self.averages: dict[str, dict[str, Mean]] = {metric.name: {} for metric in self.table}
-        self.G, self.P = np.zeros((2, len(names), len(names)))
-        self.inverse: Array | None = None
-        self.ranks: Array | None = None
+        self.squares, self.claims = np.zeros((2, len(names), len(names)))
+        self.ranks: Array = np.zeros(())
 
     @classmethod
     def of(cls, runs: RunBlock, table: Sequence[Metric] | None = None) -> Accumulator:
@@ -36,7 +33,6 @@ class Accumulator:
         accumulator = cls(runs.names, table)
         for number in range(PASSES):
             accumulator.add(number, runs)
-            accumulator.end(number)
         return accumulator
 
     def add(self, number: int, runs: RunBlock) -> None:
@@ -44,26 +40,16 @@ class Accumulator:
         if number == 0:
             self.runs += len(runs.errors)
             self.counts += np.bincount(runs.status, minlength=len(STATUSES))
-            self.G = self.G + runs.errors.T @ runs.errors
-            self.P = self.P + runs.covariance.sum(0)
+            self.squares = self.squares + runs.errors.T @ runs.errors
+            self.claims = self.claims + runs.covariance.sum(0)
             if runs.belief is not None:
-                ranks = np.column_stack([runs.belief.ranks, runs.belief.distance_rank])
-                counts = np.stack([rank_histogram(column) for column in ranks.T])
-                self.ranks = counts if self.ranks is None else self.ranks + counts
-        else:
-            runs.G, runs.inverse = self.G, self.inverse
+                ranks = (*runs.belief.ranks.T, runs.belief.distance_rank)
+                self.ranks = self.ranks + np.stack([rank_histogram(column) for column in ranks])
         for metric in self.table:
             average, columns = AVERAGES[metric.average], self.averages[metric.name]
             if number < average.passes:
                 for column, values in metric.values(runs).items():
-                    columns.setdefault(column, average()).add(number, values, runs)
-
-    def end(self, number: int) -> None:
-        """Close a pass."""
-        if number == 0 and self.runs:
-            self.G, self.P = self.G / self.runs, self.P / self.runs
-            if self.runs > 1 and is_positive(self.G):
-                self.inverse = np.asarray(np.linalg.inv(self.G), dtype=float)
+                    columns.setdefault(column, average()).add(number, values, runs.errors)
 
     def figures(self, level: float = LEVEL) -> dict[str, Interval]:
         """The figures after all passes, by column, in the order of the table."""
@@ -84,7 +70,6 @@ class Accumulator:
 
     def row(
         self,
-        *,
         estimator: str = "",
         beams: str = "",
         step: int = 0,
@@ -92,7 +77,7 @@ class Accumulator:
         one_truth: bool = False,
     ) -> Row:
         """The row after all passes."""
-        nothing = np.full(self.G.shape, np.nan)
+        runs = self.runs or np.nan
         return Row(
             estimator=estimator,
             beams=beams,
@@ -101,11 +86,11 @@ class Accumulator:
             planned=int(self.counts.sum()),
             ok=self.runs,
             failures=failures_of(self.counts),
-            G=self.G if self.runs else nothing,
-            P=self.P if self.runs else nothing,
+            G=self.squares / runs,
+            P=self.claims / runs,
             figures=self.figures(),
             seconds=seconds,
             p_values=self.p_values(),
             one_truth=one_truth,
-            ranks=self.ranks,
+            ranks=self.ranks if self.ranks.ndim else None,
         )

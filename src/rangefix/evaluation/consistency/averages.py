@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Literal
+
 import numpy as np
 
 from ...arrays import Array
 from .intervals import HUGE, LEVEL, UNKNOWN, Interval, Moments, share_interval
-from .metrics import Average
-from .run_block import RunBlock
+from .normalised import is_positive
 
 
 class Mean:
@@ -18,8 +20,8 @@ class Mean:
     def __init__(self) -> None:
         self.moments = Moments()
 
-    def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
-        """Take in a block in a pass, 0, 1, ... `passes` - 1."""
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
+        """Take in the values (K,) of a block, and its errors (K, n), in a pass: 0, 1, ... `passes` - 1."""
         self.moments.add(values[0])
 
     def interval(self, level: float) -> Interval:
@@ -61,7 +63,7 @@ class Ratio(Mean):
         super().__init__()
         self.a, self.b = Moments(), Moments()
 
-    def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
         a, b = values
         if number == 0:
             self.a.add(a)
@@ -86,34 +88,54 @@ class Ratio(Mean):
 
 def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
     """The ratio of the means of paired samples (M,), of which the second is positive, and its interval."""
-    ratio = Ratio()
+    ratio, pairs = Ratio(), (np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float))
     for number in range(Ratio.passes):
-        ratio.add(number, (np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float)))
+        ratio.add(number, pairs, np.empty(0))
     return ratio.interval(level)
 
 
 class LogRatio(Mean):
-    """The weighted mean of the runs' `log_ratios`, dB; the error of G counts by its influence on it."""
+    """The mean of log10 of the values over e' G^-1 e, dB, with G = E[e e'] from the same runs.
+
+    The interval counts the error of G by its influence on the mean.
+    """
 
     passes = 3
+    absolute = False
 
     def __init__(self) -> None:
         super().__init__()
-        self.slope, self.runs, self.infinite = np.zeros(()), 0, False
+        self.runs, self.infinite = 0, False
+        self.squares, self.slope = np.zeros(()), np.zeros(())
 
-    def add(self, number: int, values: tuple[Array, ...], runs: RunBlock | None = None) -> None:
-        if runs is None or runs.G is None or runs.inverse is None:
-            return
-        errors, weights = runs.errors, values[0]
-        if number == 1:
-            true, whitened = runs.true_nees, errors @ runs.inverse
-            influence = np.where(true > 0, weights / np.where(true > 0, true, 1.0), 0.0) / np.log(10.0)
-            self.slope = self.slope + whitened.T @ (whitened * influence[:, None])
+    @cached_property
+    def truth(self) -> tuple[Array, Array] | None:
+        """G and its inverse, after the first pass; None where it has none."""
+        covariance = self.squares / max(self.runs, 1)
+        sound = self.runs > 1 and is_positive(covariance)
+        return (covariance, np.asarray(np.linalg.inv(covariance), dtype=float)) if sound else None
+
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
+        if number == 0:
             self.runs += len(errors)
-        elif np.isfinite(runs.log_ratios).all():
+            self.squares = self.squares + errors.T @ errors
+        if number == 0 or self.truth is None:
+            return
+        covariance, inverse = self.truth
+        whitened = errors @ inverse
+        true = (whitened * errors).sum(-1)
+        apart = true > 0
+        true = np.where(apart, true, 1.0)
+        with np.errstate(divide="ignore"):
+            logs = np.where(apart, np.log10(np.where(apart, values[0], 1.0) / true), 0.0)
+        signs = np.sign(logs) if self.absolute else np.ones(len(logs))
+        if number == 1:
+            weights = np.where(apart, signs / true, 0.0) / np.log(10.0)
+            self.slope = self.slope + whitened.T @ (whitened * weights[:, None])
+        elif np.isfinite(logs).all():
             slope = self.slope / self.runs
-            influence = ((errors @ slope) * errors).sum(-1) - float((slope * runs.G).sum())
-            self.moments.add(10.0 * (weights * runs.log_ratios + influence))
+            influence = ((errors @ slope) * errors).sum(-1) - float((slope * covariance).sum())
+            self.moments.add(10.0 * (signs * logs + influence))
         else:
             self.infinite = True
 
@@ -121,10 +143,18 @@ class LogRatio(Mean):
         return Interval(np.inf, np.nan, np.inf) if self.infinite else super().interval(level)
 
 
+class AbsoluteLogRatio(LogRatio):
+    """The mean of the absolute value of these logarithms."""
+
+    absolute = True
+
+
+Average = Literal["mean", "root mean", "ratio of means", "share", "log ratio", "absolute log ratio"]
 AVERAGES: dict[Average, type[Mean]] = {
-    Average.MEAN: Mean,
-    Average.ROOT_MEAN: RootMean,
-    Average.RATIO: Ratio,
-    Average.SHARE: Share,
-    Average.LOG_RATIO: LogRatio,
+    "mean": Mean,
+    "root mean": RootMean,
+    "ratio of means": Ratio,
+    "share": Share,
+    "log ratio": LogRatio,
+    "absolute log ratio": AbsoluteLogRatio,
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import unified_diff
 from itertools import product
 from typing import Any
@@ -14,8 +14,7 @@ from scipy.special import bdtr
 from ...arrays import Array
 from ..results import Results
 from .intervals import Interval, Moments
-from .metrics import Metric, metrics
-from .run_block import RunBlock
+from .metrics import Metric, RunBlock, metrics
 from .summarise import run_blocks
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
@@ -112,10 +111,14 @@ def compare(a: Results, b: Results) -> Comparison:
         raise ValueError(f"A estimates {', '.join(a.space.names)}, B {', '.join(b.space.names)}")
     mine, others = (list(product(each.estimators, each.beam_sets)) for each in (a, b))
     found = [row for pair in mine if pair in others for row in _differences(a, b, *pair)]
+    config_a, config_b = (results.manifest.get("config", "").splitlines() for results in (a, b))
+    lines = unified_diff(config_a, config_b, lineterm="", n=0)
     return Comparison(
-        config=tuple(_config_diff(a.manifest.get("config", ""), b.manifest.get("config", ""))),
+        config=tuple(line for line in lines if not line.startswith(("---", "+++", "@@"))),
         settings=_settings(a.manifest, b.manifest),
-        same_truths=_same_truths(a, b),
+        same_truths=all(
+            np.array_equal(a.source.world(*block)[0], b.source.world(*block)[0]) for block in _blocks(a, b)
+        ),
         only_a=tuple(pair for pair in mine if pair not in others),
         only_b=tuple(pair for pair in others if pair not in mine),
         differences=tuple(_corrected(found)),
@@ -128,19 +131,6 @@ def _blocks(a: Results, b: Results) -> Iterator[tuple[int, int]]:
     return ((first, min(end, runs)) for first, end in a.blocks() if first < runs)
 
 
-def _same_truths(a: Results, b: Results) -> bool:
-    def same(block: tuple[int, int]) -> bool:
-        one, other = (each.source.world(*block)[0] for each in (a, b))
-        return one.shape == other.shape and bool((one == other).all())
-
-    return all(same(block) for block in _blocks(a, b))
-
-
-def _config_diff(a: str, b: str) -> list[str]:
-    lines = unified_diff(a.splitlines(), b.splitlines(), "A", "B", lineterm="", n=0)
-    return [line for line in lines if not line.startswith(("---", "+++", "@@"))]
-
-
 def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """What differs in the manifests, by dotted name."""
 
@@ -148,15 +138,16 @@ def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any
         found: dict[str, Any] = {}
         for key in ("seed", "runs", "versions", "git", "machine", "threads", "estimators", "beam_sets"):
             value = manifest.get(key)
-            if isinstance(value, dict):
-                found |= {f"{key}.{name}": each for name, each in value.items()}
-            else:
-                found[key] = value
+            parts = (
+                {f"{key}.{name}": part for name, part in value.items()} if isinstance(value, dict) else None
+            )
+            found |= {key: value} if parts is None else parts
         return found
 
     one, other = flat(a), flat(b)
-    names = [*one, *(name for name in other if name not in one)]
-    return {name: (one.get(name), other.get(name)) for name in names if one.get(name) != other.get(name)}
+    return {
+        name: (one.get(name), other.get(name)) for name in one | other if one.get(name) != other.get(name)
+    }
 
 
 class _Pairs:
@@ -174,10 +165,9 @@ class _Pairs:
 
     def difference(self, estimator: str, beams: str, step: int, figure: str) -> Difference:
         count, moments = self.count, self.apart
-        means = (self.a / count, self.b / count) if count else (np.nan, np.nan)
+        a, b = (self.a / count, self.b / count) if count else (np.nan, np.nan)
         change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
-        p = moments.p_value_of_mean(0.0)
-        return Difference(estimator, beams, step, figure, count, *means, change, p)
+        return Difference(estimator, beams, step, figure, count, a, b, change, moments.p_value_of_mean(0.0))
 
 
 def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator[Difference]:
@@ -185,11 +175,11 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
     pairs: dict[tuple[int, str], _Pairs] = {}
     counts = np.zeros((2, 2), dtype=int)  # by ok in A, ok in B
     for first, end in _blocks(a, b):
-        ok = [results.source.trials(estimator, beams, first, end).ok for results in (a, b)]
-        np.add.at(counts, (ok[0].astype(int), ok[1].astype(int)), 1)
+        one, other = (results.source.trials(estimator, beams, first, end) for results in (a, b))
+        np.add.at(counts, (one.ok.astype(int), other.ok.astype(int)), 1)
+        both = one.ok & other.ok
         figures_a, figures_b = (
-            _values(run_blocks(results, estimator, beams, first, end, also=ok[0] & ok[1]))
-            for results in (a, b)
+            _values(run_blocks(results, trials, first, both)) for results, trials in ((a, one), (b, other))
         )
         for key in figures_a.keys() & figures_b.keys():
             pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
@@ -212,7 +202,7 @@ def _values(blocks: Sequence[RunBlock]) -> dict[tuple[int, str], Array]:
 
 
 def _compared() -> list[Metric]:
-    return [metric for metric in metrics() if "compare" in metric.shown]
+    return [each for each in metrics() if "compare" in each.shown and each.average in ("mean", "share")]
 
 
 def _name(metric: Metric) -> str:
@@ -234,5 +224,4 @@ def _corrected(found: list[Difference]) -> Iterator[Difference]:
     for rank, i in enumerate(known):
         worst = max(worst, min(1.0, (len(known) - rank) * found[i].p))
         adjusted[i] = worst
-    for each, p in zip(found, adjusted, strict=True):
-        yield Difference(**(vars(each) | {"adjusted": float(p)}))
+    return (replace(each, adjusted=float(p)) for each, p in zip(found, adjusted, strict=True))

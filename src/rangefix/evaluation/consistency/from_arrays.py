@@ -16,10 +16,9 @@ from ...arrays import Array, wrap
 from ..results import Status
 from .accumulator import Accumulator
 from .intervals import LEVEL, Interval, share_interval
-from .metrics import METRICS
+from .metrics import METRICS, RunBlock
 from .normalised import nees
 from .row import Row
-from .run_block import RunBlock
 
 
 def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tuple[Interval, Interval]:
@@ -94,8 +93,8 @@ def credibility(
     errors = np.where(turning, wrap(truth - mean), truth - mean)
     sound = np.isfinite(errors).all(-1) & np.isfinite(covariance).all((-2, -1))
     status = np.where(sound, Status.OK.code, Status.NAN.code)
-    runs_ok = RunBlock(names, errors[sound], covariance[sound], status=status.astype(np.int8))
-    return Accumulator.of(runs_ok).row(estimator=label)
+    block = RunBlock(names, errors[sound], covariance[sound], status=status.astype(np.int8))
+    return Accumulator.of(block).row(label)
 
 
 def _names(size: int) -> tuple[str, ...]:

@@ -20,8 +20,8 @@ from ...errors import suggestion
 from ..results import BeliefScores
 from .accumulator import Accumulator
 from .formatting import beams_in_words, format_number
+from .metrics import RunBlock
 from .row import Row
-from .run_block import RunBlock
 from .verdict import decide, is_overconfident
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures
@@ -53,8 +53,7 @@ class GateLine:
     """What a gate made of one row.
 
     Attributes:
-        gate: The gate.
-        row: The row.
+        gate, row: Which.
         passed: Whether the figure itself lies in the band. A figure that is not a number does not pass.
         settled: Whether its whole 95 % interval lies on the same side; more runs settle what is not.
         text: One line for the reader.
@@ -107,8 +106,7 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
     Raises:
         ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
     """
-    every = figures(names, beliefs=True)
-    known = every if beliefs else figures(names, beliefs=False)
+    every, known = figures(names, beliefs=True), figures(names, beliefs=beliefs)
     for gate in gates:
         if gate.estimator is not None and gate.estimator not in labels:
             if gate.figure is None and gate.text.strip() in every:

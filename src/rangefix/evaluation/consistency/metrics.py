@@ -2,7 +2,7 @@
 
 One entry here adds a figure; so does an entry point "rangefix.metrics" of another package:
 
-    Metric("mae", COMPONENT, lambda runs: np.abs(runs.errors), Average.MEAN, shown=("csv", "terminal"))
+    Metric("mae", COMPONENT, lambda runs: np.abs(runs.errors), "mean", shown=("csv", "terminal"))
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
-from functools import partial
-from typing import Any, Literal
+from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,27 +19,67 @@ from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
-from ..results import Status
+from ..results import BeliefScores, Status
+from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
-from .run_block import RunBlock
+from .normalised import is_positive, nees
 from .scores import crps, energy_score, log_score
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
 COMPONENT = "component"  # the unit of a figure that has that of its component of the state
 Place = Literal["csv", "terminal", "report", "compare"]
-Values = Array | BoolArray | tuple[Array, Array] | None
 
 
-class Average(StrEnum):
-    """How the values of runs become a figure with its interval."""
+class RunBlock:
+    """Some runs of an estimator after one step, as metrics see them: K that went well, of M planned.
 
-    MEAN = "mean"
-    ROOT_MEAN = "root mean"
-    RATIO = "ratio of means"
-    SHARE = "share"
-    LOG_RATIO = "log ratio"
+    Attributes:
+        names: Components of the state.
+        errors: Truth minus estimate, (K, n).
+        covariance: Claimed, (K, n, n).
+        log_evidence: Of the measurements so far, nats, (K,); NaN where the estimator gives none.
+        improbable: Which met measurements that the estimator's model all but excludes, (K,).
+        status: Codes of `Status` of the planned runs, (M,).
+        belief: What draws from the beliefs come to, of the runs that have them; None if none has.
+    """
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        errors: Array,
+        covariance: Array,
+        *,
+        log_evidence: Array | None = None,
+        improbable: BoolArray | None = None,
+        status: NDArray[np.int8] | None = None,
+        belief: BeliefScores | None = None,
+    ) -> None:
+        runs = len(errors)
+        self.names, self.errors, self.covariance = names, errors, covariance
+        self.log_evidence = np.full(runs, np.nan) if log_evidence is None else log_evidence
+        self.improbable = np.zeros(runs, dtype=bool) if improbable is None else improbable
+        self.status = np.zeros(runs, dtype=np.int8) if status is None else status
+        sampled = np.zeros(0, dtype=bool) if belief is None else np.isfinite(belief.energy)
+        self.belief = (
+            BeliefScores(*(array[sampled] for array in belief)) if belief and sampled.any() else None
+        )
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which covariances are positive definite, (K,)."""
+        return is_positive(self.covariance)
+
+    @cached_property
+    def nees(self) -> Array:
+        """Normalised estimation errors squared e' P^-1 e, (K,)."""
+        return nees(self.errors, self.covariance)
+
+    @property
+    def variances(self) -> Array:
+        """Claimed variances, (K, n)."""
+        return self.covariance.diagonal(axis1=1, axis2=2)
 
 
 @dataclass(frozen=True)
@@ -52,17 +91,18 @@ class Metric:
         unit: "m", "nats", "dB", "" for a plain number; COMPONENT for m, m/s or rad, shown in degrees.
         per_run: From a block of runs, values (K,), or (K, n) for a figure of each component; None if the runs
             do not tell it. For a ratio of means two such arrays; for a share one of truths, of any length;
-            for a log ratio the weight of each run's `log_ratios`.
-        average: How the values are averaged.
+            for a log ratio squared errors over what is claimed for them.
+        average: How the values are averaged: see `averages.py`.
         honest: The figure of an honest estimator, against which rows have p-values; None if none is fixed.
         better: Which figures are better: "lower", "higher", or those near the "honest" one.
-        shown: Where: "csv" (summary.csv, --json, gates), "terminal", "report"; "compare": run by run.
+        shown: Where: "csv" (summary.csv, --json, gates), "terminal", "report"; means and shares
+            also in "compare", run by run.
         label: What tables call it, `{}` standing for the component; the column unless given.
     """
 
     name: str
     unit: str
-    per_run: Callable[[RunBlock], Values]
+    per_run: Callable[[RunBlock], Array | BoolArray | tuple[Array, Array] | None]
     average: Average
     honest: float | None = None
     better: Literal["lower", "higher", "honest"] = "lower"
@@ -82,18 +122,13 @@ class Metric:
         values = self.per_run(runs)
         if values is None:
             return {}
-        arrays: list[NDArray[Any]] = [
-            np.asarray(array) for array in (values if isinstance(values, tuple) else (values,))
-        ]
-        inner = {array.shape[1:] for array in arrays}
-        if inner == {()}:
+        arrays = np.stack(values if isinstance(values, tuple) else (values,))
+        if arrays.ndim == 2:
             return {self.name: tuple(arrays)}
-        if inner != {(len(runs.names),)}:
-            shapes = " and ".join(str(array.shape) for array in arrays)
-            raise ValueError(f"metric {self.name!r}: per_run gives {shapes} for errors {runs.errors.shape}")
-        return {
-            self.column(name): tuple(array[:, i] for array in arrays) for i, name in enumerate(runs.names)
-        }
+        if arrays.shape[2:] != (len(runs.names),):
+            shape = arrays.shape[1:]
+            raise ValueError(f"metric {self.name!r}: per_run gives {shape} for errors {runs.errors.shape}")
+        return {self.column(name): tuple(arrays[..., i]) for i, name in enumerate(runs.names)}
 
     def short_label(self, component: str = "") -> str:
         """What a table calls it, without its unit."""
@@ -135,40 +170,41 @@ def _is_inside(runs: RunBlock, level: float) -> BoolArray:
     return np.asarray(runs.nees <= chdtri(len(runs.names), 1 - level))
 
 
-MEAN, RATIO, SHARE, LOG_RATIO = Average.MEAN, Average.RATIO, Average.SHARE, Average.LOG_RATIO
 COMPARED: tuple[Place, ...] = ("csv", "compare")
 TERMINAL: tuple[Place, ...] = ("csv", "report", "terminal")
 VARIANCE = "m^2 or rad^2"
 METRICS = (
-    Metric("G", VARIANCE, lambda runs: runs.errors**2, MEAN, shown=COMPARED, label="{} true std"),
-    Metric("P", VARIANCE, lambda runs: runs.variances, MEAN, shown=COMPARED, label="{} claimed std"),
-    Metric("ratio", "", _true_and_claimed, RATIO, 1.0, "honest", label="G / P of {}"),
-    Metric("rmse", COMPONENT, lambda runs: runs.errors**2, Average.ROOT_MEAN, shown=("csv",)),
-    Metric("bias", COMPONENT, lambda runs: runs.errors, MEAN, 0.0, "honest", label="mean error of {}"),
-    Metric("anees", "", _anees, MEAN, 1.0, "honest", (*TERMINAL, "compare"), "ANEES/n"),
-    Metric("nci_db", "dB", lambda runs: np.sign(runs.log_ratios), LOG_RATIO, label="NCI"),
-    Metric("inclination_db", "dB", lambda runs: np.ones(len(runs.errors)), LOG_RATIO, label="inclination"),
+    Metric("G", VARIANCE, lambda runs: runs.errors**2, "mean", shown=COMPARED, label="{} true std"),
+    Metric("P", VARIANCE, lambda runs: runs.variances, "mean", shown=COMPARED, label="{} claimed std"),
+    Metric("ratio", "", _true_and_claimed, "ratio of means", 1.0, "honest", label="G / P of {}"),
+    Metric("rmse", COMPONENT, lambda runs: runs.errors**2, "root mean", shown=("csv",)),
+    Metric("bias", COMPONENT, lambda runs: runs.errors, "mean", 0.0, "honest", label="mean error of {}"),
+    Metric("anees", "", _anees, "mean", 1.0, "honest", (*TERMINAL, "compare"), "ANEES/n"),
+    Metric("nci_db", "dB", lambda runs: runs.nees, "absolute log ratio", label="NCI"),
+    Metric("inclination_db", "dB", lambda runs: runs.nees, "log ratio", label="inclination"),
     *(
-        Metric(f"coverage_{100 * level:g}", "", partial(_is_inside, level=level), SHARE, better="honest")
+        Metric(f"coverage_{100 * level:g}", "", partial(_is_inside, level=level), "share", better="honest")
         for level in LEVELS
     ),
-    Metric("share_indefinite", "", lambda runs: ~runs.positive, SHARE),
-    Metric("share_diverged", "", lambda runs: runs.status == Status.DIVERGED.code, SHARE),
-    Metric("share_improbable", "", lambda runs: runs.improbable, SHARE),
-    Metric("log_score", "nats", lambda runs: log_score(runs.nees, runs.covariance, runs.positive), MEAN),
-    Metric("energy_score", "m", _energy_score, MEAN, shown=TERMINAL, label="energy score"),
-    Metric("crps", COMPONENT, lambda runs: crps(runs.errors, np.sqrt(np.maximum(runs.variances, 0.0))), MEAN),
-    Metric("log_evidence", "nats", lambda runs: runs.log_evidence, MEAN, better="higher"),
-    Metric("belief_energy_score", "m", lambda runs: runs.belief and runs.belief.energy, MEAN),
-    Metric("belief_crps", COMPONENT, lambda runs: runs.belief and runs.belief.crps, MEAN),
-    Metric("belief_P", VARIANCE, lambda runs: runs.belief and _diagonal(runs.belief.spread), MEAN),
+    Metric("share_indefinite", "", lambda runs: ~runs.positive, "share"),
+    Metric("share_diverged", "", lambda runs: runs.status == Status.DIVERGED.code, "share"),
+    Metric("share_improbable", "", lambda runs: runs.improbable, "share"),
+    Metric("log_score", "nats", lambda runs: log_score(runs.nees, runs.covariance, runs.positive), "mean"),
+    Metric("energy_score", "m", _energy_score, "mean", shown=TERMINAL, label="energy score"),
+    Metric(
+        "crps", COMPONENT, lambda runs: crps(runs.errors, np.sqrt(np.maximum(runs.variances, 0.0))), "mean"
+    ),
+    Metric("log_evidence", "nats", lambda runs: runs.log_evidence, "mean", better="higher"),
+    Metric("belief_energy_score", "m", lambda runs: runs.belief and runs.belief.energy, "mean"),
+    Metric("belief_crps", COMPONENT, lambda runs: runs.belief and runs.belief.crps, "mean"),
+    Metric("belief_P", VARIANCE, lambda runs: runs.belief and _diagonal(runs.belief.spread), "mean"),
     Metric(
         "belief_main_mode_P",
         VARIANCE,
         lambda runs: runs.belief and _diagonal(runs.belief.mode_covariance),
-        MEAN,
+        "mean",
     ),
-    Metric("belief_main_mode_share", "", lambda runs: runs.belief and runs.belief.mode_share, MEAN),
+    Metric("belief_main_mode_share", "", lambda runs: runs.belief and runs.belief.mode_share, "mean"),
 )
 
 

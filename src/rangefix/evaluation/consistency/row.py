@@ -101,9 +101,7 @@ class Row:
     nci = _figure("nci_db", "Noncredibility index of Li and Zhao, dB.")
     inclination = _figure("inclination_db", "Inclination index of Li and Zhao, dB.")
     indefinite = _figure("share_indefinite", "Share of ok runs whose P is not positive definite.")
-    diverged = _figure(
-        "share_diverged", "Share of planned runs in which no hypothesis explained a measurement."
-    )
+    diverged = _figure("share_diverged", "Share of planned runs that no hypothesis explained.")
     improbable = _figure("share_improbable", "Share of ok runs whose evidence lies below the floor.")
 
     def of_components(self, name: str) -> tuple[Interval, ...]:
@@ -123,10 +121,8 @@ class Row:
     @property
     def scores(self) -> ClaimScores:
         """Of the Gaussian claims."""
-        one = self.figures
-        return ClaimScores(
-            one["log_score"], one["energy_score"], self.of_components("crps"), one["log_evidence"]
-        )
+        log, energy, evidence = (self.figures[name] for name in ("log_score", "energy_score", "log_evidence"))
+        return ClaimScores(log, energy, self.of_components("crps"), evidence)
 
     @property
     def beliefs(self) -> BeliefSummary | None:
@@ -165,9 +161,8 @@ class Row:
 
     def __repr__(self) -> str:
         """What it is of, and the figures that a terminal shows."""
-        return "\n  ".join(
-            [f"Row of {self._title()}", *(": ".join(line) for line in self._lines("terminal"))]
-        )
+        figures = (": ".join(line) for line in self._lines("terminal"))
+        return "\n  ".join([f"Row of {self._title()}", *figures])
 
     def _repr_html_(self) -> str:
         """The figures of a report as a table, for notebooks."""

@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 
 from ...arrays import BoolArray
-from ..results import Results
+from ..results import Results, Trials
 from .accumulator import PASSES, Accumulator
+from .metrics import RunBlock
 from .row import Row
-from .run_block import RunBlock
 
 
 def summarise(results: Results) -> list[Row]:
@@ -32,33 +32,27 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
     for number in range(PASSES):
         for first, end in ranges:
             if number == 0 or len(ranges) > 1:
-                blocks = run_blocks(results, estimator, beams, first, end)
+                trials = results.source.trials(estimator, beams, first, end)
+                blocks = run_blocks(results, trials, first, trials.ok)
                 accumulators = accumulators or [Accumulator(results.space.names) for _ in blocks]
             for accumulator, block in zip(accumulators, blocks, strict=True):
                 accumulator.add(number, block)
-        for accumulator in accumulators:
-            accumulator.end(number)
     seconds = results.timing.get((estimator, beams), np.nan)
     for step, accumulator in enumerate(accumulators):
-        yield accumulator.row(
-            estimator=estimator, beams=beams, step=step, seconds=seconds, one_truth=results.one_truth
-        )
+        yield accumulator.row(estimator, beams, step, seconds, results.one_truth)
 
 
-def run_blocks(
-    results: Results, estimator: str, beams: str, first: int, end: int, also: BoolArray | None = None
-) -> list[RunBlock]:
-    """Runs first to end - 1 of one estimator on one set of beams, a block for each step.
+def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> list[RunBlock]:
+    """Runs of one estimator, a block for each step.
 
     Args:
         results: The results.
-        estimator, beams: Labels.
-        first, end: Which runs.
-        also: Which of them to take of those that went well, (M,); all unless given.
+        trials: Some of its trials, of M runs that follow each other.
+        first: The first of these runs.
+        ok: Which of them to take, (M,).
     """
-    trials = results.source.trials(estimator, beams, first, end)
-    errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
-    ok = trials.ok if also is None else trials.ok & also
+    truth = results.source.world(first, first + len(ok))[0]
+    errors = results.space.difference(truth, trials.mean)
     return [
         RunBlock(
             results.space.names,
@@ -67,7 +61,7 @@ def run_blocks(
             log_evidence=trials.log_evidence[ok, step],
             improbable=trials.improbable[ok, step],
             status=trials.status,
-            belief=trials.belief(step),
+            belief=trials.belief(step, ok),
         )
         for step in range(errors.shape[1])
     ]

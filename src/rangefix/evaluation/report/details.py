@@ -208,7 +208,7 @@ def _facts(setting: Setting) -> Iterable[Html]:
             pairs.append((f"std of {name}, {shown}: whole belief / main mode", f"{whole} / {mode}"))
     for metric, component, interval in row.shown("report"):
         if metric not in METRICS:  # of another package
-            shown = metric.in_shown_unit(interval, component)
-            pairs.append((metric.full_label(component), format_interval(shown)))
+            value = format_interval(metric.in_shown_unit(interval, component))
+            pairs.append((metric.full_label(component), value))
     for label, value in pairs:
         yield tag("div", tag("dt", label), tag("dd", value))

@@ -65,11 +65,10 @@ class Trials:
         told = ", ".join(f"{count} {status}" for status, count in counts.items())
         return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
 
-    def belief(self, step: int) -> BeliefScores | None:
-        """What draws from the beliefs of the ok runs came to after a step, (K, ...); NaN in runs without."""
-        return (
-            BeliefScores(**{k: v[self.ok, step] for k, v in self.beliefs.items()}) if self.beliefs else None
-        )
+    def belief(self, step: int, runs: BoolArray | None = None) -> BeliefScores | None:
+        """What draws from the beliefs of some runs, else of those ok, came to after a step; NaN without."""
+        some = self.ok if runs is None else runs
+        return BeliefScores(**{k: v[some, step] for k, v in self.beliefs.items()}) if self.beliefs else None
 
     @property
     def ok(self) -> BoolArray:
