@@ -141,7 +141,7 @@ class InFolder:
 
     def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
         """Trials, read part by part into arrays of their full size."""
-        runs, (steps, size, _) = end - first, self.plan.shape
+        runs, (steps, size, _), key = end - first, self.plan.shape, self.plan.key(estimator, beams)
         arrays: dict[str, NDArray[Any]] = {
             "mean": np.full((runs, steps, size), np.nan),
             "covariance": np.full((runs, steps, size, size), np.nan),
@@ -157,10 +157,7 @@ class InFolder:
                 missed = range(max(low, first), min(high, end))
                 reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
                 continue
-            part, (mine, its) = (
-                read_part(path, self.plan.key(estimator, beams)),
-                _overlap(low, high, first, end),
-            )
+            part, (mine, its) = read_part(path, key), _overlap(low, high, first, end)
             for name, array in arrays.items():
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():
