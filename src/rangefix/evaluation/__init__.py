@@ -2,6 +2,7 @@
 
 from .consistency import (
     Interval,
+    Metric,
     Row,
     Verdict,
     anees_band,
@@ -32,6 +33,7 @@ __all__ = [
     "STATUSES",
     "Experiment",
     "Interval",
+    "Metric",
     "Named",
     "NamedEstimator",
     "Progress",

@@ -12,15 +12,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from difflib import get_close_matches
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import suggestion
+from ..results import BeliefScores
+from .accumulator import Accumulator
 from .formatting import beams_in_words, format_number
-from .from_arrays import credibility
-from .intervals import UNKNOWN
-from .row import BeliefSummary, Row
+from .metrics import RunBlock
+from .row import Row
 from .verdict import decide, is_overconfident
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures
@@ -52,8 +53,7 @@ class GateLine:
     """What a gate made of one row.
 
     Attributes:
-        gate: The gate.
-        row: The row.
+        gate, row: Which.
         passed: Whether the figure itself lies in the band. A figure that is not a number does not pass.
         settled: Whether its whole 95 % interval lies on the same side; more runs settle what is not.
         text: One line for the reader.
@@ -106,8 +106,7 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
     Raises:
         ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
     """
-    every = figures(names, beliefs=True)
-    known = every if beliefs else figures(names, beliefs=False)
+    every, known = figures(names, beliefs=True), figures(names, beliefs=beliefs)
     for gate in gates:
         if gate.estimator is not None and gate.estimator not in labels:
             if gate.figure is None and gate.text.strip() in every:
@@ -115,7 +114,7 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
             if gate.figure is None and "=" in gate.text:
                 band = gate.text.rpartition("=")[2].strip()
                 raise ValueError(f"gate {gate.text!r}: {band!r} is no band LOW:HIGH: write {FORM}")
-            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+            raise ValueError(_no_estimator(gate, labels))
         if gate.figure is not None and gate.figure not in known:
             if gate.figure in every:
                 raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
@@ -124,25 +123,22 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
 
 def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
     """Names of the figures that a row has, for components of the state."""
-    size = len(names)
-    row = credibility(np.zeros(size), np.zeros((2, size)), np.eye(size), names=names)
-    if beliefs:
-        each = (UNKNOWN,) * size
-        row = replace(row, beliefs=BeliefSummary(UNKNOWN, each, each, each, UNKNOWN, np.ones((size + 1, 2))))
+    errors = np.zeros((2, len(names)))
+    covariance = np.broadcast_to(np.eye(len(names)), (2, len(names), len(names)))
+    one = np.zeros(2)
+    belief = BeliefScores(errors, one, one, errors, one, covariance, covariance) if beliefs else None
+    row = Accumulator.of(RunBlock(names, errors, covariance, belief=belief)).row()
     return tuple(name for name in row.flat() if name not in LABELS)
 
 
-def _there(labels: Iterable[str], gate: Gate) -> str:
-    close = get_close_matches(gate.estimator or "", list(labels), n=1)
-    return f"did you mean {close[0]}?" if close else f"there are {', '.join(labels)}; or write {FORM}"
+def _no_estimator(gate: Gate, labels: Sequence[str]) -> str:
+    meant = suggestion(gate.estimator or "", labels, more=f"; or write {FORM}")
+    return f"gate {gate.text!r} names no estimator of this study: {meant}"
 
 
 def _no_figure(gate: Gate, known: Iterable[str]) -> str:
     plain = [name for name in known if not name.endswith(("_low", "_high"))]
-    close = get_close_matches(gate.figure or "", plain, n=1)
-    return f"gate {gate.text!r}: no figure {gate.figure!r}; " + (
-        f"did you mean {close[0]}?" if close else f"there are {', '.join(plain)}"
-    )
+    return f"gate {gate.text!r}: no figure {gate.figure!r}; {suggestion(gate.figure or '', plain)}"
 
 
 def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
@@ -155,7 +151,7 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
     lines = []
     for gate in gates:
         if gate.estimator is not None and gate.estimator not in labels:
-            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+            raise ValueError(_no_estimator(gate, labels))
         known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
         if gate.figure is not None and gate.figure not in known:
             raise ValueError(_no_figure(gate, known))

@@ -11,7 +11,7 @@ from ...arrays import Array
 from ...filters import EachRun, Estimator, Problem
 from ...filters.plugin_line import plugin_line
 from ..isolation import At, Note, during, silent
-from ..results import STATUSES, Outcome, failed_outcome, with_status
+from ..results import Outcome, Status, failed_outcome, with_status
 from ..seeds import Streams
 
 
@@ -120,7 +120,7 @@ class Trial(NamedTuple):
                 whole = np.full((count, *array.shape[1:]), np.nan)
                 beliefs.setdefault(name, whole)[place] = array[0]
         outcome = with_status(*outcome[:3])._replace(beliefs=beliefs)
-        outcome.status[list(failed)] = STATUSES.index("error")
+        outcome.status[list(failed)] = Status.ERROR.code
         outcome.reasons.update(failed)
         return outcome
 

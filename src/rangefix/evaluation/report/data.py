@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,26 +14,19 @@ from ..consistency import (
     LARGE_FACTOR,
     Gate,
     GateLine,
-    Interval,
     Kind,
     Row,
     Verdict,
-    beams_in_words,
     check_gates,
     decide,
     decide_overall,
-    factor,
     format_factor,
     format_interval,
-    format_number,
-    format_percent_interval,
-    scaled,
-    uniform_p_value,
-    unit,
 )
 from ..consistency.summarise import summarise
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
+from .tables import Table, overview, scores
 
 SIGNS: dict[Kind, tuple[str, str]] = {
     "honest": ("\u2713", "honest"),
@@ -45,33 +37,7 @@ SIGNS: dict[Kind, tuple[str, str]] = {
     "unsure": ("?", "cannot tell"),
     "failed": ("\u00d7", "no answer"),
 }
-SMALLEST_P_VALUE_SHOWN = 1e-6
 MAX_REASONS_SHOWN = 8  # of the failures of one estimator
-
-
-class Cell(NamedTuple):
-    """What stands in a cell of a table: a value and, small beneath it, the ends of its interval."""
-
-    value: str
-    ends: str = ""
-
-    @classmethod
-    def of(cls, interval: Interval, by: float = 1.0) -> Cell:
-        """An interval in another unit."""
-        value, _, ends = format_interval(scaled(interval, by)).partition(" ")
-        return cls(value, ends)
-
-
-class Table(NamedTuple):
-    """A table of estimators, in groups by set of beams.
-
-    Attributes:
-        columns: Headings of all columns but the first.
-        groups: The heading of each group, and in it the estimators with their cells.
-    """
-
-    columns: list[str]
-    groups: list[tuple[str, list[tuple[str, list[Cell]]]]]
 
 
 class Badge(NamedTuple):
@@ -183,7 +149,8 @@ def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
         builder = described.get("name") or described.get("builder") or label
         options = ", ".join(f"{key} = {value}" for key, value in (described.get("options") or {}).items())
         estimators.append(EstimatorReport(label, decide_overall(own), builder, options, settings))
-    last = [row for row in rows if row.step == steps - 1]
+    by_beams = {beams: place for place, beams in enumerate(results.beam_sets)}
+    last = sorted((row for row in rows if row.step == steps - 1), key=lambda row: by_beams[row.beams])
     summary = [
         f"{results.runs} runs",
         _count(len(results.estimators), "estimator"),
@@ -200,8 +167,8 @@ def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
         steps=steps,
         sampled=sampled,
         estimators=estimators,
-        table=_table(last, results.beam_sets),
-        scores=_scores(last, results.beam_sets, sampled),
+        table=overview(last),
+        scores=scores(last, sampled),
         gates=check_gates(gates, rows),
         origin=_origin(manifest),
         config=manifest.get("config") or "",
@@ -229,110 +196,12 @@ def _setting(results: Results, rows: Sequence[Row]) -> Setting:
         decide(row),
         strips,
         course(verdicts) if row.ok and len(rows) > 1 else None,
-        dict(_figures(row)),
+        {
+            metric.full_label(name): format_interval(metric.in_shown_unit(interval, name))
+            for metric, name, interval in row.shown("report")
+        },
         Counter(trials.reasons.values()),
     )
-
-
-def _figures(row: Row) -> Iterator[tuple[str, str]]:
-    """All figures of a row with their intervals."""
-    scores, beliefs = row.scores, row.beliefs
-    components = [(name, unit(name), factor(name)) for name in row.names]
-    for i, (name, shown, k) in enumerate(components):
-        yield f"G / P of {name} (1 = honest)", format_interval(row.ratio[i])
-        yield f"mean error of {name}, {shown}", format_interval(scaled(row.bias[i], k))
-        yield f"CRPS of {name}, {shown} (Gaussian claim)", format_interval(scaled(scores.crps[i], k))
-    yield "ANEES / n", format_interval(row.anees)
-    yield "NCI, dB", format_interval(row.nci)
-    yield "inclination, dB", format_interval(row.inclination)
-    yield "energy score of the position, m (Gaussian claim)", format_interval(scores.energy)
-    yield "log score, nats (Gaussian claim at the truth; lower is better)", format_interval(scores.log)
-    yield "log evidence, nats (of the measurements; higher is better)", format_interval(scores.evidence)
-    for level, share in row.coverage.items():
-        yield f"inside the {100 * level:g} % ellipse", format_percent_interval(share)
-    if row.indefinite.value > 0:
-        yield "covariance not positive definite", format_percent_interval(row.indefinite)
-    if row.improbable.value > 0:
-        yield "improbable measurements", format_percent_interval(row.improbable)
-    if beliefs is not None:
-        yield "energy score of the position, m (sampled belief)", format_interval(beliefs.energy)
-        yield "mean share of the main mode", format_percent_interval(beliefs.share)
-        for i, (name, shown, k) in enumerate(components):
-            yield f"CRPS of {name}, {shown} (sampled belief)", format_interval(scaled(beliefs.crps[i], k))
-            pair = _root_pair(beliefs.whole[i], beliefs.mode[i], k)
-            yield f"std of {name}, {shown}: whole belief / main mode", pair
-
-
-def _root_pair(one: Interval, other: Interval, by: float) -> str:
-    """The roots of two variances beside each other."""
-    return " / ".join(format_number(by * variance.sqrt().value) for variance in (one, other))
-
-
-def _grouped(rows: Sequence[Row], beam_sets: Sequence[str]) -> Iterator[tuple[str, list[Row]]]:
-    return ((beams_in_words(beams), [row for row in rows if row.beams == beams]) for beams in beam_sets)
-
-
-def _table(rows: Sequence[Row], beam_sets: Sequence[str]) -> Table:
-    """True and claimed standard deviations, ANEES / n and energy score."""
-    stds = [f"std of {name}, {unit(name)}: true / claimed" for name in rows[0].names]
-    columns = ["ok", *stds, "ANEES / n", "energy score, m", "ms per update"]
-
-    def cells(row: Row) -> list[Cell]:
-        pairs = [
-            _root_pair(true, claimed, factor(name)) if row.ok else "-"
-            for true, claimed, name in zip(row.g, row.p, row.names, strict=True)
-        ]
-        return [
-            Cell(str(row.ok) if row.ok == row.planned else f"{row.ok} of {row.planned}"),
-            *map(Cell, pairs),
-            Cell.of(row.anees),
-            Cell.of(row.scores.energy),
-            Cell(format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"),
-        ]
-
-    groups = [
-        (beams, [(row.estimator, cells(row)) for row in some]) for beams, some in _grouped(rows, beam_sets)
-    ]
-    return Table(columns, groups)
-
-
-def _scores(rows: Sequence[Row], beam_sets: Sequence[str], sampled: bool) -> Table:
-    """Scores of each Gaussian claim and, where beliefs were sampled, of the belief itself."""
-    names, both = rows[0].names, ": claim / belief" if sampled else ""
-    columns = [f"log score{' of the claim' if sampled else ''}, nats", f"energy score, m{both}"]
-    columns += [f"CRPS of {name}, {unit(name)}{both}" for name in names]
-    if sampled:
-        columns += [f"std of {name}, {unit(name)}: whole belief / main mode" for name in names]
-        columns += ["share of the main mode", "ranks, p"]
-
-    def score(claim: Interval, belief: Interval | None, by: float) -> Cell:
-        if not sampled:
-            return Cell.of(claim, by)
-        values = [math.nan if interval is None else by * interval.value for interval in (claim, belief)]
-        return Cell(" / ".join("-" if math.isnan(value) else format_number(value) for value in values))
-
-    def cells(row: Row) -> list[Cell]:
-        claim, belief, factors = row.scores, row.beliefs, [factor(name) for name in names]
-        line = [Cell.of(claim.log), score(claim.energy, belief and belief.energy, 1.0)]
-        for i, by in enumerate(factors):
-            line.append(score(claim.crps[i], belief and belief.crps[i], by))
-        if belief is None:
-            return line + [Cell("-")] * (len(columns) - len(line))
-        variances = zip(belief.whole, belief.mode, factors, strict=True)
-        line += [Cell(_root_pair(*pair)) for pair in variances]
-        p_value = _format_p_value(uniform_p_value(belief.ranks[-1]))
-        return [*line, Cell(f"{100 * belief.share.value:.3g} %"), Cell(p_value)]
-
-    groups = [
-        (beams, [(row.estimator, cells(row)) for row in some]) for beams, some in _grouped(rows, beam_sets)
-    ]
-    return Table(columns, groups)
-
-
-def _format_p_value(p: float) -> str:
-    if math.isnan(p):
-        return "-"
-    return f"{p:.2g}" if p >= SMALLEST_P_VALUE_SHOWN else f"< {SMALLEST_P_VALUE_SHOWN:g}"
 
 
 def _origin(manifest: dict[str, Any]) -> dict[str, str]:
