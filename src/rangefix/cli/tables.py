@@ -212,10 +212,10 @@ def differences(comparison: Comparison) -> Table:
     columns = ("estimator", "beams", "figure", "runs", "A", "B", "B / A", "p (Holm)")
     table = new_table("", columns, left=3)
     table.add_column("", justify="left")
-    last = max((each.step for each in comparison.differences), default=0)
-    for each in comparison.differences:
-        if each.step in (-1, last):
-            table.add_row(*_difference_cells(each), style="bold" if each.significant else "")
+    last = max((difference.step for difference in comparison.differences), default=0)
+    for difference in comparison.differences:
+        if difference.step in (-1, last):
+            table.add_row(*_difference_cells(difference), style="bold" if difference.significant else "")
     return table
 
 

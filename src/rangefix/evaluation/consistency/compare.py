@@ -95,8 +95,8 @@ class Comparison:
             "only_a": [list(pair) for pair in self.only_a],
             "only_b": [list(pair) for pair in self.only_b],
             "differences": [
-                vars(each) | {"change": list(each.change), "significant": each.significant}
-                for each in self.differences
+                vars(difference) | {"change": list(difference.change), "significant": difference.significant}
+                for difference in self.differences
             ],
         }
 
@@ -109,8 +109,8 @@ def compare(a: Results, b: Results) -> Comparison:
     """
     if a.space.names != b.space.names:
         raise ValueError(f"A estimates {', '.join(a.space.names)}, B {', '.join(b.space.names)}")
-    mine, others = (list(product(each.estimators, each.beam_sets)) for each in (a, b))
-    found = [row for pair in mine if pair in others for row in _differences(a, b, *pair)]
+    pairs_a, pairs_b = (list(product(results.estimators, results.beam_sets)) for results in (a, b))
+    differences = [row for pair in pairs_a if pair in pairs_b for row in _differences(a, b, *pair)]
     config_a, config_b = (results.manifest.get("config", "").splitlines() for results in (a, b))
     lines = unified_diff(config_a, config_b, lineterm="", n=0)
     return Comparison(
@@ -119,9 +119,9 @@ def compare(a: Results, b: Results) -> Comparison:
         same_truths=all(
             np.array_equal(a.source.world(*block)[0], b.source.world(*block)[0]) for block in _blocks(a, b)
         ),
-        only_a=tuple(pair for pair in mine if pair not in others),
-        only_b=tuple(pair for pair in others if pair not in mine),
-        differences=tuple(_corrected(found)),
+        only_a=tuple(pair for pair in pairs_a if pair not in pairs_b),
+        only_b=tuple(pair for pair in pairs_b if pair not in pairs_a),
+        differences=tuple(_corrected(differences)),
     )
 
 
@@ -175,11 +175,12 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
     pairs: dict[tuple[int, str], _Pairs] = {}
     counts = np.zeros((2, 2), dtype=int)  # by ok in A, ok in B
     for first, end in _blocks(a, b):
-        one, other = (results.source.trials(estimator, beams, first, end) for results in (a, b))
-        np.add.at(counts, (one.ok.astype(int), other.ok.astype(int)), 1)
-        both = one.ok & other.ok
+        trials_a, trials_b = (results.source.trials(estimator, beams, first, end) for results in (a, b))
+        np.add.at(counts, (trials_a.ok.astype(int), trials_b.ok.astype(int)), 1)
+        both = trials_a.ok & trials_b.ok
         figures_a, figures_b = (
-            _values(run_blocks(results, trials, first, both)) for results, trials in ((a, one), (b, other))
+            _values(run_blocks(results, trials, first, both))
+            for results, trials in ((a, trials_a), (b, trials_b))
         )
         for key in figures_a.keys() & figures_b.keys():
             pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
@@ -216,12 +217,11 @@ def _sign_test(lost: int, gained: int) -> float:
     return float(min(1.0, 2 * bdtr(min(lost, gained), lost + gained, 0.5)))
 
 
-def _corrected(found: list[Difference]) -> Iterator[Difference]:
+def _corrected(differences: list[Difference]) -> Iterator[Difference]:
     """With Holm's p-values (S. Holm, Scand. J. Statist. 6, 1979)."""
-    known = sorted((i for i, each in enumerate(found) if each.p == each.p), key=lambda i: found[i].p)
-    adjusted = np.full(len(found), np.nan)
-    worst = 0.0
-    for rank, i in enumerate(known):
-        worst = max(worst, min(1.0, (len(known) - rank) * found[i].p))
-        adjusted[i] = worst
-    return (replace(each, adjusted=float(p)) for each, p in zip(found, adjusted, strict=True))
+    p = np.array([difference.p for difference in differences])
+    known = np.argsort(p, kind="stable")[: np.isfinite(p).sum()]
+    adjusted = np.full(len(p), np.nan)
+    raised = (len(known) - np.arange(len(known))) * p[known]
+    adjusted[known] = np.maximum.accumulate(np.minimum(raised, 1.0))
+    return (replace(each, adjusted=float(value)) for each, value in zip(differences, adjusted, strict=True))

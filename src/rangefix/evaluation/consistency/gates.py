@@ -80,13 +80,13 @@ def parse_gates(texts: Iterable[str]) -> list[Gate]:
 
 
 def _parse(text: str) -> Gate:
-    found = BAND.fullmatch(text.strip())
-    if not found or not (found["low"] or found["high"]):
+    band = BAND.fullmatch(text.strip())
+    if not band or not (band["low"] or band["high"]):
         if not text.strip() or text.strip().endswith(("=", "=:")):
             raise ValueError(f"gate {text!r} has no band: write {FORM}")
         return Gate(text, text.strip(), None)
-    owner, _, figure = (part.strip() for part in found["left"].rpartition(":"))
-    low, high = float(found["low"] or -math.inf), float(found["high"] or math.inf)
+    owner, _, figure = (part.strip() for part in band["left"].rpartition(":"))
+    low, high = float(band["low"] or -math.inf), float(band["high"] or math.inf)
     if not low <= high:
         raise ValueError(f"gate {text!r}: the lower end {low:g} is above the upper end {high:g}")
     if not figure:
@@ -155,8 +155,8 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
         known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
         if gate.figure is not None and gate.figure not in known:
             raise ValueError(_no_figure(gate, known))
-        mine = [row for row in rows if gate.estimator in (None, row.estimator)]
-        lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in mine]
+        its_rows = [row for row in rows if gate.estimator in (None, row.estimator)]
+        lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in its_rows]
     return lines
 
 
@@ -166,10 +166,10 @@ def _where(row: Row) -> str:
 
 
 def _verdict_line(gate: Gate, row: Row) -> GateLine:
-    found = decide(row)
+    verdict = decide(row)
     passed = bool(row.ok) and not is_overconfident(row)
-    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {found.words}"
-    return GateLine(gate, row, passed, found.kind != "unsure", text)
+    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {verdict.words}"
+    return GateLine(gate, row, passed, verdict.kind != "unsure", text)
 
 
 def _line(gate: Gate, row: Row) -> GateLine:

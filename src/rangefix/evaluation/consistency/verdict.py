@@ -121,9 +121,9 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     """
     if not rows:
         raise ValueError("need a row at least")
-    found = [(decide(row, len(rows)), row) for row in rows]
-    worst, row = min(found, key=lambda each: (WORST_FIRST.index(each[0].kind), -_size(each[0].factor.value)))
-    alike = sum(each.kind == worst.kind for each, _ in found)
+    verdicts = [(decide(row, len(rows)), row) for row in rows]
+    worst, row = min(verdicts, key=lambda pair: (WORST_FIRST.index(pair[0].kind), -_size(pair[0].factor)))
+    alike = sum(verdict.kind == worst.kind for verdict, _ in verdicts)
     settings = "settings" if any(row.step for row in rows) else "sets of beams"
     where = beams_in_words(row.beams)
     if settings == "settings":
@@ -138,9 +138,9 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
 
-def _size(value: float) -> float:
+def _size(factor: Interval) -> float:
     """How far ANEES / n is from 1, either way."""
-    return math.inf if not 0 < value < math.inf else abs(math.log(value))
+    return abs(math.log(factor.value)) if 0 < factor.value < math.inf else math.inf
 
 
 def _factor_words(value: float) -> str:

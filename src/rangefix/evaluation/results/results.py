@@ -58,7 +58,7 @@ class Results:
     def _repr_html_(self) -> str:
         """How the trials went, for notebooks; not of a large study, whose trials would have to be read."""
         trials = self.trials if self.runs <= MAX_RUNS_IN_MEMORY else ()
-        lines = [(each.estimator, each.beams, each.ok.sum(), each.failures or "") for each in trials]
+        lines = [(trial.estimator, trial.beams, trial.ok.sum(), trial.failures or "") for trial in trials]
         return html_table(self._title(), ("estimator", "beams", "ok", "failed"), lines)
 
     def _title(self) -> str:
@@ -85,7 +85,7 @@ class Results:
         """Whether all runs have the same true first state."""
         starts = (self.source.world(*block)[0][:, 0] for block in self.blocks())
         first = self.source.world(0, 1)[0][0, 0]
-        return self.runs > 1 and all(bool((each == first).all()) for each in starts)
+        return self.runs > 1 and all(bool((start == first).all()) for start in starts)
 
     def blocks(self) -> Iterator[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""
