@@ -11,12 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from ..consistency import beams_in_words
-from ..figures import INK, draw_beams, draw_truth, draw_walls, label_positions
+from ..figures import INK, draw_beams, draw_truth, draw_walls, finish, label_positions
 from .table1 import Paper, Table1Row
-
-
-def _numbers(beams: str) -> list[int]:
-    return [int(number) for number in beams.split("+")]
 
 
 def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> Any:
@@ -55,7 +51,7 @@ def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> Any:
     axes.set_xlim(left - 0.12, right + 0.12)
     axes.set_ylim(lower - 0.12, upper + 0.12)
     draw_walls(axes, paper.scene)
-    draw_beams(axes, paper.scene, _numbers(row.beams))
+    draw_beams(axes, paper.scene, map(int, row.beams.split("+")))
     label_positions(axes)
     axes.set_xticks(range(int(right) + 1))
     axes.set_yticks(range(int(upper) + 1))
@@ -90,7 +86,4 @@ def posterior_maps(paper: Paper, beam_sets: Sequence[str], title: str) -> Figure
         _close_up(panels[0, 0], paper, paper.row(beam_sets[0]))
     bar = figure.colorbar(image, ax=panels, shrink=0.7, aspect=35, pad=0.02)
     bar.set_label("posterior density / its peak")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    return finish(figure, title, panels[:1, 0], columns=2)
