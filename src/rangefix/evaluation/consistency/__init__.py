@@ -19,7 +19,7 @@ from .formatting import (
 from .from_arrays import coverage, credibility, noncredibility
 from .gates import Gate, GateLine, check_gates, need_sound, parse_gates
 from .intervals import Interval, mean_interval, share_interval, uniform_p_value
-from .metrics import METRICS, Metric
+from .metrics import METRICS, Metric, RunBlock
 from .normalised import anees_band, is_positive, nees
 from .row import Row, to_csv
 from .verdict import ALARMS, CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall, is_overconfident
