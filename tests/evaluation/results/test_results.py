@@ -135,7 +135,7 @@ def test_results_and_trials_show_what_they_are(study):
     assert "trials" not in vars(loaded), "nothing is read to say what it is"
     assert repr(loaded.in_memory()).splitlines()[0].endswith("seed 1, in memory")
     assert repr(loaded.get("wild")) == (
-        "Trials of wild on beams 1+2+3: 95 runs of 1 steps, 2 components; 95 ok"
+        "Trials of wild on beams 1+2+3: 95 x 1 x 2 runs, steps and components; 95 ok"
     )
     page = loaded._repr_html_()
     assert "<b>" not in page

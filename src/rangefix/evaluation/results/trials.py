@@ -60,7 +60,7 @@ class Trials:
     def __repr__(self) -> str:
         """What they are of and how they went, on one line."""
         runs, steps, components = self.mean.shape
-        size = f"{runs} runs of {steps} steps, {components} components"
+        size = f"{runs} x {steps} x {components} runs, steps and components"
         counts = {"ok": self.ok.sum()} | self.failures
         told = ", ".join(f"{count} {status}" for status, count in counts.items())
         return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
