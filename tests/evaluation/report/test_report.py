@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, parse_gates, run, write_report
 from rangefix.evaluation.consistency import RANK_DRAWS, belief_arrays
 from rangefix.evaluation.consistency.belief_scores import measure
+from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.figures import FigureData, FigureKind
 from rangefix.evaluation.figures.catalogue import figure_kinds
 from rangefix.evaluation.report.calibration import calibration_of
@@ -289,11 +290,11 @@ def test_what_a_template_names_must_be_there() -> None:
 def test_histograms_and_coverage_say_what_lies_outside_the_band() -> None:
     """Errors ten times what is claimed: the ends of PIT are too full, every ellipse holds too few."""
     errors = 10 * np.random.default_rng(1).normal(size=(400, 1))
-    coverage, ranks, reliability = calibration_of(["x1"], errors, np.ones((400, 1, 1)), None)
+    coverage, ranks, reliability = calibration_of(RunBlock(("x1",), errors, np.ones((400, 1, 1))))
     assert [cell.kind for cell in coverage.cells] == ["outside"] * 9
     assert "10 of 10 outside" in ranks.note
     assert {cell.kind for cell in reliability.cells} == {"overconfident"}
-    honest = calibration_of(["x1"], errors, np.full((400, 1, 1), 100.0), None)
+    honest = calibration_of(RunBlock(("x1",), errors, np.full((400, 1, 1), 100.0)))
     assert [cell.kind for cell in honest[0].cells] == [""] * 9
     assert "0 of 10 outside" in honest[1].note
     assert sum(cell.kind == "honest" for cell in honest[2].cells) >= 7  # of 10, each by its 95 % interval

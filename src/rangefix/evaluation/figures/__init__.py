@@ -2,14 +2,16 @@
 
 from .catalogue import FigureKind, drawn, study_figures
 from .data import FigureData
-from .room import draw_beams, draw_truth, draw_walls
-from .style import INK, finish, label_positions, styled, to_svg, write
+from .room import draw_beams, draw_density, draw_truth, draw_walls
+from .style import INK, STAR, finish, label_positions, styled, to_svg, write
 
 __all__ = [
     "INK",
+    "STAR",
     "FigureData",
     "FigureKind",
     "draw_beams",
+    "draw_density",
     "draw_truth",
     "draw_walls",
     "drawn",

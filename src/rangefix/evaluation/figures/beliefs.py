@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -14,8 +13,8 @@ from ...arrays import Array
 from ..results import Picture, Results, Scene
 from .data import FigureData
 from .errors import ellipse
-from .room import BEAM, draw_truth, draw_walls
-from .style import CLAIMED, INK, finish, label_positions, panel_title
+from .room import BEAM, draw_density, draw_truth, draw_walls
+from .style import CLAIMED, finish, label_positions, panel_title
 
 MAX_BELIEFS_SHOWN = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
@@ -66,30 +65,15 @@ def _room(
 ) -> None:
     left, right, lower, upper = scene["extent"]
     if picture is not None and picture.density.max() > 0:
-        axes.imshow(
-            picture.density / picture.density.max(),
-            origin="lower",
-            extent=tuple(picture.extent),
-            cmap=INK,
-            norm=PowerNorm(0.5, 0.0, 1.0),
-            interpolation="nearest",
-        )
+        draw_density(axes, picture.density, picture.extent)
     draw_walls(axes, scene)
     where = results.space.position_indices
     if np.isfinite(mean).all():
         claim = covariance[np.ix_(where, where)]
         label = "claimed: mean, 95 % ellipse, and the Gaussian of the heading"
         axes.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
-        axes.plot(
-            *mean[where],
-            "o",
-            markersize=4.5,
-            markerfacecolor="white",
-            markeredgecolor=CLAIMED,
-            color=CLAIMED,
-            zorder=6,
-            label=label,
-        )
+        axes.plot(*mean[where], "o", markersize=4.5, markerfacecolor="white", color=CLAIMED, zorder=6,
+                  label=label)  # fmt: skip
     size = max(right - left, upper - lower)
     heading = scene["truth"][2]
     tip = scene["truth"][:2] + 0.12 * size * np.array([np.sin(heading), np.cos(heading)])

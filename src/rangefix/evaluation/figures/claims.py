@@ -149,20 +149,11 @@ def time_figure(data: FigureData) -> Figure:
         true = np.sqrt(sum(row.g[i].value for i in where))
         claimed = np.sqrt(sum(row.p[i].value for i in where))
         milliseconds = 1e3 * row.seconds
-        colour = COLOURS[k % len(COLOURS)]
+        marker, colour = MARKERS[k % len(MARKERS)], COLOURS[k % len(COLOURS)]
         axes.plot([milliseconds] * 2, [claimed, true], color=colour, linewidth=1.0, linestyle=":")
-        axes.plot(
-            milliseconds,
-            claimed,
-            MARKERS[k % len(MARKERS)],
-            markersize=7,
-            markerfacecolor="white",
-            markeredgecolor=colour,
-            markeredgewidth=1.4,
-        )
-        axes.plot(
-            milliseconds, true, MARKERS[k % len(MARKERS)], markersize=8, color=colour, label=row.estimator
-        )
+        axes.plot(milliseconds, claimed, marker, markersize=7, markerfacecolor="white", color=colour,
+                  markeredgewidth=1.4)  # fmt: skip
+        axes.plot(milliseconds, true, marker, markersize=8, color=colour, label=row.estimator)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.12)

@@ -65,15 +65,7 @@ def _runs_panel(axes: Axes, errors: Array, stds: Array, linear: float) -> str:
         label="claimed 95 % band, $\\pm$1.96 std",
     )
     axes.plot(place[held], error[held], ".", markersize=3, color="black", label="error inside")
-    axes.plot(
-        place[~held],
-        error[~held],
-        "x",
-        markersize=4,
-        color="#D55E00",
-        markeredgewidth=1.0,
-        label="error outside",
-    )
+    axes.plot(place[~held], error[~held], "x", markersize=4, color="#D55E00", label="error outside")
     axes.set_yscale("symlog", linthresh=linear)
     axes.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=linear))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

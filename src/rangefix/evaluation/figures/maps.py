@@ -75,14 +75,8 @@ def map_figure(data: FigureData) -> Figure:
         draw_walls(axes, scene, width)
         _box(axes, scene)
     ways = results.truth[:MOST_TRUTHS][..., results.space.position_indices]
-    near.plot(
-        *ways[:, 0].T,
-        ".",
-        markersize=2.5,
-        color="#7F7F7F",
-        zorder=2,
-        label=f"true positions, {len(ways)} runs",
-    )
+    label = f"true positions, {len(ways)} runs"
+    near.plot(*ways[:, 0].T, ".", markersize=2.5, color="#7F7F7F", zorder=2, label=label)
     if (ways != ways[:, :1]).any():
         _ways(whole, ways)
     draw_beams(near, scene, range(1, len(scene["bearings"]) + 1), named=len(scene["bearings"]) <= 12)

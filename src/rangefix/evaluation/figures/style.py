@@ -52,6 +52,9 @@ INK = LinearSegmentedColormap.from_list("ink", ["#ffffff", "#b5d4ea", "#4f94c4",
 PANEL = 26  # letters over a narrow panel
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 CLAIMED, TRUE = "#0072B2", "#000000"
+STAR: dict[str, Any] = {  # of true positions
+    "marker": "*", "markerfacecolor": "white", "markeredgecolor": "black", "linestyle": "none",
+}  # fmt: skip
 
 
 @contextmanager

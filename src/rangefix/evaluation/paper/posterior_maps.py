@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 
 from ..consistency import beams_in_words
-from ..figures import INK, draw_beams, draw_truth, draw_walls, finish, label_positions
+from ..figures import draw_beams, draw_density, draw_truth, draw_walls, finish, label_positions
 from .table1 import Paper, Table1Row
 
 
-def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> Any:
-    density = paper.densities[row.beams]
-    image = axes.imshow(
-        density / density.max(),
-        origin="lower",
-        extent=tuple(paper.scene["extent"]),
-        cmap=INK,
-        norm=PowerNorm(0.5, 0.0, 1.0),
-        interpolation="nearest",
-    )
+def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> AxesImage:
+    image = draw_density(axes, paper.densities[row.beams], paper.scene["extent"])
     draw_truth(axes, paper.scene, size=star)
     bars = axes.errorbar(
         row.mean[0],
@@ -45,7 +36,7 @@ def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0)
     return image
 
 
-def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> Any:
+def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> AxesImage:
     left, right, lower, upper = paper.scene["extent"]
     image = _density_image(axes, paper, row)
     axes.set_xlim(left - 0.12, right + 0.12)

@@ -16,17 +16,16 @@ from ..consistency import (
     coverage_curve,
     curve,
     factor,
-    format_interval,
     format_number,
     histogram,
-    nees,
     pit,
     rank_histogram,
     reliability,
     uniform_band,
     unit,
 )
-from ..results import BeliefScores
+from ..consistency.metrics import RunBlock
+from .tables import Cell
 
 EVERY_OTHER = slice(1, None, 2)  # of the levels of a coverage curve: 10, 20, ... 90 %
 
@@ -58,31 +57,22 @@ class Strip(NamedTuple):
     cells: Sequence[StripCell]
 
 
-def calibration_of(
-    names: Sequence[str], errors: Array, covariance: Array, belief: BeliefScores | None
-) -> list[Strip]:
-    """How well claims and errors of M runs agree.
-
-    Args:
-        names: The n components.
-        errors: Truth minus estimate, (M, n), m or rad.
-        covariance: Claimed, (M, n, n).
-        belief: What samples of the beliefs came to; None where there are none.
-    """
-    stds = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
-    claimed = coverage_curve(nees(errors, covariance), len(names))
+def calibration_of(runs: RunBlock) -> list[Strip]:
+    """How well the claims and errors of runs agree, where one at least went well."""
+    claimed = coverage_curve(runs.nees, len(runs.names))
     strips = [_coverage("Coverage, %", claimed)]
-    if belief is not None:
-        levels, ranks = claimed.levels, (belief.distance_rank + 0.5) / (RANK_DRAWS + 1)
+    if runs.belief is not None:
+        levels, ranks = claimed.levels, (runs.belief.distance_rank + 0.5) / (RANK_DRAWS + 1)
         strips.append(_coverage("Coverage, % (of the sampled belief)", curve(ranks, levels, levels)))
-    for i, name in enumerate(names):
-        if belief is None:
-            strips.append(_histogram(f"PIT of {name}, %", histogram(pit(errors[:, i], stds[:, i])), "pit"))
+    stds = np.sqrt(np.maximum(runs.variances, 0.0))
+    for i, name in enumerate(runs.names):
+        if runs.belief is None:
+            counts = histogram(pit(runs.errors[:, i], stds[:, i]))
+            strips.append(_histogram(f"PIT of {name}, %", counts, "pit"))
         else:
-            strips.append(_histogram(f"Ranks of {name}, %", rank_histogram(belief.ranks[:, i]), "ranks"))
-    for i, name in enumerate(names):
-        k = factor(name)
-        groups = reliability(k * errors[:, i], k * stds[:, i])
+            strips.append(_histogram(f"Ranks of {name}, %", rank_histogram(runs.belief.ranks[:, i]), "ranks"))
+    for i, name in enumerate(runs.names):
+        groups = reliability(factor(name) * runs.errors[:, i], factor(name) * stds[:, i])
         strips.append(_reliability(f"Reliability of {name}, {unit(name)}", groups))
     return strips
 
@@ -121,7 +111,7 @@ def _reliability(title: str, groups: Sequence[Reliability]) -> Strip:
     cells = []
     for claimed, true, _ in groups:
         kind = "overconfident" if true.low > claimed else "cautious" if true.high < claimed else "honest"
-        cells.append(StripCell(format_number(claimed), *_value_and_ends(true), kind))
+        cells.append(StripCell(format_number(claimed), *Cell.of(true), kind))
     above = sum(cell.kind == "overconfident" for cell in cells)
     note = f"the claim, and below it the true error: larger in {above} of {len(groups)} groups of runs"
     return Strip(title, note, cells)
@@ -129,12 +119,5 @@ def _reliability(title: str, groups: Sequence[Reliability]) -> Strip:
 
 def course(figures: Sequence[tuple[Interval, str]]) -> Strip:
     """ANEES / n after each measurement, each with the class that colours its verdict."""
-    cells = [
-        StripCell(str(step), *_value_and_ends(anees), kind) for step, (anees, kind) in enumerate(figures, 1)
-    ]
+    cells = [StripCell(str(step), *Cell.of(anees), kind) for step, (anees, kind) in enumerate(figures, 1)]
     return Strip("ANEES / n after each measurement", "1 is honest", cells)
-
-
-def _value_and_ends(interval: Interval) -> tuple[str, str]:
-    value, _, ends = format_interval(interval).partition(" ")
-    return value, ends

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from ..consistency import (
     CERTAIN,
@@ -23,7 +21,7 @@ from ..consistency import (
     format_factor,
     format_interval,
 )
-from ..consistency.summarise import summarise
+from ..consistency.summarise import run_blocks, summarise
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
 from .tables import Table, overview, scores
@@ -112,89 +110,64 @@ class ReportData:
     """All that a report shows of a study, but its figures.
 
     Attributes:
-        title: Of the study.
-        complete: Whether it was finished.
-        summary: How many runs, estimators, sets of beams, and so on.
+        results: The study; its manifest says where the numbers come from.
         steps: Measurements in a run.
+        ok, planned: Trials that went well, and those planned.
         sampled: Whether an estimator's belief was sampled.
         estimators: Each estimator.
         table, scores: Of all settings after the last measurement.
         gates: What gates made of the rows.
-        origin: Where the numbers come from, and how to have them again.
-        config: The study file.
     """
 
-    title: str
-    complete: bool
-    summary: Sequence[str]
+    results: Results
     steps: int
+    ok: int
+    planned: int
     sampled: bool
     estimators: Sequence[EstimatorReport]
     table: Table
     scores: Table
     gates: Sequence[GateLine]
-    origin: dict[str, str]
-    config: str
 
 
 def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
     """Work out what a report shows."""
-    rows, manifest = summarise(results), results.manifest
+    rows = summarise(results)
     steps = 1 + max(row.step for row in rows)
-    estimators = []
-    for label in results.estimators:
-        own = [row for row in rows if row.estimator == label]
-        settings = [_setting(results, [row for row in own if row.beams == b]) for b in results.beam_sets]
-        described = manifest.get("estimators", {}).get(label, {})
-        builder = described.get("name") or described.get("builder") or label
-        options = ", ".join(f"{key} = {value}" for key, value in (described.get("options") or {}).items())
-        estimators.append(EstimatorReport(label, decide_overall(own), builder, options, settings))
-    by_beams = {beams: place for place, beams in enumerate(results.beam_sets)}
-    last = sorted((row for row in rows if row.step == steps - 1), key=lambda row: by_beams[row.beams])
-    summary = [
-        f"{results.runs} runs",
-        _count(len(results.estimators), "estimator"),
-        _count(len(results.beam_sets), "set") + " of beams",
-        _count(steps, "measurement") + " a run",
-        f"seed {manifest.get('seed', 'unknown')}",
-        f"{sum(row.ok for row in last)} of {sum(row.planned for row in last)} trials went well",
-    ]
+    last = [row for beams in results.beam_sets for row in rows if (row.beams, row.step) == (beams, steps - 1)]
     sampled = any(row.beliefs is not None for row in last)
     return ReportData(
-        title=manifest.get("title") or manifest.get("name") or "study",
-        complete=manifest.get("state") == "complete",
-        summary=summary,
-        steps=steps,
+        results,
+        steps,
+        ok=sum(row.ok for row in last),
+        planned=sum(row.planned for row in last),
         sampled=sampled,
-        estimators=estimators,
+        estimators=[_estimator(results, label, rows) for label in results.estimators],
         table=overview(last),
         scores=scores(last, sampled),
         gates=check_gates(gates, rows),
-        origin=_origin(manifest),
-        config=manifest.get("config") or "",
     )
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
+def _estimator(results: Results, label: str, rows: Sequence[Row]) -> EstimatorReport:
+    """One estimator, from the rows of all."""
+    own = [row for row in rows if row.estimator == label]
+    settings = [_setting(results, [row for row in own if row.beams == beams]) for beams in results.beam_sets]
+    described = results.manifest.get("estimators", {}).get(label, {})
+    builder = described.get("name") or described.get("builder") or label
+    options = ", ".join(f"{key} = {value}" for key, value in (described.get("options") or {}).items())
+    return EstimatorReport(label, decide_overall(own), builder, options, settings)
 
 
 def _setting(results: Results, rows: Sequence[Row]) -> Setting:
     """One estimator on one set of beams, from its rows by step."""
     row = rows[-1]
     trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MAX_RUNS_IN_MEMORY))
-    ok = trials.ok
-    truth = results.source.world(0, len(ok))[0][:, -1]
-    errors = results.space.difference(truth, trials.mean[:, -1])[ok]
-    belief = trials.belief(-1)
-    if belief is not None and not np.isfinite(belief.energy).all():
-        belief = None  # of a folder whose parts were made in part without samples
-    strips = calibration_of(row.names, errors, trials.covariance[ok, -1], belief) if row.ok else []
-    verdicts = [(each.anees, colour(decide(each))) for each in rows]
+    verdicts = [(step.anees, colour(decide(step))) for step in rows]
     return Setting(
         row,
         decide(row),
-        strips,
+        calibration_of(run_blocks(results, trials, 0, trials.ok)[-1]) if row.ok else [],
         course(verdicts) if row.ok and len(rows) > 1 else None,
         {
             metric.full_label(name): format_interval(metric.in_shown_unit(interval, name))
@@ -202,25 +175,3 @@ def _setting(results: Results, rows: Sequence[Row]) -> Setting:
         },
         Counter(trials.reasons.values()),
     )
-
-
-def _origin(manifest: dict[str, Any]) -> dict[str, str]:
-    """Where the numbers come from."""
-    git, machine, versions, threads = (
-        manifest.get(key) or {} for key in ("git", "machine", "versions", "threads")
-    )
-    commit = f"{git.get('commit', '')}{' with local changes' if git.get('dirty') else ''}"
-    return {
-        "command": " ".join(map(str, manifest.get("command_line") or [])) or "from Python",
-        "date": manifest.get("date", ""),
-        "seed": manifest.get("seed", ""),
-        "rangefix": versions.get("rangefix", ""),
-        "commit": commit if git else "no checkout",
-        "libraries": ", ".join(
-            f"{name} {version}" for name, version in versions.items() if name != "rangefix"
-        ),
-        "processor": f"{machine.get('cpu', '')}, {machine.get('cores', '')} cores",
-        "system": machine.get("system", ""),
-        "threads": ", ".join(f"{name}={count}" for name, count in threads.items() if count)
-        or "as the libraries choose",
-    }

@@ -77,9 +77,8 @@ def write_report(folder: Path | str, out: Path | str | None = None, gates: Seque
 
 def render(results: Results, gates: Sequence[Gate] = ()) -> str:
     """The page."""
-    data, shown = collect(results, gates), list(figures(results))
-    version = (results.manifest.get("versions") or {}).get("rangefix", "")
-    return environment().get_template("page.html.j2").render(study=data, figures=shown, version=version)
+    template = environment().get_template("page.html.j2")
+    return template.render(study=collect(results, gates), figures=list(figures(results)))
 
 
 def environment() -> Environment:
