@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import SOME_FAILED, Json, print_json
+from .app import ExitCode, Json, print_json
 
 
 def check(
@@ -43,7 +43,7 @@ def check(
     else:
         typer.echo(sum_up(results))
     if not conforms(results):
-        raise typer.Exit(SOME_FAILED)
+        raise typer.Exit(ExitCode.SOME_FAILED)
 
 
 def estimators(as_json: Json = False) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .app import GATE_FAILED, INTERRUPTED, NOTHING_RAN, SOME_FAILED, Json, print_json
+from .app import ExitCode, Json, print_json
 
 EXAMPLES = (
     Path(__file__).parents[1] / "evaluation" / "study" / "examples"
@@ -67,7 +67,7 @@ def run(
             )
     except KeyboardInterrupt:
         print(f"rangefix: stopped; what was finished is in {folder}: run again to go on", file=sys.stderr)
-        raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
     rows = summarise(results)
     lines = check_gates(gates, rows)
     if as_json:
@@ -98,8 +98,8 @@ def run(
             screen.print(line.text, markup=False, soft_wrap=True)
         screen.print(f"Results: {folder}   Figures: rangefix plot {folder}")
     if not any(row.ok for row in rows):
-        raise typer.Exit(NOTHING_RAN)
+        raise typer.Exit(ExitCode.NOTHING_RAN)
     if not all(line.passed for line in lines):
-        raise typer.Exit(GATE_FAILED)
+        raise typer.Exit(ExitCode.GATE_FAILED)
     if any(row.ok < row.planned for row in rows):
-        raise typer.Exit(SOME_FAILED)
+        raise typer.Exit(ExitCode.SOME_FAILED)

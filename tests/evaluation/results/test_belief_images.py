@@ -122,7 +122,8 @@ def test_figures_of_headings_and_drives(two_modes: Path, drive: Path, tmp_path: 
         drawn = []
         for time in ("first", "second"):
             with styled():
-                figures = {name: figure for name, figure in study_figures(load(folder)) if name in names}
+                drawn_now = {kind.name: figure for kind, figure in study_figures(load(folder))}
+                figures = {name: figure for name, figure in drawn_now.items() if name in names}
                 assert figures.keys() == names
                 paths = [
                     path for name, each in figures.items() for path in write(each, tmp_path / time, name)
