@@ -43,7 +43,7 @@ def run(
     """Compare estimators by Monte Carlo: what they claim against what is true."""
     from ..evaluation import check_gates, load_study, parse_gates, summarise
     from ..evaluation import run as run_study
-    from ..evaluation.consistency import need_sound
+    from ..evaluation.consistency.gates import need_sound
     from ..evaluation.consistency.verdict import verdict_text
     from .progress import bars
 

@@ -13,19 +13,11 @@ from rich.console import Console
 from rich.table import Table
 
 from ..evaluation import Interval, Results, Row
-from ..evaluation.consistency import (
-    Comparison,
-    Difference,
-    beams_in_words,
-    factor,
-    format_number,
-    is_overconfident,
-    uniform_p_value,
-    unit,
-)
-from ..evaluation.consistency.intervals import UNKNOWN
+from ..evaluation.consistency.compare import Comparison, Difference
+from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, unit
+from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import Metric
-from ..evaluation.consistency.verdict import verdict_text
+from ..evaluation.consistency.verdict import is_overconfident, verdict_text
 from ..evaluation.paper import BAND, CELLS, Paper
 
 NARROW = 130  # columns; below, the table of a study has fewer

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .figures import drawn, study_figures, styled, write
+from .figures.catalogue import drawn, study_figures
+from .figures.style import styled, write
 from .paper import table1
 from .paper.figures import PAPER_FIGURES
 from .results import ResultsError, load

@@ -17,9 +17,15 @@ import pytest
 from scipy.stats import binom
 
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
-from rangefix.evaluation.consistency import ALARMS, LARGE_FACTOR, decide_overall, is_overconfident
 from rangefix.evaluation.consistency.intervals import Moments
-from rangefix.evaluation.consistency.verdict import BY_ANEES, verdict_text
+from rangefix.evaluation.consistency.verdict import (
+    ALARMS,
+    BY_ANEES,
+    LARGE_FACTOR,
+    decide_overall,
+    is_overconfident,
+    verdict_text,
+)
 from rangefix.filters import Estimate, Estimator, Problem, Rangefinder, StudentT, build
 
 from ..conftest import PriorOnly, make_problem

@@ -8,7 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..consistency import Interval, Row, beams_in_words, factor, format_number, scaled, unit
+from ..consistency.formatting import beams_in_words, factor, format_number, scaled, unit
+from ..consistency.intervals import Interval
+from ..consistency.row import Row
 from .data import FigureData
 from .style import CLAIMED, COLOURS, MARKERS, TRUE, finish, plain_numbers, symbol
 

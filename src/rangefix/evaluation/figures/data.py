@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..consistency import Row, beams_in_words
+from ..consistency.formatting import beams_in_words
+from ..consistency.row import Row
 from ..consistency.summarise import summarise
 from ..results import Picture, Results, load_pictures
 from .labels import LONGEST_LABEL, drawable_labels, drawable_text

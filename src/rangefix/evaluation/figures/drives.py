@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...arrays import Array
-from ..consistency import Interval, factor, unit
+from ..consistency.formatting import factor, unit
+from ..consistency.intervals import Interval
 from .data import FigureData
 from .errors import ellipse
 from .room import draw_walls

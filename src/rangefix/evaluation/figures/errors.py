@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import FuncFormatter, MaxNLocator, SymmetricalLogLocator
 
 from ...arrays import Array
-from ..consistency import beams_in_words, factor, unit
+from ..consistency.formatting import beams_in_words, factor, unit
 from .data import FigureData
 from .style import CLAIMED, finish, panel_title, symbol
 

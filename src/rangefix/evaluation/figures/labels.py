@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ..consistency import visible
+from ..consistency.formatting import visible
 
 LONGEST_LABEL = 40  # letters of an estimator's label in a figure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..consistency import uniform_band
+from ..consistency.calibration import uniform_band
 from .data import FigureData
 from .style import CLAIMED, symbol
 

@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 
-from ..consistency import beams_in_words
-from ..figures import draw_beams, draw_density, draw_truth, draw_walls, finish, label_positions
+from ..consistency.formatting import beams_in_words
+from ..figures.room import draw_beams, draw_density, draw_truth, draw_walls
+from ..figures.style import finish, label_positions
 from .table1 import Paper, Table1Row
 
 

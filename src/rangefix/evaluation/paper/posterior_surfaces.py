@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...arrays import Array, IntArray
-from ..consistency import beams_in_words
-from ..figures import INK, STAR
+from ..consistency.formatting import beams_in_words
+from ..figures.style import INK, STAR
 from .table1 import Paper
 
 COARSE = 10  # cells between the lines of a surface where it is flat

@@ -8,22 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..consistency import (
-    RANK_DRAWS,
+from ..consistency.belief_scores import RANK_DRAWS, rank_histogram
+from ..consistency.calibration import (
     Curve,
-    Interval,
     Reliability,
     coverage_curve,
     curve,
-    factor,
-    format_number,
     histogram,
     pit,
-    rank_histogram,
     reliability,
     uniform_band,
-    unit,
 )
+from ..consistency.formatting import factor, format_number, unit
+from ..consistency.intervals import Interval
 from ..consistency.metrics import RunBlock
 from .tables import Cell
 

@@ -6,18 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..consistency import (
-    Interval,
-    Row,
-    beams_in_words,
-    factor,
-    format_interval,
-    format_number,
-    uniform_p_value,
-    unit,
-)
-from ..consistency.intervals import UNKNOWN
+from ..consistency.formatting import beams_in_words, factor, format_interval, format_number, unit
+from ..consistency.intervals import UNKNOWN, Interval, uniform_p_value
 from ..consistency.metrics import Metric
+from ..consistency.row import Row
 
 SMALLEST_P_VALUE_SHOWN = 1e-6
 BELIEF = "belief_"  # how the names of figures of sampled beliefs begin

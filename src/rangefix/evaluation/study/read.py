@@ -15,8 +15,7 @@ from ...errors import one_line
 from ...maps.readers import kind_of, map_table
 from .build import build_world
 from .mistakes import Mistakes, StudyError
-from .sections import Section
-from .sections.base import kinds_of
+from .sections.base import Section, kinds_of
 from .study import Study
 from .toml_lines import Path as Key
 from .toml_lines import key_lines

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from ...arrays import TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
-from ..models import Stationary
+from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .mode_gaussians import sample_modes

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray
-from ..models import Confined, Stationary
+from ..models.confined import Confined
+from ..models.motion import Stationary
 from ..problem import Motion, RangeMap
 from ..space import StateSpace
 from .gauss_newton import quick_scores

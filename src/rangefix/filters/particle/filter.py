@@ -24,7 +24,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import image_of_points
-from ..models import Stationary
+from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from .belief import ParticleBelief, collected, stacked

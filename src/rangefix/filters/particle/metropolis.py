@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..models import in_line_of_sight
+from ..models.confined import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
 

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import TWO_PI, Array, IntArray
-from ..models import Gaussian, Rangefinder
+from ..models.noise import Gaussian
+from ..models.rangefinder import Rangefinder
 from ..problem import Sensor
 from ..space import StateSpace
 from .cell_error import add_unresolved

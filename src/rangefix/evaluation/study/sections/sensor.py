@@ -21,7 +21,7 @@ from ....filters import (
     StudentT,
     sweep,
 )
-from ....filters.models import CumulativeNoise
+from ....filters.models.noise import CumulativeNoise
 from .base import Misfit, NotNegative, Positive, Section
 
 PerBeam = Positive | Annotated[list[Positive], Field(min_length=1)]
