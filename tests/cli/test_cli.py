@@ -15,7 +15,7 @@ import pytest
 
 from rangefix import __version__
 from rangefix.cli import main
-from rangefix.cli.arguments import gather_bearings
+from rangefix.cli.main import gather_bearings
 
 STUDY = """
 runs = 12

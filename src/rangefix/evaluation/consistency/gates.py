@@ -18,10 +18,10 @@ import numpy as np
 
 from ...errors import suggestion
 from ..results import BeliefScores
-from .accumulator import Accumulator
 from .formatting import beams_in_words, format_number
 from .metrics import RunBlock
 from .row import Row
+from .summarise import Accumulator
 from .verdict import decide, is_overconfident
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures

@@ -10,7 +10,7 @@ from unittest import SkipTest
 
 from ..plugin_line import plugin_line
 from ..registry import resolve
-from . import answers, beliefs, contract, samples
+from . import answers, beliefs, contract
 from .claims import CheckFailure, Claim, Factory, Subject
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ CLAIMS: tuple[Claim, ...] = (
     answers.moves_like_the_kalman_filter,
     answers.claims_what_is_true,
     answers.claims_what_is_true_with_a_heading,
-    samples.samples_what_it_claims,
+    beliefs.samples_what_it_claims,
 )
 
 

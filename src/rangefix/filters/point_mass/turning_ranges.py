@@ -41,7 +41,7 @@ TRANSFORM_ERROR_NATS = 1e-7  # the error that a transform may make
 
 @dataclass(frozen=True)
 class RangesByDirection:
-    """Ranges expected in the cells of a grid whose last axis is the heading; see `cell_ranges.CellRanges`.
+    """Ranges expected in the cells of a grid whose last axis is the heading; see `RangesByCell`.
 
     Attributes:
         grid: The cells.
@@ -60,7 +60,7 @@ class RangesByDirection:
         return float(table.max(initial=0.0, where=np.isfinite(table)))
 
     def expected(self, first: int, last: int) -> Array:
-        """See `CellRanges`."""
+        """See `RangesByCell`."""
         kind, shift, table, period, headings = self.ranges
         place, heading = np.divmod(np.arange(first, last)[:, None], headings)
         return table[place, kind, (heading + shift) % period]
@@ -71,14 +71,14 @@ class RangesByDirection:
         return MeasuredBeams(reading[used], 0.5 * precision[used], kind[used], shift[used])
 
     def top(self, log_mass: Array) -> Array:
-        """See `CellRanges`; (M, G) -> (M, P, K) for P blocks of places and K of headings."""
+        """See `RangesByCell`; (M, G) -> (M, P, K) for P blocks of places and K of headings."""
         starts = np.arange(0, len(self.blocks.places), PLACES_PER_BLOCK)
         by_place = log_mass.reshape(len(log_mass), -1, self.ranges.headings)
         most, turns = np.maximum.reduceat(by_place, starts, axis=1), np.arange(0, self.ranges.headings)
         return np.asarray(np.maximum.reduceat(most, turns[::HEADINGS_PER_BLOCK], axis=2))
 
     def moments(self, readings: Readings, mass: CellMass) -> Moments:
-        """See `CellRanges`."""
+        """See `RangesByCell`."""
         values, precisions = readings
         cells = mass._replace(logs=mass.logs.reshape(len(mass.logs), -1, self.ranges.headings))
         order = np.random.default_rng(0).permutation(len(self.ranges.kind))  # neighbours say much the same
@@ -101,7 +101,7 @@ class RangesByDirection:
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
-        """See `CellRanges`."""
+        """See `RangesByCell`."""
         beams = self.measured(reading, precision)
         enough = len(beams.reading) > TRANSFORM_COST * self.ranges.ranges.shape[1]
         if enough and self._transforms(reading, precision):
