@@ -81,10 +81,9 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
-    from ..evaluation import check_gates, load_study, parse_gates, summarise
+    from ..evaluation import check_gates, decide, load_study, parse_gates, summarise
     from ..evaluation import run as run_study
     from ..evaluation.consistency.gates import need_sound
-    from ..evaluation.consistency.verdict import verdict_text
     from .progress import bars
 
     gates = parse_gates(gate or ())
@@ -117,7 +116,7 @@ def run(
                 "runs": results.runs,
                 "seed": results.manifest.get("seed"),
                 "folder": str(folder),
-                "rows": [row.flat() | {"verdict": verdict_text(row)} for row in rows],
+                "rows": [row.flat() | {"verdict": decide(row).words} for row in rows],
                 "gates": [
                     {"gate": line.gate.text, "passed": line.passed, "text": line.text} for line in lines
                 ],

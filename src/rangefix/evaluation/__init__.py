@@ -5,8 +5,8 @@ from .consistency.from_arrays import coverage, credibility, noncredibility
 from .consistency.gates import check_gates, parse_gates
 from .consistency.intervals import Interval, mean_interval, share_interval
 from .consistency.metrics import Metric, RunBlock
-from .consistency.normalised import anees_band, is_positive, nees
 from .consistency.row import Row, to_csv
+from .consistency.scores import anees_band, is_positive, nees
 from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
 from .experiment import Experiment, NamedEstimator

@@ -88,17 +88,8 @@ class Comparison:
 
     def to_json(self) -> dict[str, Any]:
         """Everything, as plain values."""
-        return {
-            "config": list(self.config),
-            "settings": {name: list(pair) for name, pair in self.settings.items()},
-            "same_truths": self.same_truths,
-            "only_a": [list(pair) for pair in self.only_a],
-            "only_b": [list(pair) for pair in self.only_b],
-            "differences": [
-                vars(difference) | {"change": list(difference.change), "significant": difference.significant}
-                for difference in self.differences
-            ],
-        }
+        differences = [vars(each) | {"significant": each.significant} for each in self.differences]
+        return vars(self) | {"differences": differences}
 
 
 def compare(a: Results, b: Results) -> Comparison:

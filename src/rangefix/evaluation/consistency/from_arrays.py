@@ -16,8 +16,8 @@ from ...arrays import Array, wrap
 from ..results import Status
 from .intervals import LEVEL, Interval, share_interval
 from .metrics import METRICS, RunBlock
-from .normalised import nees
 from .row import Row
+from .scores import nees
 from .summarise import Accumulator
 
 

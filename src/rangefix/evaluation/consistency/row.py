@@ -13,7 +13,7 @@ from ..results import FAILURES, html_table
 from .formatting import beams_in_words, format_interval
 from .intervals import Interval, uniform_p_value
 from .metrics import LEVELS, Metric, Place, metrics
-from .normalised import anees_band
+from .scores import anees_band
 
 
 class ClaimScores(NamedTuple):
@@ -168,9 +168,14 @@ class Row:
         """The figures of a report as a table, for notebooks."""
         return html_table(self._title(), ("figure", "value [95 %]"), self._lines("report"))
 
-    def _title(self) -> str:
+    @property
+    def where(self) -> str:
+        """Whose it is: the estimator, the beams and the measurement, in words."""
         beams = f", {beams_in_words(self.beams)}" if self.beams else ""
-        return f"{self.estimator}{beams}, measurement {self.step + 1}: {self.ok} of {self.planned} runs ok"
+        return f"{self.estimator}{beams}, measurement {self.step + 1}"
+
+    def _title(self) -> str:
+        return f"{self.where}: {self.ok} of {self.planned} runs ok"
 
     def _lines(self, place: Place) -> Iterator[tuple[str, str]]:
         for metric, component, interval in self.shown(place):

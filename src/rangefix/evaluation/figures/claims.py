@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +16,9 @@ from .data import FigureData
 from .style import CLAIMED, COLOURS, MARKERS, TRUE, finish, plain_numbers, symbol
 
 CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
+HATCHED: dict[str, Any] = {"facecolor": "#F0C060", "edgecolor": "0.35", "hatch": "////", "linewidth": 0.4}
+HOLLOW: dict[str, Any] = {"fmt": "o", "markersize": 7.5, "markerfacecolor": "white", "markeredgewidth": 1.5}
+BESIDE: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": 8}
 DECADES = 1e3  # a longer logarithmic axis has no room to label more than its powers of ten
 
 
@@ -74,18 +78,7 @@ def covariance_figure(data: FigureData) -> Figure:
         for row, y in zip(rows, heights, strict=True):
             claimed, true = (scaled(variance.sqrt(), factor(name)) for variance in (row.p[i], row.g[i]))
             axes.plot([claimed.value, true.value], [y, y], color="0.6", linewidth=2.5, zorder=1)
-            _bar(
-                axes,
-                claimed,
-                y,
-                fmt="o",
-                markersize=7.5,
-                markerfacecolor="white",
-                color=CLAIMED,
-                markeredgewidth=1.5,
-                label="claimed: root mean P",
-                zorder=2,
-            )
+            _bar(axes, claimed, y, color=CLAIMED, label="claimed: root mean P", zorder=2, **HOLLOW)
             _bar(axes, true, y, fmt="D", markersize=3.8, color=TRUE, label="true: root G", zorder=3)
         axes.set_xscale("log")
         _list_axes(axes, rows, heights, heads)
@@ -104,35 +97,12 @@ def anees_figure(data: FigureData) -> Figure:
     axes.axvline(1.0, color="black", linewidth=1.0, linestyle="--", label="honest: 1")
     for row, y in zip(rows, heights, strict=True):
         low, high = row.anees_band
-        axes.fill_betweenx(
-            [y - 0.42, y + 0.42],
-            low,
-            high,
-            facecolor="#F0C060",
-            edgecolor="0.35",
-            hatch="////",
-            linewidth=0.4,
-            label=CHI_SQUARE,
-        )
-        _bar(
-            axes,
-            row.anees,
-            y,
-            fmt="D",
-            markersize=4.5,
-            color=TRUE,
-            label="ANEES / n with 95 % interval",
-            zorder=3,
-        )
+        axes.fill_betweenx([y - 0.42, y + 0.42], low, high, label=CHI_SQUARE, **HATCHED)
+        label = "ANEES / n with 95 % interval"
+        _bar(axes, row.anees, y, fmt="D", markersize=4.5, color=TRUE, label=label, zorder=3)
         if np.isfinite(row.anees.value):
-            axes.annotate(
-                format_number(row.anees.value),
-                (max(row.anees.value, np.nan_to_num(row.anees.high), high), y),
-                xytext=(5, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-            )
+            end = max(row.anees.value, np.nan_to_num(row.anees.high), high)
+            axes.annotate(format_number(row.anees.value), (end, y), **BESIDE)
     axes.set_xlim(min(0.5, *values) / 1.4, max(2.0, *values) * 2.2)
     _list_axes(axes, rows, heights, heads)
     axes.set_xlabel(r"ANEES / n, no unit: left of 1 claims too much error, right of 1 too little")
