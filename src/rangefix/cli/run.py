@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
@@ -18,16 +17,12 @@ EXAMPLES = (
 OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
 
 
-def new_study(target: Path) -> Path:
-    """Write a commented study to begin with; `.toml` is added where it is missing.
-
-    Raises:
-        ValueError: If there is such a file, or it cannot be written.
-    """
-    path = target if target.suffix == ".toml" else target.with_name(f"{target.name}.toml")
-    text = (resources.files(f"{__package__.partition('.')[0]}.evaluation.study") / "starter.toml").read_text(
-        encoding="utf-8"
-    )
+def new(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The file to write.")], as_json: Json = False
+) -> None:
+    """Write a commented study to begin with."""
+    path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
+    text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
     name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
     text = text.replace("STUDY.toml", path.name.replace("\n", "_")).replace("NAME", name)
     made = False
@@ -42,14 +37,6 @@ def new_study(target: Path) -> Path:
         if made:
             path.unlink(missing_ok=True)
         raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
-    return path
-
-
-def new(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The file to write.")], as_json: Json = False
-) -> None:
-    """Write a commented study to begin with."""
-    path = new_study(study)
     if as_json:
         print_json({"study": str(path)})
     else:
