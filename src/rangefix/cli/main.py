@@ -12,8 +12,7 @@ from .. import __version__
 from .app import ExitCode, app
 from .estimators import check, estimators
 from .maps import ranges
-from .paper import paper
-from .results import compare, plot, report
+from .results import compare, paper, plot, report
 from .run import new, run
 
 COMMANDS: tuple[Callable[..., None], ...] = (

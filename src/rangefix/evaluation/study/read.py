@@ -132,11 +132,7 @@ def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
 
 
 def _with_kind(name: str, told: Any) -> Any:
-    """A section with its kind where that is left out: the file of a map tells it, or there is a usual one.
-
-    Raises:
-        MapError: If the name or the file of a map tells of no kind.
-    """
+    """A section with its kind where that is left out: the file of a map tells it, or there is a usual one."""
     if name == "map" and isinstance(told, str):
         told = map_table(told)
     if not isinstance(told, dict) or "kind" in told or name not in Study.model_fields:

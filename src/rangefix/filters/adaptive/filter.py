@@ -168,11 +168,7 @@ class AdaptivePointMassFilter(BriefRepr):
         return belief.log_evidence + (cells.log_integral if len(belief.measurements) else 0.0)
 
     def _cells(self, belief: AdaptiveBelief) -> Quadrature:
-        """The belief on lattices.
-
-        Raises:
-            TooManyCells: If it is spread over more cells than `most_cells`.
-        """
+        """The belief on lattices."""
         if belief.posterior is not None:
             return belief.posterior
         prior = belief.prior
