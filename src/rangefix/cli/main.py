@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from typing import Annotated, NoReturn
 
 import typer
@@ -15,18 +14,7 @@ from .maps import ranges
 from .results import compare, paper, plot, report
 from .run import new, run
 
-COMMANDS: tuple[Callable[..., None], ...] = (
-    new,
-    check,
-    estimators,
-    plot,
-    report,
-    compare,
-    paper,
-    run,
-    ranges,
-)
-for command in COMMANDS:
+for command in (new, check, estimators, plot, report, compare, paper, run, ranges):
     app.command()(command)
 
 

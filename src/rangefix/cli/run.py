@@ -11,9 +11,7 @@ import typer
 
 from .app import ExitCode, Json, print_json
 
-EXAMPLES = (
-    Path(__file__).parents[1] / "evaluation" / "study" / "examples"
-)  # listed without what a study loads
+EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
 
 

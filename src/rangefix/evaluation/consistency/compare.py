@@ -129,10 +129,8 @@ def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any
         found: dict[str, Any] = {}
         for key in ("seed", "runs", "versions", "git", "machine", "threads", "estimators", "beam_sets"):
             value = manifest.get(key)
-            parts = (
-                {f"{key}.{name}": part for name, part in value.items()} if isinstance(value, dict) else None
-            )
-            found |= {key: value} if parts is None else parts
+            parts = value.items() if isinstance(value, dict) else None
+            found |= {key: value} if parts is None else {f"{key}.{name}": part for name, part in parts}
         return found
 
     one, other = flat(a), flat(b)
