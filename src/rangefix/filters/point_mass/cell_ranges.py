@@ -9,10 +9,9 @@ import numpy as np
 
 from ...arrays import Array, BoolArray
 from ..problem import Sensor
-from .cell_error import add_unresolved
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid
-from .mode_shape import lattice_errors
+from .mode_shape import add_lattice_errors
 from .records import CellMass, CellTable, Moments, Readings, SharedRanges
 from .turning_kernels import HEADINGS_PER_BLOCK
 from .turning_ranges import RangesByDirection, cast_turning, directions
@@ -59,9 +58,7 @@ class RangesByCell:
         """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         gaussian_moments(readings, self.table, mass, sums)
-        error = lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
-        sums.covariances[sums.log_sums == -np.inf] = 0.0
-        add_unresolved(sums.covariances, error)
+        add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:

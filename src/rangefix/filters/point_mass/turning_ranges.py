@@ -19,9 +19,8 @@ from ..models.noise import Gaussian
 from ..models.rangefinder import Rangefinder
 from ..problem import Sensor
 from ..space import StateSpace
-from .cell_error import add_unresolved
 from .grid import Grid
-from .mode_shape import MeasuredBeams, lattice_errors
+from .mode_shape import MeasuredBeams, add_lattice_errors
 from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 from .turning_kernels import (
     HEADINGS_PER_BLOCK,
@@ -95,9 +94,7 @@ class RangesByDirection:
             if best > -np.inf:
                 chosen = np.flatnonzero(logs > best - NEGLIGIBLE_NATS)
                 sum_up(chosen, logs[chosen], best, self.blocks, sums, int(run))
-        error = lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
-        sums.covariances[sums.log_sums == -np.inf] = 0.0
-        add_unresolved(sums.covariances, error)
+        add_lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
