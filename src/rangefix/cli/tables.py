@@ -14,13 +14,7 @@ from rich.table import Table
 
 from ..evaluation import Results, Row
 from ..evaluation.consistency.compare import Comparison, Difference
-from ..evaluation.consistency.formatting import (
-    beams_in_words,
-    format_milliseconds,
-    format_number,
-    pairs_of_stds,
-    unit,
-)
+from ..evaluation.consistency.formatting import beams_in_words, format_number, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import Metric
 from ..evaluation.consistency.verdict import decide
@@ -108,10 +102,10 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
         for row in (row for row in rows if (row.beams, row.step) == (beams, end)):
             verdict = decide(row)
             style = "bold red" if verdict.overconfident else ""
-            cells = [f"  {row.estimator}", str(row.ok), *pairs_of_stds(row.names, row.g, row.p)]
+            cells = [f"  {row.estimator}", str(row.ok), *row.pairs_of_stds(row.g, row.p)]
             cells += [_cell(row, metric, component, narrow) for metric, component in figures]
             if not narrow:
-                cells += [format_milliseconds(row.seconds), verdict.words]
+                cells += [row.milliseconds, verdict.words]
             table.add_row(*cells, style=style)
             if narrow:
                 table.add_row(f"  {verdict.words}", style=style)
@@ -155,7 +149,7 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
             if found and row.beams == beams:
                 table.add_row(
                     f"  {row.estimator}",
-                    *pairs_of_stds(row.names, found.whole, found.mode),
+                    *row.pairs_of_stds(found.whole, found.mode),
                     f"{100 * found.share.value:.3g} %",
                     f"{format_number(row.scores.energy.value)} / {format_number(found.energy.value)}",
                     format_number(uniform_p_value(found.ranks[-1])),

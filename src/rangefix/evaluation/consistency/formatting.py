@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Iterable, Sequence
 
 from .intervals import Interval
 
@@ -69,16 +68,3 @@ def scaled(interval: Interval, by: float) -> Interval:
 def capital(sentence: str) -> str:
     """The sentence with a capital, and a full stop."""
     return sentence[:1].upper() + sentence[1:] + ("" if sentence.endswith((".", ":")) else ".")
-
-
-def pairs_of_stds(names: Iterable[str], *variances: Sequence[Interval]) -> list[str]:
-    """The roots of two variances of each component beside each other, in the unit in which it is shown."""
-    return [
-        " / ".join(format_number(factor(name) * variance.sqrt().value) for variance in pair)
-        for name, *pair in zip(names, *variances, strict=True)
-    ]
-
-
-def format_milliseconds(seconds: float) -> str:
-    """A time in ms; "-" where it was not taken."""
-    return format_number(1e3 * seconds) if math.isfinite(seconds) else "-"

@@ -6,14 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..consistency.formatting import (
-    beams_in_words,
-    format_interval,
-    format_milliseconds,
-    format_number,
-    pairs_of_stds,
-    unit,
-)
+from ..consistency.formatting import beams_in_words, format_interval, format_number, unit
 from ..consistency.intervals import UNKNOWN, Interval, uniform_p_value
 from ..consistency.metrics import Metric
 from ..consistency.row import Row
@@ -63,10 +56,10 @@ def overview(rows: Sequence[Row]) -> Table:
     def cells(row: Row) -> list[Cell]:
         return [
             Cell(str(row.ok) if row.ok == row.planned else f"{row.ok} of {row.planned}"),
-            *(Cell(stds if row.ok else "-") for stds in pairs_of_stds(row.names, row.g, row.p)),
+            *(Cell(stds if row.ok else "-") for stds in row.pairs_of_stds(row.g, row.p)),
             Cell.of(row.anees),
             Cell.of(row.scores.energy),
-            Cell(format_milliseconds(row.seconds)),
+            Cell(row.milliseconds),
         ]
 
     return Table.of(columns, rows, cells)
@@ -92,7 +85,7 @@ def scores(rows: Sequence[Row], sampled: bool) -> Table:
             return line
         if (belief := row.beliefs) is None:
             return line + [Cell("-")] * (len(columns) - len(line))
-        line += map(Cell, pairs_of_stds(row.names, belief.whole, belief.mode))
+        line += map(Cell, row.pairs_of_stds(belief.whole, belief.mode))
         p_value = _format_p_value(uniform_p_value(belief.ranks[-1]))
         return [*line, Cell(f"{100 * belief.share.value:.3g} %"), Cell(p_value)]
 
