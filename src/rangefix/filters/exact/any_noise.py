@@ -1,8 +1,8 @@
 """The same moments for noise of any kind: pieces are halved until every beam's density is smooth on them.
 
-What a beam's reading says of its expected range is tabulated once for each measurement, finely about the reading
-and in equal ratios beyond. A piece is bounded by the tables, left out where it cannot count, halved across the
-beam whose density varies most, and integrated by Gauss-Legendre rules once no density varies much.
+What a beam's reading says of its expected range is tabulated once for each measurement, finely about the
+reading and in equal ratios beyond. A piece is bounded by the tables, left out where it cannot count, halved
+across the beam whose density varies most, and integrated by Gauss-Legendre rules once no density varies much.
 """
 
 from __future__ import annotations
@@ -133,18 +133,18 @@ class Nodes(NamedTuple):
         places: x1, x2 of the node, and its extent before and after it along s and along t, m, (N, 6).
         turns: Cosine and sine of the direction of s, (N, 2).
         log_weights: Log of the share of the posterior's integral, (N,).
-        count: How many there are, (1,).
+        total: How many there are, (1,).
     """
 
     places: Array
     turns: Array
     log_weights: Array
-    count: IntArray
+    total: IntArray
 
 
-def no_nodes() -> Nodes:
-    """Nothing is noted."""
-    return Nodes(np.empty((0, 6)), np.empty((0, 2)), np.empty(0), np.zeros(1, dtype=np.int64))
+def nodes_for(room: int) -> Nodes:
+    """Room for so many nodes; with none, nothing is noted."""
+    return Nodes(np.empty((room, 6)), np.empty((room, 2)), np.empty(room), np.zeros(1, dtype=np.int64))
 
 
 @njit(cache=True, nogil=True)
@@ -158,7 +158,7 @@ def moments_of_any(
         tables: The measurement.
         prior: A Gaussian factor of the prior: precision p11, p12, p22 and mean, (5,); zeros for none.
         rule: The rules.
-        nodes: Receives the nodes, as far as there is room; `count` says how many there were.
+        nodes: Receives the nodes, as far as there is room; `total` says how many there were.
         mean, covariance: Receive the moments, (2,) and (2, 2).
 
     Returns:
@@ -258,7 +258,7 @@ def moments_of_any(
 def _look_at(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables
 ) -> tuple[float, float, int, float]:
-    """A bound on a part's log mass; how far from smooth its worst beam is, which that is, and where to cut."""
+    """A bound on a part's log mass; how far from smooth its worst beam is, which it is, and where to cut."""
     area = _area(corners, count)
     if area < 1e-18:
         return -np.inf, 0.0, -1, 0.0
@@ -300,9 +300,9 @@ def _variation(tables: Tables, beam: int, low: float, high: float) -> float:
     varied = abs(_look_up(tables, beam, high) - _look_up(tables, beam, low)) / VARIED
     if low < centre + 8 * scale and high > centre - 8 * scale:
         varied = max(varied, (high - low) / (SMOOTH * scale))
-        if low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
-            if abs(tables.above[beam, 0] - tables.below[beam, 0]) > JUMP:
-                varied = max(varied, 1e3)
+        step = abs(tables.above[beam, 0] - tables.below[beam, 0])
+        if step > JUMP and low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
+            varied = max(varied, 1e3)
     return varied
 
 
@@ -374,7 +374,7 @@ def _integrate(
                 m11 += value * x1 * x1
                 m12 += value * x1 * x2
                 m22 += value * x2 * x2
-                place = nodes.count[0]
+                place = nodes.total[0]
                 if len(nodes.places) and value > 0:
                     if place < len(nodes.places):
                         nodes.places[place, 0] = pieces.centres[piece, 0] + x1
@@ -387,7 +387,7 @@ def _integrate(
                         nodes.places[place, 5] = chord * (before_t + rule.weights[3, j] - rule.nodes[3, j])
                         nodes.turns[place, 0], nodes.turns[place, 1] = c, d
                         nodes.log_weights[place] = math.log(weight) + log_density + log_peak
-                    nodes.count[0] += 1
+                    nodes.total[0] += 1
                 before_t += rule.weights[3, j]
             before_s += rule.weights[order, i]
     out[0], out[1], out[2], out[3], out[4], out[5] = m0, m1, m2, m11, m12, m22

@@ -15,7 +15,7 @@ from ..estimator import Estimate
 from ..models import Gaussian, GaussianPrior, Mixture, Stationary, Uniform
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import Nodes, Tables, moments_of_any, no_nodes, tabulate
+from .any_noise import Nodes, Tables, moments_of_any, nodes_for, tabulate
 from .integrals import Pieces, Rules, moments, rules
 from .partition import partition
 
@@ -65,20 +65,20 @@ class ExactPositionFilter:
 
     Beams then have fixed directions, and free space falls into convex pieces from which every beam meets one
     wall, so that every range is an affine function of the position. With Gaussian noise the posterior is a
-    Gaussian cut off at the borders of each piece, and is integrated along its axes; with other noise pieces are
-    halved until every beam's density is smooth. The pieces are worked out once and shared by all runs.
+    Gaussian cut off at the borders of each piece, and is integrated along its axes; with other noise pieces
+    are halved until every beam's density is smooth. The pieces are worked out once and shared by all runs.
 
     Numerical errors are of the order of 1e-9 of the posterior's deviations with Gaussian noise and 1e-6 with
     other noise; `error` tells them. The yardstick of this package where it applies.
 
     Args:
-        problem: The problem: known heading, `Stationary`, a map of walls (`segments`), and a prior that is uniform,
-            Gaussian or a mixture of such.
+        problem: The problem: known heading, `Stationary`, a map of walls (`segments`), and a prior that is
+            uniform, Gaussian or a mixture of such.
         most_pieces: The most pieces that map and beams may make.
 
     Raises:
-        ValueError: If the problem is of another kind, there are too many pieces, or the pieces' ranges are not
-            the map's.
+        ValueError: If the problem is of another kind, there are too many pieces, or the pieces' ranges are
+            not the map's.
     """
 
     problem: Problem
@@ -143,7 +143,7 @@ class ExactPositionFilter:
         return belief.estimate
 
     def error(self, belief: ExactBelief) -> Array:
-        """How far mean and covariance may be off, in posterior deviations, (M,): by rules with other nodes."""
+        """How far mean and covariance may be off, in posterior deviations, (M,): by other nodes."""
         mean, covariance, log_evidence = belief.estimate
         errors = np.zeros(len(mean))
         other = rules(OTHER_NODES)
@@ -242,7 +242,7 @@ class ExactPositionFilter:
                 log = log_common + moments(part.pieces, reading, weight, part.factor, rule, mean, covariance)
             else:
                 assert tables is not None
-                target = no_nodes() if nodes is None else nodes
+                target = nodes_for(0) if nodes is None else nodes
                 log = moments_of_any(part.pieces, tables, part.factor, rule, target, mean, covariance)
             logs.append(log + part.log_share - part.log_integral)
             means.append(mean)
@@ -299,14 +299,12 @@ class ExactPositionFilter:
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
         room = 1 << 15
         while True:
-            nodes = Nodes(
-                np.empty((room, 6)), np.empty((room, 2)), np.empty(room), np.zeros(1, dtype=np.int64)
-            )
+            nodes = nodes_for(room)
             self._answer(readings, self._rules, nodes)
-            if nodes.count[0] <= room:
+            if nodes.total[0] <= room:
                 break
-            room = int(nodes.count[0])
-        count = int(nodes.count[0])
+            room = int(nodes.total[0])
+        count = int(nodes.total[0])
         weights = np.exp(nodes.log_weights[:count] - nodes.log_weights[:count].max())
         chosen = rng.choice(count, size=size, p=weights / weights.sum())
         places, turns, share = nodes.places[chosen], nodes.turns[chosen], rng.random((size, 2))

@@ -1,8 +1,8 @@
 """Moments of a posterior over convex pieces on which all ranges are affine.
 
-With Gaussian noise the log likelihood of a piece is a quadratic form. Its mass is integrated over the part of the
-piece that matters, along the axes of the form, by Gauss-Legendre rules between corners: integrands are products of
-Gaussians over intervals a few deviations long, where these rules are exact to about 1e-12.
+With Gaussian noise the log likelihood of a piece is a quadratic form. Its mass is integrated over the part of
+the piece that matters, along the axes of the form, by Gauss-Legendre rules between corners: integrands are
+products of Gaussians over intervals a few deviations long, where these rules are exact to about 1e-12.
 """
 
 from __future__ import annotations
@@ -92,8 +92,6 @@ def integrate_quadratic(
         if right - left <= 1e-14:
             continue
         # ends of the chords are affine in s between corners
-        low_left = low_right = np.inf
-        high_left = high_right = -np.inf
         middle = 0.5 * (left + right)
         low_mid, high_mid = np.inf, -np.inf
         low_slope = high_slope = 0.0
@@ -110,12 +108,8 @@ def integrate_quadratic(
         if high_mid <= low_mid:
             continue
         width = right - left
-        low_left, low_right = low_mid - low_slope * 0.5 * width, low_mid + low_slope * 0.5 * width
-        high_left, high_right = high_mid - high_slope * 0.5 * width, high_mid + high_slope * 0.5 * width
-        far_s = max(abs(left), abs(right))
-        far_t = max(max(abs(low_left), abs(low_right)), max(abs(high_left), abs(high_right)))
         tilt = max(abs(low_slope), abs(high_slope)) * width
-        rate_t = max(root_small, abs(gt), small * 0.0)
+        rate_t = max(root_small, abs(gt))
         length_s = width * max(root_big, abs(gs)) + tilt * rate_t
         parts = int(length_s / LONGEST) + 1
         outer = _rule_for(length_s / parts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -92,7 +93,7 @@ def partition(
 
 
 def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -> list[Array]:
-    """Convex pieces of the box that no wall enters, each between two walls and two lines along a direction."""
+    """Convex pieces of the box that no wall enters, between two walls and two lines along a direction."""
     (x1, x2), (y1, y2) = lower, upper
     frame = np.array([[x1, x2, y1, x2], [y1, x2, y1, y2], [y1, y2, x1, y2], [x1, y2, x1, x2]])
     walls = _along(np.concatenate([segments, frame]), direction)
@@ -104,7 +105,7 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
     open_: dict[tuple[int, int], float] = {}
     done: list[tuple[int, int, float, float]] = []
     before = -np.inf
-    for left, right in zip(ends[:-1], ends[1:], strict=True):
+    for left, right in pairwise(ends.tolist()):
         if right - left <= THIN:
             continue
         middle = 0.5 * (left + right)
@@ -240,6 +241,11 @@ def _same_line(one: Array, other: Array) -> bool:
 
 
 @njit(cache=True, nogil=True)
+def _are_one(one: Array, other: Array) -> bool:
+    return bool(abs(one[0] - other[0]) + abs(one[1] - other[1]) < SAME)
+
+
+@njit(cache=True, nogil=True)
 def cut_by(corners: Array, count: int, normal1: float, normal2: float, level: float, out: Array) -> int:
     """The part of a convex polygon where normal . x <= level; returns its number of corners.
 
@@ -364,9 +370,7 @@ def _join_corners(corners: Array, counts: IntArray) -> None:
         kept = 0
         for corner in range(counts[place]):
             before = kept - 1 if kept else counts[place] - 1
-            away = abs(corners[place, corner, 0] - corners[place, before, 0])
-            away += abs(corners[place, corner, 1] - corners[place, before, 1])
-            if away >= SAME:
+            if not _are_one(corners[place, corner], corners[place, before]):
                 corners[place, kept] = corners[place, corner]
                 kept += 1
         counts[place] = kept
