@@ -18,7 +18,9 @@ from typing import Any
 
 from rangefix.evaluation import load_study, run
 from rangefix.evaluation.drawing import draw
+from rangefix.evaluation.figures.catalogue import figure_kinds
 from rangefix.evaluation.paper import table1
+from rangefix.evaluation.paper.figures import PAPER_FIGURES
 
 HERE = Path(__file__).parent
 INTRO = """# Gallery
@@ -27,23 +29,26 @@ Every picture comes from one study and from nothing else, by the commands above 
 here, so that the page is made in minutes; with those of the study files, intervals are narrower. What each
 figure shows in general is on the page of [figures](../figures.md).
 """
-PAPER = {
-    "figure2_maps": "Posterior densities after one beam (1, 2, 3) and two (1+2, 2+3, 1+3).",
-    "figure2_surfaces": "The same as surfaces.",
-    "figure3_map": "The posterior after all three beams, with a close-up.",
-    "figure3_surface": "The same as a surface.",
-}
+TITLES = {kind.name: kind.title for kind in (*figure_kinds(), *PAPER_FIGURES)}
 
 
 def lay_out(
     title: str, text: str, commands: list[str], name: str, folder: Path, pictures: dict[str, str]
 ) -> list[str]:
-    """A section in Markdown; its pictures are copied beside the page, two folders up."""
-    lines = [f"## {title}", "", text, "", "```console", *(f"$ {each}" for each in commands), "```", ""]
+    """A section in Markdown; its pictures are copied beside the page, two folders up.
+
+    Args:
+        title, text: Above the commands.
+        commands: That make the pictures.
+        name: Of the study.
+        folder: Of its results.
+        pictures: Name of a figure -> what is to be seen in this one.
+    """
+    lines = [f"## {title}", "", text, "", "```console", *(f"$ {command}" for command in commands), "```", ""]
     for figure, caption in pictures.items():
         file = f"{name}_{figure}.png"
         shutil.copyfile(folder / "figures" / f"{figure}.png", folder.parents[1] / file)
-        lines += [f"![{caption}]({file})", "", caption, ""]
+        lines += [f"![{TITLES[figure]}: {caption}]({file})", "", f"**{TITLES[figure]}.** {caption}", ""]
     return lines
 
 
@@ -54,7 +59,8 @@ def the_paper(out: Path, draws: int) -> list[str]:
     draw(folder)
     text = "Figs. 2 and 3 of Stepanov and Mansour, for measurements without noise."
     commands = [f"rangefix paper --draws {draws} --out results/paper"]
-    return lay_out("The paper's figures", text, commands, "paper", folder, PAPER)
+    pictures = {kind.name: f"{kind.caption[0].upper()}{kind.caption[1:]}." for kind in PAPER_FIGURES}
+    return lay_out("The paper's figures", text, commands, "paper", folder, pictures)
 
 
 def a_study(section: dict[str, Any], out: Path, runs: int) -> list[str]:

@@ -68,7 +68,7 @@ def test_imports_inside_the_package_are_relative(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODULES)
 def test_imports_go_one_way(name: str) -> None:
-    """maps import maps, filters import filters, evaluation imports both; only modules on top import all."""
+    """Maps import maps, filters import filters, evaluation imports both; only modules on top import all."""
     targets = {room(target) for level, target in imports(name) if level}
     if room(name) in MAY_IMPORT:
         assert targets <= MAY_IMPORT[room(name)]
@@ -112,7 +112,7 @@ evaluation.seeds
 filters filters.checks
 filters.adaptive
 filters.point_mass filters.particle filters.kalman filters.registry
-filters.models
+filters.models filters.images
 filters.estimator filters.sampling filters.compiled filters.plugin_line
 filters.problem
 filters.space

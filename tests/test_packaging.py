@@ -22,7 +22,7 @@ SOURCE = ROOT / "src" / "rangefix"
 NEEDED = {
     path.relative_to(ROOT / "src").as_posix()
     for path in SOURCE.rglob("*")
-    if path.suffix in (".py", ".toml", ".typed") and "__pycache__" not in path.parts
+    if path.is_file() and "__pycache__" not in path.parts
 }
 
 
@@ -60,6 +60,8 @@ def test_needed_is_not_empty() -> None:
     """Negative control: the list that wheel and sdist are held against names real files."""
     assert {
         "rangefix/py.typed",
+        "rangefix/evaluation/report/page.html.j2",
+        "rangefix/evaluation/report/style.css",
         "rangefix/evaluation/study/examples/paper.toml",
         "rangefix/maps/mesh.py",
     } <= NEEDED

@@ -1,8 +1,10 @@
-"""Types of arrays, and angles: what every room uses."""
+"""Types of arrays, angles, and how arrays are shown: what every room uses."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +14,22 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 TWO_PI = 2.0 * math.pi
 LOG_TWO_PI = math.log(TWO_PI)
+LONGEST_SHOWN = 8  # numbers of an array
 
 
 def wrap(angle: Array) -> Array:
     """The same angle in [-pi, pi), rad."""
     return (angle + np.pi) % TWO_PI - np.pi
+
+
+def short_repr(record: Any, separator: str = ", ") -> str:
+    """What a dataclass is, for people: its fields, long arrays by their size and range."""
+    shown = [(field.name, getattr(record, field.name)) for field in fields(record) if field.repr]
+    return f"{type(record).__name__}({separator.join(f'{name}={_short(value)}' for name, value in shown)})"
+
+
+def _short(value: Any) -> str:
+    if not isinstance(value, np.ndarray) or value.size <= LONGEST_SHOWN:
+        return repr(value)
+    ends = f"{value.min():.4g} to {value.max():.4g}"
+    return f"<{' x '.join(map(str, value.shape))} numbers from {ends}>"

@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Which known name was meant, or which there are."""
+def suggestion(name: str, known: Iterable[str], more: str = "") -> str:
+    """Which known name was meant, or which there are and what more there is to say."""
     names = list(known)
     close = get_close_matches(name, names, n=1, cutoff=0.6)
     if close:
         return f"did you mean {close[0]}?"
-    return f"there are {', '.join(names)}" if names else "there are none"
+    return f"there are {', '.join(names)}{more}" if names else "there are none"
 
 
 def one_line(error: BaseException) -> str:

@@ -89,7 +89,7 @@ def stonesoup_point_mass(ranges, centres, step, std):
 
 
 def bayesloop_study(ranges, axes, std):
-    """bayesloop's Study of one time step, forward pass only; it has no covariance, so numpy works it out.
+    """The Study of bayesloop, one time step, forward pass only; numpy works out the covariance.
 
     ranges (B, *shape), axes: the n marginal grids -> reading to mean, covariance, log evidence.
     """

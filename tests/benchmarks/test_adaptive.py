@@ -37,14 +37,12 @@ def test_a_full_scan_at_equal_accuracy(board):
     dense, adaptive = full_scan.make_filter(problem), AdaptivePointMassFilter(problem)
     reading, rng = full_scan.one_reading(problem)[0], np.random.default_rng(0)
     empty = adaptive.init(problem.prior, rng)
-    used = np.flatnonzero(~np.isnan(reading))
-    half = np.full(len(used), 0.5 / full_scan.STD**2)
-    arguments = reading[used], half, dense.cells.kind[used], dense.cells.shift[used]
+    beams = dense.cells.measured(reading, np.where(np.isnan(reading), 0.0, 1 / full_scan.STD**2))
     best = race(
         3,
         {
             "adaptive": lambda: adaptive.estimate(adaptive.update(empty, reading, rng)),
-            "transform": lambda: dense.cells._correlate(*arguments),
+            "transform": lambda: dense.cells._correlate(beams),
         },
     )
     mode = adaptive.update(empty, reading, rng).posterior.modes[0]

@@ -43,11 +43,10 @@ class Case:
         self.reading = self.measurement[0]
         self.beams = np.flatnonzero(~np.isnan(self.reading))
         self.cells = self.estimator.cells
-        half = np.full(len(self.beams), 0.5 / full_scan.STD**2)
-        self.used = (
-            self.reading[self.beams], half, self.cells.kind[self.beams], self.cells.shift[self.beams]
-        )  # fmt: skip
-        self.by_direction = np.ascontiguousarray(self.cells.table[:, 0, : self.cells.period].T)
+        precision = np.where(np.isnan(self.reading), 0.0, 1 / full_scan.STD**2)
+        self.used = self.cells.measured(self.reading, precision)
+        ranges = self.cells.ranges
+        self.by_direction = np.ascontiguousarray(ranges.ranges[:, 0, : ranges.period].T)
         self.headings = np.arange(0, 1000, 1000 // SHARE)
 
     def is_built_in(self):
@@ -59,7 +58,7 @@ class Case:
         work = np.empty(logs.shape[1])
         for row, heading in zip(logs, self.headings, strict=True):
             for beam in self.beams:
-                column = (heading + self.cells.shift[beam]) % 1000
+                column = (heading + self.cells.ranges.shift[beam]) % 1000
                 np.subtract(self.by_direction[column], self.reading[beam], out=work)
                 work *= work
                 row -= work
@@ -67,11 +66,11 @@ class Case:
         return logs
 
     def transform(self):
-        return self.cells._correlate(*self.used)
+        return self.cells._correlate(self.used)
 
     def every_cell(self):
         misfits = np.empty((9600, 1000))
-        scan_misfits(*self.used, self.cells.table, misfits)
+        scan_misfits(self.used, self.cells.ranges, misfits)
         return misfits
 
 

@@ -78,7 +78,7 @@ def test_all_runs_at_once(benchmark, make):
     ],
 )
 def test_fifty_times_faster_than_filterpy(batch, single, board):
-    """filterpy's time is that of 500 runs times 20; ours the shortest of 10."""
+    """The time of filterpy is that of 500 runs times 20; ours the shortest of 10."""
     filtered(EachRun(single(PROBLEM)), 2)
     theirs = seconds(filtered, EachRun(single(PROBLEM)), FEW) * RUNS / FEW
     ours = min(seconds(filtered, batch(PROBLEM), RUNS) for _ in range(10))

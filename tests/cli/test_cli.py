@@ -152,6 +152,19 @@ def test_ranges(rangefix: Callable[..., Said]) -> None:
     np.testing.assert_allclose(found, [beam["range_m"] for beam in commas["beams"]], rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("study", "room"), [("paper", "plan.toml"), ("mesh", "plan.toml"), ("mesh", "room:4x6")]
+)
+def test_another_map_for_a_study(
+    rangefix: Callable[..., Said], tmp_path: Path, study: str, room: str
+) -> None:
+    """A floor plan file, and a room in words, in the place of any study's map."""
+    write(tmp_path / "plan.toml", "outer = [[0, 0], [5, 0], [5, 7], [0, 7]]\nwalls = [[4.5, 0, 4.5, 6]]\n")
+    said = rangefix("run", study, "--map", room, "--runs", "2", "--out", "r", "--json")
+    assert (said.code, said.err) == (0, "")
+    assert json.loads(said.out)["runs"] == 2
+
+
 def test_estimators(rangefix: Callable[..., Said]) -> None:
     listed = json.loads(rangefix("estimators", "--json").out)["estimators"]
     assert {"point-mass", "particle", "ekf", "ukf"} <= {each["name"] for each in listed}

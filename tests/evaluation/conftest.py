@@ -14,6 +14,8 @@ import pytest
 from rangefix.filters import Estimate, Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
 from rangefix.maps import RectangularRoom
 
+from ..maps.conftest import off  # noqa: F401
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Numba passes over the TBB that Open3D brings, and warns: no mistake of these tests."""

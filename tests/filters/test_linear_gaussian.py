@@ -17,6 +17,7 @@ from rangefix.filters import (
     ConstantVelocity,
     EachRun,
     Gaussian,
+    GaussianPrior,
     Problem,
     RandomWalk,
     Rangefinder,
@@ -27,7 +28,7 @@ from rangefix.filters import (
     position_space,
     velocity_space,
 )
-from rangefix.filters.checks.problems import BEARINGS, STDS, GaussianPrior, Hall
+from rangefix.filters.checks.problems import BEARINGS, STDS, Hall
 from rangefix.filters.kalman import (
     EnsembleKalmanFilter,
     ExtendedKalmanFilter,
@@ -38,6 +39,7 @@ from rangefix.filters.kalman import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.registry import BUILT_IN
+from rangefix.maps import Hits
 
 SPACE = position_space()
 RUNS = 4
@@ -55,7 +57,8 @@ def posed(motion: str) -> Problem:
         "constant velocity": lambda: ConstantVelocity(space, step=0.5, intensity=0.02),
     }
     sensor = Rangefinder(Hall(), BEARINGS, Gaussian(STDS), space)
-    return Problem(space, motions[motion](), sensor, GaussianPrior(space, np.zeros(space.size), std))
+    prior = GaussianPrior(np.zeros(space.size), np.diag(std) ** 2, space)
+    return Problem(space, motions[motion](), sensor, prior)
 
 
 POSED = {motion: posed(motion) for motion in ("standing", "random walk", "constant velocity")}
@@ -178,6 +181,26 @@ def test_the_comparison_can_fail(change):
     assert np.abs(deviations(estimator.estimate(belief), problem, values)).max() > 10 * STATED["point-mass"]
 
 
+class NoWalls:
+    """A plane without walls, in which every step is free."""
+
+    bounds = (np.full(2, -np.inf), np.full(2, np.inf))
+    segments = np.zeros((0, 4))
+
+    def ranges(self, poses, bearings):
+        return np.full((*np.shape(poses)[:-1], len(bearings)), np.inf)
+
+    def gradients(self, poses, bearings):
+        return np.zeros((*np.shape(poses)[:-1], len(bearings), 3))
+
+    def cast(self, poses, bearings):
+        gradients = self.gradients(poses, bearings)
+        return Hits(self.ranges(poses, bearings), gradients[..., :2], gradients)
+
+    def is_free(self, points):
+        return np.ones(np.shape(points)[:-1], dtype=bool)
+
+
 @dataclass(frozen=True)
 class LinearSensor:
     """Readings slope x + offset + N(0, std^2)."""
@@ -186,10 +209,17 @@ class LinearSensor:
     slope: Array
     offset: Array
     noise: Gaussian
+    room: NoWalls = NoWalls()  # noqa: RUF009
+    max_range: float = np.inf
+    max_incidence: float = np.pi / 2
 
     @property
     def bearings(self):
         return np.zeros(len(self.offset))
+
+    @property
+    def gaussian_stds(self):
+        return np.broadcast_to(self.noise.stds, self.offset.shape)
 
     def expected(self, states):
         return states @ self.slope.T + self.offset
@@ -198,8 +228,17 @@ class LinearSensor:
         return np.broadcast_to(self.slope, (*np.shape(states)[:-1], *self.slope.shape))
 
     def log_density(self, measurement, expected):
+        return self.beam_log_density(measurement, expected).sum(-1)
+
+    def beam_log_density(self, measurement, expected):
         terms = self.noise.log_density(np.nan_to_num(measurement), expected)
-        return np.where(np.isnan(measurement), 0.0, terms).sum(-1)
+        return np.where(np.isnan(measurement), 0.0, terms)
+
+    def read(self, expected, rng):
+        return self.noise.sample(expected, rng)
+
+    def sample(self, states, rng):
+        return self.read(self.expected(states), rng)
 
 
 @dataclass(frozen=True)
@@ -208,6 +247,7 @@ class LinearMotion:
 
     factor: Array
     spread: Array
+    is_gaussian: bool = True
 
     def mean(self, states, control):
         return states @ self.factor.T

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from enum import IntEnum
 from typing import Annotated, Any
 
 import typer
 
-FINE, SOME_FAILED, BAD_INPUT, NOTHING_RAN, GATE_FAILED = range(5)
-INTERRUPTED = 130
 app = typer.Typer(
     name="rangefix",
     add_completion=False,
@@ -18,6 +17,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
+
+class ExitCode(IntEnum):
+    """What the exit code of a command says."""
+
+    FINE = 0
+    SOME_FAILED = 1
+    BAD_INPUT = 2
+    NOTHING_RAN = 3
+    GATE_FAILED = 4
+    INTERRUPTED = 130
 
 
 def print_json(document: Any) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import SOME_FAILED, Json, print_json
+from .app import ExitCode, Json, print_json
 
 
 def check(
@@ -29,22 +29,21 @@ def check(
 ) -> None:
     """Whether an estimator does what every estimator must; exit code 1 if not."""
     from ..evaluation.isolation.checks import run_checks_isolated
-    from ..filters.checks import conforms, sum_up, told
+    from ..filters.checks import conforms, lines_of, sum_up
 
     options, reasons = read_options(option or ()), read_reasons(expect_failure or ())
     results = []
     for result in run_checks_isolated(target, options, reasons, timeout):
         results.append(result)
-        for line in () if as_json else told(result):
+        for line in () if as_json else lines_of(result):
             typer.echo(line)
     if as_json:
-        print_json(
-            {"target": target, "conforms": conforms(results), "checks": [vars(each) for each in results]}
-        )
+        checks = [vars(result) for result in results]
+        print_json({"target": target, "conforms": conforms(results), "checks": checks})
     else:
         typer.echo(sum_up(results))
     if not conforms(results):
-        raise typer.Exit(SOME_FAILED)
+        raise typer.Exit(ExitCode.SOME_FAILED)
 
 
 def estimators(as_json: Json = False) -> None:
@@ -53,12 +52,12 @@ def estimators(as_json: Json = False) -> None:
     if as_json:
         print_json({"estimators": described})
         return
-    for each in described:
-        if "fault" in each:
-            typer.echo(f"{each['name']:<12} cannot be used: {each['fault']}")
+    for row in described:
+        if "fault" in row:
+            typer.echo(f"{row['name']:<12} cannot be used: {row['fault']}")
             continue
-        listed = ", ".join(f"{name}={value}" for name, value in each["options"].items())
-        typer.echo(f"{each['name']:<12} {each['summary']}\n{'':<12} options: {listed or 'none'}")
+        listed = ", ".join(f"{name}={value}" for name, value in row["options"].items())
+        typer.echo(f"{row['name']:<12} {row['summary']}\n{'':<12} options: {listed or 'none'}")
 
 
 def describe() -> list[dict[str, Any]]:
@@ -66,16 +65,16 @@ def describe() -> list[dict[str, Any]]:
 
     Plug-ins are imported in processes of their own; one that cannot be has a fault that says why.
     """
-    from ..evaluation.isolation import signature_of as look_at
+    from ..evaluation.isolation import signature_of
     from ..evaluation.isolation.look import inspect_plugin
     from ..filters import available
     from ..filters.registry import BUILT_IN, resolve
 
     described = []
     for name in available():
-        seen = look_at(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
-        row = {"name": name, "summary": seen.summary, "options": dict(seen.parameters)}
-        described.append(row | ({"fault": seen.fault} if seen.fault else {}))
+        plugin = signature_of(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
+        row = {"name": name, "summary": plugin.summary, "options": dict(plugin.parameters)}
+        described.append(row | ({"fault": plugin.fault} if plugin.fault else {}))
     return described
 
 
@@ -88,16 +87,16 @@ def read_options(given: Iterable[str]) -> dict[str, Any]:
     from ..evaluation.study import EstimatorSection
 
     options: dict[str, Any] = {}
-    for each in given:
-        name, equals, value = each.partition("=")
+    for text in given:
+        name, equals, value = (part.strip() for part in text.partition("="))
         try:
-            options[name.strip()] = tomllib.loads(f"value = {value}")["value"]
+            options[name] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            if not equals or not re.fullmatch(r"\s*[A-Za-z][\w.-]*\s*", value):
+            if not equals or not re.fullmatch(r"[A-Za-z][\w.-]*", value):
                 raise ValueError(
-                    f"--option {each!r}: write NAME=VALUE as in a study, such as cell_m=0.05"
+                    f"--option {text!r}: write NAME=VALUE as in a study, such as cell_m=0.05"
                 ) from None
-            options[name.strip()] = value.strip()  # a word without quotation marks
+            options[name] = value  # a word without quotation marks
     return EstimatorSection(name="-", options=options).converted()
 
 
@@ -108,9 +107,9 @@ def read_reasons(given: Iterable[str]) -> dict[str, str]:
         ValueError: If one has no reason.
     """
     reasons = {}
-    for each in given:
-        name, equals, reason = each.partition("=")
-        if not equals or not reason.strip():
-            raise ValueError(f"--expect-failure {each!r}: write CHECK=REASON, the reason in quotation marks")
-        reasons[name.strip()] = reason.strip()
+    for text in given:
+        name, _, reason = (part.strip() for part in text.partition("="))
+        if not reason:
+            raise ValueError(f"--expect-failure {text!r}: write CHECK=REASON, the reason in quotation marks")
+        reasons[name] = reason
     return reasons

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from .. import __version__
-from .app import BAD_INPUT, FINE, INTERRUPTED, app
+from .app import ExitCode, app
 from .arguments import explain, gather_bearings
 from .estimators import check, estimators
 from .maps import ranges
@@ -39,15 +39,15 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     try:
         code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
     except typer.Abort:
-        code = INTERRUPTED
+        code = ExitCode.INTERRUPTED
     except Exception as error:
         mistakes = explain(error)
         if mistakes is None:
             raise
         for line in mistakes:
             print(f"rangefix: {line}", file=sys.stderr)
-        code = BAD_INPUT
-    sys.exit(code if isinstance(code, int) else FINE)
+        code = ExitCode.BAD_INPUT
+    sys.exit(code if isinstance(code, int) else ExitCode.FINE)
 
 
 def _version(wanted: bool) -> None:

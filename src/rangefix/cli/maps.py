@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,7 +19,7 @@ def cast(
     """
     import numpy as np
 
-    from ..maps.readers.open_map import open_map
+    from ..maps import open_map
 
     try:
         bearings = [float(part) for part in bearings_deg.split(",")]
@@ -29,7 +29,8 @@ def cast(
     wrong = [name for name, values in numbers.items() if not np.isfinite(values).all()]
     if wrong:
         raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
-    room = open_map(map_name, sensor_height)
+    options: dict[str, Any] = {} if sensor_height is None else {"sensor_height": sensor_height}
+    room = open_map(map_name, **options)
     if not room.is_free(np.array(at)):
         raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")
     pose = np.array([*at, np.deg2rad(heading_deg)])

@@ -27,14 +27,14 @@ def bars() -> Iterator[Callable[[Progress], None] | None]:
         TextColumn("{task.fields[failed]}"),
     )
     tasks: dict[str, TaskID] = {}
-    with Bars(*columns, console=Console(stderr=True), transient=True) as shown:
+    with Bars(*columns, console=Console(stderr=True), transient=True) as display:
 
-        def tell(progress: Progress) -> None:
+        def show(progress: Progress) -> None:
             if progress.estimator not in tasks:
-                tasks[progress.estimator] = shown.add_task(
+                tasks[progress.estimator] = display.add_task(
                     progress.estimator, total=progress.total, failed=""
                 )
             failed = f"{progress.failed} failed" if progress.failed else ""
-            shown.update(tasks[progress.estimator], completed=progress.done, failed=failed)
+            display.update(tasks[progress.estimator], completed=progress.done, failed=failed)
 
-        yield tell
+        yield show

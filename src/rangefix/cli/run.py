@@ -8,13 +8,16 @@ from typing import Annotated
 
 import typer
 
-from .app import GATE_FAILED, INTERRUPTED, NOTHING_RAN, SOME_FAILED, Json, print_json
+from .app import ExitCode, Json, print_json
+
+EXAMPLES = (
+    Path(__file__).parents[1] / "evaluation" / "study" / "examples"
+)  # listed without what a study loads
+OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
 
 
 def run(
-    study: Annotated[
-        str, typer.Argument(help="A study file, or the name of one of ours: paper, point, mesh.")
-    ],
+    study: Annotated[str, typer.Argument(help=f"A study file, or one of ours: {OURS}.")],
     runs: Annotated[int | None, typer.Option(help="Monte Carlo runs, instead of the study's.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the study's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of results; results/STUDY unless given.")] = None,
@@ -24,7 +27,8 @@ def run(
     ] = None,
     resume: Annotated[bool, typer.Option(help="Take parts that are there and whole.")] = True,
     map_path: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Map file, instead of the study's.")
+        str | None,
+        typer.Option("--map", metavar="MAP", help="A map file or room:4x6 (m), instead of the study's map."),
     ] = None,
     gate: Annotated[
         list[str] | None,
@@ -63,7 +67,7 @@ def run(
             )
     except KeyboardInterrupt:
         print(f"rangefix: stopped; what was finished is in {folder}: run again to go on", file=sys.stderr)
-        raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
     rows = summarise(results)
     lines = check_gates(gates, rows)
     if as_json:
@@ -94,8 +98,8 @@ def run(
             screen.print(line.text, markup=False, soft_wrap=True)
         screen.print(f"Results: {folder}   Figures: rangefix plot {folder}")
     if not any(row.ok for row in rows):
-        raise typer.Exit(NOTHING_RAN)
+        raise typer.Exit(ExitCode.NOTHING_RAN)
     if not all(line.passed for line in lines):
-        raise typer.Exit(GATE_FAILED)
+        raise typer.Exit(ExitCode.GATE_FAILED)
     if any(row.ok < row.planned for row in rows):
-        raise typer.Exit(SOME_FAILED)
+        raise typer.Exit(ExitCode.SOME_FAILED)

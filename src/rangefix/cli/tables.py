@@ -23,6 +23,8 @@ from ..evaluation.consistency import (
     uniform_p_value,
     unit,
 )
+from ..evaluation.consistency.intervals import UNKNOWN
+from ..evaluation.consistency.metrics import Metric
 from ..evaluation.consistency.verdict import verdict_text
 from ..evaluation.paper import BAND, CELLS, Paper
 
@@ -48,18 +50,16 @@ def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
 def table1(paper: Paper) -> Table:
     """The paper's Table 1: noise-free values beside the printed ones, with the band over noise draws."""
     low, high = BAND
-    title = (
-        f"Table 1: conditional standard deviations, m (cells of {CELLS[-1]:g} m, {paper.draws} noise draws)"
-    )
-    columns = (
+    cells = f"cells of {CELLS[-1]:g} m, {paper.draws} noise draws"
+    columns = [
         "beams",
         "",
         "noise-free",
         "paper prints",
         f"{low:g}-{high:g} % of draws",
         "paper's percentile",
-    )
-    table = new_table(title, columns, left=2)
+    ]
+    table = new_table(f"Table 1: conditional standard deviations, m ({cells})", columns, left=2)
     for row in paper.rows:
         for i, inside in enumerate(row.in_band()):
             first, last = row.percentile[i]
@@ -79,10 +79,8 @@ def table1_notes(paper: Paper) -> list[str]:
     """What must be said with Table 1."""
     agreeing = round(paper.agreeing * paper.draws)
     outside = sum(not inside for row in paper.rows for inside in row.in_band())
-    if outside:
-        inside = f"All printed figures but {outside} lie in their bands."
-    else:
-        inside = "Every printed figure lies in its band."
+    some = f"All printed figures but {outside} lie in their bands."
+    inside = some if outside else "Every printed figure lies in its band."
     return [
         "The paper prints one unstated draw of the noise and cuts off: 0.64 is anything from 0.64 to 0.65,"
         " hence a range of percentiles.",
@@ -91,98 +89,89 @@ def table1_notes(paper: Paper) -> list[str]:
     ]
 
 
-def _interval(interval: Interval) -> str:
-    if not math.isfinite(interval.value):
-        return format_number(interval.value)
-    return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
-
-
 def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
     """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
 
     Of many measurements it shows the last. On a narrow screen the verdict stands below the figures, and
     intervals, energy scores and times are left out: they are in `summary.csv`.
     """
-    names, planned, narrow = rows[0].names, rows[0].planned, width < NARROW
-    deviations = [f"{name} std, {unit(name)}\ntrue / claimed" for name in names]
-    columns = ["\nestimator", f"ok of\n{planned}", *deviations]
-    columns += ["\nANEES/n"] if narrow else ["ANEES/n\n[95 %]", "energy\nscore, m", "ms per\nupdate"]
-    table = new_table(title, columns)
+    narrow = width < NARROW
+    shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
+    figures = [figure for figure in shown if figure[0].honest is not None or not narrow]
+    columns = ["\nestimator", f"ok of\n{rows[0].planned}", *_std_headings(rows[0].names, "true / claimed")]
+    columns += [_heading(metric, component, narrow) for metric, component in figures]
+    table = new_table(title, columns if narrow else [*columns, "ms per\nupdate"])
     if not narrow:
         table.add_column("\nverdict", justify="left", min_width=24)
     end = max(row.step for row in rows)
-    sets = list(dict.fromkeys((row.beams, row.step) for row in rows if row.step == end))
-    for beams, step in sets:
+    for beams in dict.fromkeys(row.beams for row in rows if row.step == end):
         last = f", after the last of {end + 1} measurements" if end else ""
         table.add_row(f"{beams_in_words(beams)}{last}", style="bold")
-        for row in rows:
-            if (row.beams, row.step) == (beams, step):
-                style = "bold red" if is_overconfident(row) else ""
-                table.add_row(*_cells(row, narrow), style=style)
-                if narrow:
-                    table.add_row(f"  {verdict_text(row)}", style=style)
+        for row in (row for row in rows if (row.beams, row.step) == (beams, end)):
+            style = "bold red" if is_overconfident(row) else ""
+            cells = [f"  {row.estimator}", str(row.ok), *_std_cells(row.names, row.g, row.p)]
+            cells += [_cell(row, metric, component, narrow) for metric, component in figures]
+            if not narrow:
+                cells += [format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"]
+                cells += [verdict_text(row)]
+            table.add_row(*cells, style=style)
+            if narrow:
+                table.add_row(f"  {verdict_text(row)}", style=style)
         table.add_section()
     return table
 
 
-def _cells(row: Row, narrow: bool) -> list[str]:
-    triples = zip(row.g, row.p, map(factor, row.names), strict=True)
-    cells = [
-        f"  {row.estimator}",
-        str(row.ok),
-        *(
-            f"{format_number(k * g.sqrt().value)} / {format_number(k * p.sqrt().value)}"
-            for g, p, k in triples
-        ),
-    ]
-    if narrow:
-        return [*cells, format_number(row.anees.value)]
+def _heading(metric: Metric, component: str, narrow: bool) -> str:
+    """On two lines. What has an honest value is shown with its interval, to be compared with it."""
+    if metric.honest is not None:
+        return f"\n{metric.short_label(component)}" if narrow else f"{metric.short_label(component)}\n[95 %]"
+    first, _, rest = metric.full_label(component).partition(" ")
+    return f"{first}\n{rest}"
+
+
+def _cell(row: Row, metric: Metric, component: str, narrow: bool) -> str:
+    interval = metric.in_shown_unit(row.figures.get(metric.column(component), UNKNOWN), component)
+    if metric.honest is None:
+        return format_number(interval.value) if row.ok else "-"
+    if narrow or not math.isfinite(interval.value):
+        return format_number(interval.value)
+    return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
+
+
+def _std_headings(names: Iterable[str], pair: str) -> list[str]:
+    return [f"{name} std, {unit(name)}\n{pair}" for name in names]
+
+
+def _std_cells(names: Iterable[str], *variances: Sequence[Interval]) -> list[str]:
+    """Two standard deviations of each component, in the unit in which it is shown."""
     return [
-        *cells,
-        _interval(row.anees),
-        format_number(row.scores.energy.value) if row.ok else "-",
-        format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-",
-        verdict_text(row),
+        " / ".join(format_number(factor(name) * each.sqrt().value) for each in pair)
+        for name, *pair in zip(names, *variances, strict=True)
     ]
 
 
 def beliefs(rows: Sequence[Row]) -> Table | None:
     """What samples of the beliefs say, after the last measurement; None where none were sampled."""
-    end, names = max(row.step for row in rows), rows[0].names
-    sampled = [row for row in rows if row.step == end and row.beliefs is not None]
-    if not sampled:
+    end = max(row.step for row in rows)
+    sampled = [(row, row.beliefs) for row in rows if row.step == end]
+    if not any(found for _, found in sampled):
         return None
-    deviations = [f"{name} std, {unit(name)}\nwhole / main mode" for name in names]
-    columns = [
-        "\nestimator",
-        *deviations,
-        "share of\nmain mode",
-        "energy score, m\nclaim / belief",
-        "\nranks, p",
-    ]
+    columns = ["\nestimator", *_std_headings(rows[0].names, "whole / main mode"), "share of\nmain mode"]
+    columns += ["energy score, m\nclaim / belief", "\nranks, p"]
     table = new_table("Beliefs: 99 samples of each", columns)
-    for beams in dict.fromkeys(row.beams for row in sampled):
+    for beams in dict.fromkeys(row.beams for row, found in sampled if found):
         table.add_row(beams_in_words(beams), style="bold")
-        for row in (row for row in sampled if row.beams == beams):
-            table.add_row(*_belief_cells(row))
+        for row, found in sampled:
+            if found and row.beams == beams:
+                table.add_row(
+                    f"  {row.estimator}",
+                    *_std_cells(row.names, found.whole, found.mode),
+                    f"{100 * found.share.value:.3g} %",
+                    f"{format_number(row.scores.energy.value)} / {format_number(found.energy.value)}",
+                    format_number(uniform_p_value(found.ranks[-1])),
+                )
         table.add_section()
     return table
-
-
-def _belief_cells(row: Row) -> list[str]:
-    found = row.beliefs
-    assert found is not None
-    triples = zip(found.whole, found.mode, map(factor, row.names), strict=True)
-    return [
-        f"  {row.estimator}",
-        *(
-            f"{format_number(k * whole.sqrt().value)} / {format_number(k * mode.sqrt().value)}"
-            for whole, mode, k in triples
-        ),
-        f"{100 * found.share.value:.3g} %",
-        f"{format_number(row.scores.energy.value)} / {format_number(found.energy.value)}",
-        format_number(uniform_p_value(found.ranks[-1])),
-    ]
 
 
 def failures(results: Results) -> list[str]:
@@ -223,37 +212,22 @@ def differences(comparison: Comparison) -> Table:
     columns = ("estimator", "beams", "figure", "runs", "A", "B", "B / A", "p (Holm)")
     table = new_table("", columns, left=3)
     table.add_column("", justify="left")
-    last = max((each.step for each in comparison.differences), default=0)
-    for each in comparison.differences:
-        if each.step in (-1, last):
-            table.add_row(*_difference_cells(each), style="bold" if each.significant else "")
+    last = max((difference.step for difference in comparison.differences), default=0)
+    for difference in comparison.differences:
+        if difference.step in (-1, last):
+            table.add_row(*_difference_cells(difference), style="bold" if difference.significant else "")
     return table
 
 
 def _difference_cells(each: Difference) -> Iterator[str]:
-    root = each.figure.startswith(("mse_", "claimed_"))
-    a, b = (math.sqrt(value) if root and value >= 0 else value for value in (each.a, each.b))
-    yield from (
-        each.estimator,
-        each.beams,
-        _named(each.figure),
-        str(each.runs),
-        format_number(a),
-        format_number(b),
-    )
+    a, b = (math.sqrt(value) if each.is_variance and value >= 0 else value for value in (each.a, each.b))
+    yield from (each.estimator, each.beams, each.label, str(each.runs), format_number(a), format_number(b))
     yield f"{b / a:.3g}" if a and math.isfinite(a) and math.isfinite(b) else "-"
     yield "-" if each.adjusted != each.adjusted else f"{each.adjusted:.2g}"
     if each.change.value == 0 and each.p == 1.0:
         yield "the same"
     else:
         yield ("B is larger" if b > a else "B is smaller") if each.significant else "no difference seen"
-
-
-def _named(figure: str) -> str:
-    kind, _, name = figure.partition("_")
-    return {"mse": f"{name} true std", "claimed": f"{name} claimed std", "anees": "ANEES/n"}.get(
-        kind, "share ok"
-    )
 
 
 def _brief(value: object) -> str:

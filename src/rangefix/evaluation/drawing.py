@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .figures import study_figures, styled, write
+from .figures import drawn, study_figures, styled, write
 from .paper import table1
-from .paper.figures import paper_figures
+from .paper.figures import PAPER_FIGURES
 from .results import ResultsError, load
 
 
@@ -25,7 +25,7 @@ def draw(folder: Path) -> list[Path]:
         ResultsError: If the folder holds no results, or damaged ones.
     """
     if (folder / "table1.json").is_file():
-        figures = paper_figures(table1.load(folder))
+        figures = drawn(PAPER_FIGURES, table1.load(folder))
     elif (folder / "manifest.json").is_file():
         figures = study_figures(load(folder))
     else:
@@ -33,4 +33,4 @@ def draw(folder: Path) -> list[Path]:
             f"{folder} holds no results: make some with rangefix paper or rangefix run, and --out"
         )
     with styled():
-        return [path for name, figure in figures for path in write(figure, folder / "figures", name)]
+        return [path for kind, figure in figures for path in write(figure, folder / "figures", kind.name)]

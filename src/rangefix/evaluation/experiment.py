@@ -1,51 +1,52 @@
-"""An experiment: what the world is, what estimators are told of it, and who is compared on what."""
+"""An experiment: what the world is, what the estimators assume, and who is compared on what."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array
 from ..filters import Estimator, Problem
+from ..filters.registry import BUILT_IN, build_with, resolve
 
 Builder = Callable[[Problem], Estimator[Any]]
-SPELT_OUT = 8  # sets of more beams are labelled by ranges
-TRIAL_TIMEOUT_S = 60.0  # s for a trial of a plug-in, unless the study says otherwise
+MAX_BEAMS_LISTED = 8  # sets of more are labelled by ranges
+TRIAL_TIMEOUT_S = 60.0  # of a plug-in, unless the study says otherwise
 
 
 @dataclass(frozen=True)
 class NamedEstimator:
-    """A builder for an estimator known by name: `build(name, problem, **options)`."""
+    """A builder for an estimator known by name: `build(name, problem, **options)`.
+
+    Attributes:
+        name: As for `build`.
+        options: The estimator's own.
+    """
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, problem: Problem) -> Estimator[Any]:
-        """The estimator for a problem."""
+        """Build the estimator for a problem."""
         return self.build_with(self.factory(), problem)
 
     def factory(self) -> Any:
-        """The function or class of that name; importing it may raise what `resolve` raises."""
-        from ..filters.registry import resolve
-
+        """Import the function or class of that name; it may raise what `resolve` raises."""
         return resolve(self.name)
 
     def build_with(self, factory: Any, problem: Problem) -> Estimator[Any]:
-        """The estimator that it makes for a problem; whatever the factory raises comes out."""
-        from ..filters.registry import build_with
-
+        """Build the estimator for a problem; whatever the factory raises comes out."""
         return build_with(self.name, factory, problem, self.options)
 
     @property
     def is_built_in(self) -> bool:
         """Whether it comes with this package."""
-        from ..filters.registry import BUILT_IN
-
         return self.name in BUILT_IN
 
 
@@ -53,18 +54,21 @@ class NamedEstimator:
 class Experiment:
     """What a study file describes, in objects; a file is one way to make one.
 
-    Args:
+    Attributes:
         truth: The world: states are drawn from its prior and motion, readings from its sensor.
         estimators: Label -> what builds the estimator from the assumed problem.
         runs: Monte Carlo runs, M.
         seed: Seed of all streams; not negative.
-        assumed: What the estimators are told; the truth unless given.
+        assumed: The problem as the estimators know it; the truth unless given.
         beam_sets: Sets of beams, numbered from 1, each compared on its own; all beams unless given.
         start: A true first state (n,) for all runs instead of draws from the prior.
         controls: Moves between the measurements, (T - 1, k); none unless given, so T = 1.
-        name, title, config: What it is called, and the text of its file.
+        name: What it is called.
+        title: The same in a few words.
+        config: The text of its file.
         block: Runs to a part, the unit that is saved and resumed. Blocks start at its multiples.
         identity: What tells this experiment's problem from another's; by pickling the problems unless given.
+        sources: Modules that made the problem, beyond those of its objects; their source is in the keys.
         timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
             limit. None: TRIAL_TIMEOUT_S for plug-ins that are known by name, none for our own estimators and
             for builders that are Python objects.
@@ -88,6 +92,7 @@ class Experiment:
     config: str = ""
     block: int = 500
     identity: str = ""
+    sources: Sequence[str] = ()
     timeout: float | None = None
     beliefs: bool = False
 
@@ -105,25 +110,28 @@ class Experiment:
         beams = len(self.truth.sensor.bearings)
         if len(self.assumed_problem.sensor.bearings) != beams:
             raise ValueError("the true and the assumed sensor must have the same number of beams")
-        sets = [tuple(each) for each in self.beam_sets] or [tuple(range(1, beams + 1))]
-        for each in sets:
-            if not each or len(set(each)) != len(each) or not all(1 <= beam <= beams for beam in each):
-                raise ValueError(
-                    f"a set of beams holds different numbers from 1 to {beams}, got {list(each)}"
-                )
-        if len({frozenset(each) for each in sets}) != len(sets):
+        sets = [tuple(beam_set) for beam_set in self.beam_sets] or [tuple(range(1, beams + 1))]
+        for beam_set in sets:
+            if not is_beam_set(beam_set, beams):
+                text = f"a set of beams holds different numbers from 1 to {beams}, got {list(beam_set)}"
+                raise ValueError(text)
+        if len(set(map(frozenset, sets))) != len(sets):
             raise ValueError("a set of beams stands twice")
         object.__setattr__(self, "beam_sets", tuple(sets))
         size = self.truth.space.size
         if self.start is not None and np.shape(self.start) != (size,):
             raise ValueError(f"the true start must have shape ({size},), got {np.shape(self.start)}")
 
+    def __repr__(self) -> str:
+        names, sets = ", ".join(self.estimators), ", ".join(self.beam_labels)
+        return f"<Experiment {self.name!r}: {names} on beams {sets}; {self.runs} runs of {self.steps} steps>"
+
     @property
     def assumed_problem(self) -> Problem:
         """The problem as the estimators know it."""
         return self.truth if self.assumed is None else self.assumed
 
-    @property
+    @cached_property
     def control_sequence(self) -> Array:
         """The controls between measurements, (T - 1, k)."""
         return np.zeros((0, 0)) if self.controls is None else np.atleast_2d(np.asarray(self.controls, float))
@@ -133,13 +141,13 @@ class Experiment:
         """Measurements in a run, T."""
         return 1 if self.controls is None else len(self.control_sequence) + 1
 
-    @property
+    @cached_property
     def beam_labels(self) -> tuple[str, ...]:
         """A label for each set of beams."""
         beams = len(self.truth.sensor.bearings)
         if len(self.beam_sets) == 1 and len(self.beam_sets[0]) == beams:
             return ("all",)
-        return tuple(beam_label(each) for each in self.beam_sets)
+        return tuple(map(beam_label, self.beam_sets))
 
     def timeout_of(self, label: str) -> float | None:
         """Seconds that a trial of an estimator may take; None: as long as it likes."""
@@ -148,26 +156,21 @@ class Experiment:
             return self.timeout or None
         return TRIAL_TIMEOUT_S if isinstance(builder, NamedEstimator) and not builder.is_built_in else None
 
-    def masks(self) -> BoolArray:
-        """Which beams each set holds, (S, B)."""
-        masks = np.zeros((len(self.beam_sets), len(self.truth.sensor.bearings)), dtype=bool)
-        for mask, each in zip(masks, self.beam_sets, strict=True):
-            mask[np.array(each) - 1] = True
-        return masks
-
     def masked(self, measurement: Array, beam_set: int) -> Array:
-        """Measurements (..., B) as a set of beams shows them: NaN for the others."""
-        return np.where(self.masks()[beam_set], measurement, np.nan)
+        """Measurements (..., B) as a set of beams, counted from 0, shows them: NaN for the others."""
+        beams = np.arange(1, measurement.shape[-1] + 1)
+        return np.where(np.isin(beams, self.beam_sets[beam_set]), measurement, np.nan)
 
-    def blocks(self) -> list[tuple[int, int]]:
-        """First run and end of each block."""
-        return [(first, min(first + self.block, self.runs)) for first in range(0, self.runs, self.block)]
+
+def is_beam_set(beam_set: Sequence[int], beams: int) -> bool:
+    """Whether these are different numbers from 1 to `beams`, and at least one."""
+    return 0 < len(beam_set) == len(set(beam_set)) and all(1 <= beam <= beams for beam in beam_set)
 
 
 def beam_label(beams: Sequence[int]) -> str:
     """Beams joined by plus signs: "1+2+3", or "1-40+60-99" where there are many."""
     numbers = sorted(beams)
-    if len(numbers) <= SPELT_OUT:
+    if len(numbers) <= MAX_BEAMS_LISTED:
         return "+".join(map(str, numbers))
     ends = [numbers[0], *(n for a, b in pairwise(numbers) if b - a > 1 for n in (a, b))]
     ends.append(numbers[-1])

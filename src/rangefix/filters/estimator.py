@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array
-from .problem import Prior
+from .problem import Prior, Problem
 
 Belief = TypeVar("Belief")
-Sampled = TypeVar("Sampled", contravariant=True)
+Asked = TypeVar("Asked", contravariant=True)
 
 
 class Estimate(NamedTuple):
-    """What a belief comes down to.
+    """What a belief comes down to; a single run has the same three without the axis M.
 
-    mean: Posterior mean, (M, n); angles as circular means.
-    covariance: Conditional covariance P, (M, n, n), symmetric; angles in the tangent space at the mean.
-    log_evidence: Log density of all measurements since `init` under the estimator's own model, (M,), in nats.
-        -inf marks a run whose last measurements no hypothesis allows: mean and covariance are then those
-        from before them. NaN for an estimator that does not compute it.
-
-    A single run has the same three without the axis M.
+    Attributes:
+        mean: Posterior mean, (M, n); angles as circular means.
+        covariance: Conditional covariance P, (M, n, n), symmetric; angles in the tangent space at the mean.
+        log_evidence: Log density of all measurements since `init` under the estimator's own model, (M,), in
+            nats. -inf marks a run whose last measurements no hypothesis allows: mean and covariance are then
+            those from before them. NaN for an estimator that does not compute it.
     """
 
     mean: Array
@@ -33,24 +32,56 @@ class Estimate(NamedTuple):
     log_evidence: Array | float = np.nan
 
 
+class BriefRepr:
+    """A dataclass whose `repr` fits a few lines: arrays by their shapes, a problem by its state and beams."""
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+
+def brief(record: Any, estimate: Estimate | None = None) -> str:
+    """A dataclass in a few lines.
+
+    Args:
+        record: The record.
+        estimate: What it comes down to, if that is known: that of the first run is written out.
+    """
+    parts = [f"{field.name}={_in_short(getattr(record, field.name))}" for field in fields(record)]
+    if estimate is not None:
+        parts.insert(0, _in_short(estimate))
+    return f"{type(record).__name__}({', '.join(parts)})"
+
+
+def _in_short(value: object) -> str:
+    """A field of a record in a few words."""
+    if isinstance(value, Estimate):
+        size = value.mean.shape[-1]
+        mean, covariance = value.mean.reshape(-1, size)[0], value.covariance.reshape(-1, size, size)[0]
+        pairs = zip(mean, np.sqrt(np.diagonal(covariance)), strict=True)
+        return "run 0 at " + " ".join(f"{centre:.4g}±{std:.2g}" for centre, std in pairs)
+    if isinstance(value, np.ndarray) and value.size > 1:
+        return f"<{' x '.join(map(str, value.shape))}>"
+    if isinstance(value, Problem):
+        return f"<{', '.join(value.space.names)} by {len(value.sensor.bearings)} beams>"
+    if type(value) is tuple:
+        return f"<{len(value)} of them>"
+    return f"<{type(value).__name__}>" if is_dataclass(value) or isinstance(value, tuple) else str(value)
+
+
 class Estimator(Protocol[Belief]):
     """Fixed parameters and four verbs over M independent runs; run m draws from rngs[m] alone."""
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> Belief:
         """The belief before any measurement, for M = len(rngs) runs."""
-        ...
 
     def predict(self, belief: Belief, control: Array, rngs: Sequence[Generator]) -> Belief:
         """The belief after a move; control (k,) shared by the runs, or (M, k)."""
-        ...
 
     def update(self, belief: Belief, measurement: Array, rngs: Sequence[Generator]) -> Belief:
         """The belief after a measurement (M, B) in metres; NaN = beam not measured, inf = no return."""
-        ...
 
     def estimate(self, belief: Belief) -> Estimate:
         """Mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
-        ...
 
 
 class SingleRunEstimator(Protocol[Belief]):
@@ -58,19 +89,15 @@ class SingleRunEstimator(Protocol[Belief]):
 
     def init(self, prior: Prior, rng: Generator) -> Belief:
         """The belief before any measurement."""
-        ...
 
     def predict(self, belief: Belief, control: Array, rng: Generator) -> Belief:
         """The belief after a move; control (k,)."""
-        ...
 
     def update(self, belief: Belief, measurement: Array, rng: Generator) -> Belief:
         """The belief after a measurement (B,) in metres; NaN = beam not measured, inf = no return."""
-        ...
 
     def estimate(self, belief: Belief) -> Estimate:
         """Mean (n,), conditional covariance (n, n) and log evidence."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -89,50 +116,117 @@ class EachRun(Generic[Belief]):
         """Each run's belief after its move; control (k,) shared, or (M, k)."""
         control = np.asarray(control, dtype=float)
         controls = np.broadcast_to(control, (len(belief), control.shape[-1]))
-        return tuple(self.single.predict(*each) for each in zip(belief, controls, rngs, strict=True))
+        return tuple(self.single.predict(*run) for run in zip(belief, controls, rngs, strict=True))
 
     def update(
         self, belief: tuple[Belief, ...], measurement: Array, rngs: Sequence[Generator]
     ) -> tuple[Belief, ...]:
         """Each run's belief after its measurement (M, B)."""
-        return tuple(self.single.update(*each) for each in zip(belief, measurement, rngs, strict=True))
+        return tuple(self.single.update(*run) for run in zip(belief, measurement, rngs, strict=True))
 
     def estimate(self, belief: tuple[Belief, ...]) -> Estimate:
         """The runs' estimates, stacked along the first axis."""
         means, covariances, evidences = zip(*map(self.single.estimate, belief), strict=True)
         return Estimate(np.stack(means), np.stack(covariances), np.array(evidences, dtype=float))
 
+    def sample(self, belief: tuple[Belief, ...], size: int, rngs: Sequence[Generator]) -> Array:
+        """Each run's draws, (M, size, n).
+
+        Raises:
+            NotImplementedError: If the single-run estimator cannot sample.
+        """
+        if not isinstance(self.single, CanSampleOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} cannot sample")
+        pairs = zip(belief, rngs, strict=True)
+        return np.stack([np.asarray(self.single.sample(run, size, rng), float) for run, rng in pairs])
+
+    def density(self, belief: tuple[Belief, ...], run: int) -> Image:
+        """What the belief of a run looks like.
+
+        Raises:
+            NotImplementedError: If the single-run estimator cannot show it.
+        """
+        if not isinstance(self.single, CanShowOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} cannot show its belief")
+        return self.single.density(belief[run])
+
+
+class Image(NamedTuple):
+    """What the belief of one run looks like: its density over the room, and over an unknown heading.
+
+    Attributes:
+        density: Over the room, (R, C), 1/m^2, x2 upwards along R.
+        extent: Edges of its pixels, x1 left, x1 right, x2 lower, x2 upper, m, (4,).
+        headings: Edges of the bins of an unknown heading, rad, (H + 1,); empty where it is known.
+        heading_density: Over the heading, 1/rad, (H,).
+    """
+
+    density: Array
+    extent: Array
+    headings: Array
+    heading_density: Array
+
 
 @runtime_checkable
-class CanSample(Protocol[Sampled]):
-    """The optional method of an estimator."""
+class CanSample(Protocol[Asked]):
+    """The optional method `sample` of an estimator."""
 
-    def sample(self, belief: Sampled, size: int, rngs: Sequence[Generator]) -> Array:
+    def sample(self, belief: Asked, size: int, rngs: Sequence[Generator]) -> Array:
         """Independent draws from the belief, (M, size, n); run m draws from rngs[m] alone."""
+
+
+@runtime_checkable
+class CanShow(Protocol[Asked]):
+    """The optional method `density` of an estimator whose belief is more than a mean and a covariance."""
+
+    def density(self, belief: Asked, run: int) -> Image:
+        """What the belief of a run looks like."""
+
+
+@runtime_checkable
+class CanSampleOne(Protocol[Asked]):
+    """`CanSample` of an estimator for single runs."""
+
+    def sample(self, belief: Asked, size: int, rng: Generator) -> Array:
+        """Independent draws from the belief, (size, n)."""
+
+
+@runtime_checkable
+class CanShowOne(Protocol[Asked]):
+    """`CanShow` of an estimator for single runs."""
+
+    def density(self, belief: Asked) -> Image:
+        """What the belief looks like."""
         ...
 
 
 def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
     """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
 
-    A plug-in for single runs, lifted by `EachRun`, is asked run by run.
-
     Raises:
         ValueError: If the draws have another shape or are not finite.
     """
-    single = getattr(estimator, "single", None)
-    if isinstance(estimator, CanSample):
+    if not isinstance(estimator, CanSample):
+        return None
+    try:
         draws = np.asarray(estimator.sample(belief, size, rngs), dtype=float)
-    elif single is not None and callable(getattr(single, "sample", None)):
-        pairs = zip(belief, rngs, strict=True)
-        draws = np.stack([np.asarray(single.sample(each, size, rng), dtype=float) for each, rng in pairs])
-    else:
+    except NotImplementedError:
         return None
     if draws.ndim != 3 or draws.shape[:2] != (len(rngs), size):
         raise ValueError(f"sample() gave shape {draws.shape}, not ({len(rngs)}, {size}, n)")
     if not np.isfinite(draws).all():
         raise ValueError("sample() gave numbers that are not finite")
     return draws
+
+
+def show_belief(estimator: Any, belief: Any, run: int) -> Image | None:
+    """What the belief of a run looks like; None where the estimator cannot show it."""
+    if not isinstance(estimator, CanShow):
+        return None
+    try:
+        return estimator.density(belief, run)
+    except NotImplementedError:
+        return None
 
 
 def filtered(

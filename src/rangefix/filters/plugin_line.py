@@ -16,7 +16,7 @@ def plugin_line(where: TracebackType | FrameType | None) -> str:
     """The innermost line of a plug-in's own code: " (my_filter.py, line 12, in update)", or empty.
 
     The code is that which we called first, and what lies beside it or below its folder; lines of the
-    libraries that it calls say little about what to mend.
+    libraries that it calls say little about what to fix.
 
     Args:
         where: The traceback of an exception, or a frame that is being executed.
@@ -26,11 +26,11 @@ def plugin_line(where: TracebackType | FrameType | None) -> str:
     else:
         steps = list(traceback.walk_tb(where))
     lines = [(Path(frame.f_code.co_filename), line, frame.f_code.co_name) for frame, line in steps]
-    lines = [each for each in lines if not str(each[0]).startswith(BETWEEN)]
-    foreign = [each for each in lines if not each[0].is_relative_to(PACKAGE)]
+    lines = [line for line in lines if not str(line[0]).startswith(BETWEEN)]
+    foreign = [line for line in lines if not line[0].is_relative_to(PACKAGE)]
     if not foreign:
         return ""
     first = foreign[0][0]
     home = first if first.parent.name in SHARED else first.parent
-    file, line, name = [each for each in foreign if each[0].is_relative_to(home)][-1]
+    file, line, name = [line for line in foreign if line[0].is_relative_to(home)][-1]
     return f" ({file.name}, line {line}{'' if name.startswith('<') else f', in {name}'})"

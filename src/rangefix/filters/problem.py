@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from numpy.random import Generator
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array, BoolArray, short_repr
 from .space import StateSpace
+
+
+class Hits(Protocol):
+    """What a bundle of beams meets; `rangefix.maps.Hits` has this shape."""
+
+    @property
+    def ranges(self) -> Array:
+        """Distances to the first wall, m, (..., B); inf = no wall."""
+
+    @property
+    def normals(self) -> Array:
+        """Unit normals of the walls met, towards the rangefinder, (..., B, 2); 0 where no wall is met."""
+
+    @property
+    def gradients(self) -> Array:
+        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); 0 where no wall is met."""
 
 
 class RangeMap(Protocol):
@@ -17,19 +34,22 @@ class RangeMap(Protocol):
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner in metres, each (2,)."""
-        ...
+
+    @property
+    def segments(self) -> Array:
+        """Walls for pictures as x1a, x2a, x1b, x2b, m, (S, 4); (0, 4) where they are no segments."""
+
+    def cast(self, poses: Array, bearings: Array) -> Hits:
+        """Ranges, normals of the walls met and gradients at once, for poses (..., 3) and bearings (B,)."""
 
     def ranges(self, poses: Array, bearings: Array) -> Array:
         """Distance to the first wall along each beam: (..., 3), (B,) -> (..., B) m; inf = no wall."""
-        ...
 
     def gradients(self, poses: Array, bearings: Array) -> Array:
-        """d range / d (x1, x2, heading): (..., 3), (B,) -> (..., B, 3); 0 where no wall is met."""
-        ...
+        """Derivatives of the ranges by the pose: (..., 3), (B,) -> (..., B, 3); 0 where no wall is met."""
 
     def is_free(self, points: Array) -> BoolArray:
         """Whether an object can stand there: (..., 2) -> (...)."""
-        ...
 
 
 class Noise(Protocol):
@@ -40,22 +60,18 @@ class Noise(Protocol):
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """Log density (nats, per metre) of each finite reading given each expected range, elementwise."""
-        ...
 
     def log_above(self, limit: Array, expected: Array) -> Array:
         """Log probability of a reading above each limit or of no return, elementwise.
 
         Asked for only where a reading is inf, with the maximum range (it may be inf too) as the limit.
         """
-        ...
 
     def sample(self, expected: Array, rng: Generator) -> Array:
         """One reading for each expected range, same shape, m; inf = no return."""
-        ...
 
     def variance(self, expected: Array) -> Array:
         """Variance of a reading about each expected range, m^2, always finite: for Gaussian filters."""
-        ...
 
 
 class Sensor(Protocol):
@@ -64,25 +80,39 @@ class Sensor(Protocol):
     @property
     def space(self) -> StateSpace:
         """The space of the states it is asked about."""
-        ...
+
+    @property
+    def room(self) -> RangeMap:
+        """The map that its beams are cast into."""
 
     @property
     def bearings(self) -> Array:
         """Beam directions relative to the heading, rad clockwise, (B,)."""
-        ...
 
     @property
     def noise(self) -> Noise:
         """How readings scatter."""
-        ...
+
+    @property
+    def max_range(self) -> float:
+        """Readings beyond it do not come back, m; inf where there is no such limit."""
+
+    @property
+    def max_incidence(self) -> float:
+        """Beams that meet a wall at more than that from its normal are lost, rad; pi / 2 = none are."""
+
+    @property
+    def gaussian_stds(self) -> Array | None:
+        """Where readings are ranges of the map plus N(0, std^2) and nothing more: the stds, m, (B,)."""
 
     def expected(self, states: Array) -> Array:
-        """Ranges without noise: (..., n) -> (..., B) m; inf = no wall."""
-        ...
+        """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or is lost.
+
+        All else are `room.ranges(space.poses(states), bearings)`: some estimators cast rays themselves.
+        """
 
     def jacobian(self, states: Array) -> Array:
-        """d expected / d state: (..., n) -> (..., B, n); 0 where no wall is met."""
-        ...
+        """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where no wall is met."""
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """Log density of a measurement given expected ranges, summed over the measured beams.
@@ -90,35 +120,46 @@ class Sensor(Protocol):
         (..., B), (..., B) -> (...); the leading axes broadcast. A NaN reading is a beam not measured and says
         nothing; an inf reading is no return and counts with its probability.
         """
-        ...
 
     def beam_log_density(self, measurement: Array, expected: Array) -> Array:
         """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B)."""
-        ...
 
     def sample(self, states: Array, rng: Generator) -> Array:
-        """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
-        ...
+        """One measurement at each state, `read(expected(states), rng)`: (..., n) -> (..., B) m."""
+
+    def read(self, expected: Array, rng: Generator) -> Array:
+        """One measurement where these ranges are expected: (..., B) -> (..., B) m.
+
+        NaN for a beam that is not measured, as in a blind sector; inf = no return.
+        """
 
 
 class Motion(Protocol):
     """How the state moves under a control; (..., n) states, (k,) or (..., k) controls."""
 
+    @property
+    def is_gaussian(self) -> bool:
+        """Whether the law of a move is N(mean, noise_covariance), angles wrapped, and nothing more."""
+
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move, (..., n)."""
-        ...
 
     def jacobian(self, states: Array, control: Array) -> Array:
-        """d mean / d state, (..., n, n)."""
-        ...
+        """Derivatives of `mean` by the state, (..., n, n)."""
 
     def noise_covariance(self, states: Array, control: Array) -> Array:
         """Covariance of the move's noise, (..., n, n)."""
-        ...
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The states after one noisy move each, (..., n)."""
-        ...
+
+
+@runtime_checkable
+class CanSampleRuns(Protocol):
+    """The optional method of a motion: `sample` for many runs at once, faster than one after the other."""
+
+    def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
+        """One move of M runs, (M, n), (M, k) -> (M, n); row m is what `sample` draws from rngs[m]."""
 
 
 class Prior(Protocol):
@@ -127,25 +168,20 @@ class Prior(Protocol):
     @property
     def mean(self) -> Array:
         """Prior mean, (n,)."""
-        ...
 
     @property
     def covariance(self) -> Array:
         """Prior covariance, (n, n)."""
-        ...
 
     @property
     def support(self) -> tuple[Array, Array]:
         """Lower and upper corner of a box that holds the prior, each (n,)."""
-        ...
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws, (size, n)."""
-        ...
 
     def log_density(self, states: Array) -> Array:
         """Normalised log density: (..., n) -> (...); -inf outside."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -157,6 +193,9 @@ class Problem:
     sensor: Sensor
     prior: Prior
 
+    def __repr__(self) -> str:
+        return short_repr(self, ",\n    ")
+
 
 class SpacedPrior(Prior, Protocol):
     """A prior that knows its state space, as those of this package do."""
@@ -164,4 +203,3 @@ class SpacedPrior(Prior, Protocol):
     @property
     def space(self) -> StateSpace:
         """The state space."""
-        ...

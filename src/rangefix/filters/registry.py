@@ -86,13 +86,7 @@ def resolve(name: str) -> Any:
         KeyError: If there is no such estimator.
         ImportError: If its code fails to import.
     """
-    if name in BUILT_IN:
-        return _load(BUILT_IN[name], name)
-    for entry in entry_points(group=GROUP, name=name):
-        return _load(f"{entry.module}:{entry.attr}", name)
-    if ":" in name:
-        return _load(name, name)
-    raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
+    return _load(_target(name), name)
 
 
 def module_of(name: str) -> str:
@@ -101,17 +95,22 @@ def module_of(name: str) -> str:
     Raises:
         KeyError: If there is no such estimator.
     """
+    return _target(name).rpartition(":")[0]
+
+
+def _target(name: str) -> str:
+    """The "module:attribute" or "file.py:attribute" behind an estimator's name."""
     if name in BUILT_IN:
-        return BUILT_IN[name].partition(":")[0]
+        return BUILT_IN[name]
     for entry in entry_points(group=GROUP, name=name):
-        return entry.module
+        return f"{entry.module}:{entry.attr}"
     if ":" in name:
-        return name.rpartition(":")[0]
+        return name
     raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
 
 
 def _load(target: str, name: str) -> Any:
-    """The attribute named by "module:attribute" or "file.py:attribute", for the estimator of that name."""
+    """The attribute that a target names, for the estimator of that name."""
     where, _, attribute = target.rpartition(":")
     try:
         module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
@@ -124,10 +123,9 @@ def _load(target: str, name: str) -> Any:
     try:
         return attrgetter(attribute)(module)
     except AttributeError:
-        offered = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
+        offered = [found for found, value in vars(module).items() if callable(value) and found[0] != "_"]
         close = get_close_matches(attribute, offered, n=1)
-        mend = f"; did you mean {close[0]}?" if close else ""
-        text = f"{where} has no {attribute!r}{mend}"
+        text = f"{where} has no {attribute!r}" + (f"; did you mean {close[0]}?" if close else "")
         if name == target:
             raise KeyError(f"no estimator {name!r}: {text}") from None
         raise ImportError(f"estimator {name!r} failed to import: {text}") from None

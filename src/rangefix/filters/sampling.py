@@ -7,6 +7,7 @@ counts ranks among the draws judges the claim itself. Run m draws from rngs[m] a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
@@ -16,6 +17,19 @@ from ..arrays import Array
 from .space import StateSpace
 
 NEGLIGIBLE = -28.0  # log of a weight over the heaviest cell's below which a cell is never drawn
+
+
+@dataclass(frozen=True)
+class GeneratorPerRun:
+    """Draws for many runs at once: row m of what is drawn comes from rngs[m] alone."""
+
+    rngs: Sequence[Generator]
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Standard normal numbers, (M, ...)."""
+        if len(size) == 1:
+            return np.array([rng.standard_normal() for rng in self.rngs])
+        return np.stack([rng.standard_normal(size[1:]) for rng in self.rngs])
 
 
 def weighted_draws(points: Array, weights: Array, size: int, rngs: Sequence[Generator]) -> Array:

@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import TWO_PI, Array, BoolArray
-
-
-def wrap(angle: Array) -> Array:
-    """The same angle in [-pi, pi), rad."""
-    return (angle + np.pi) % TWO_PI - np.pi
+from ..arrays import Array, BoolArray, wrap
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ class StateSpace:
         return np.where(self.is_angle, wrap(states), states)
 
     def difference(self, states: Array, reference: Array) -> Array:
-        """states - reference, angles the short way round: (..., n), (..., n) -> (..., n)."""
+        """Differences states - reference, angles the short way round: (..., n), (..., n) -> (..., n)."""
         return self.wrap(np.asarray(states) - np.asarray(reference))
 
     def moments(self, states: Array, weights: Array) -> tuple[Array, Array]:

@@ -4,7 +4,17 @@ from .base import Hits, MapError
 from .floor_plan import FloorPlan
 from .free_space import FreeSpace
 from .mesh import MeshRoom
-from .readers import load, save
+from .readers import load, open_map, save
 from .rectangle import RectangularRoom
 
-__all__ = ["FloorPlan", "FreeSpace", "Hits", "MapError", "MeshRoom", "RectangularRoom", "load", "save"]
+__all__ = [
+    "FloorPlan",
+    "FreeSpace",
+    "Hits",
+    "MapError",
+    "MeshRoom",
+    "RectangularRoom",
+    "load",
+    "open_map",
+    "save",
+]

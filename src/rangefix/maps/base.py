@@ -14,7 +14,7 @@ EDGE_ON = 1e-12  # below this |v.d| a wall is met edge-on, and its range has no 
 
 
 class MapError(ValueError):
-    """A map that cannot be: a crossed outline, an empty mesh, a broken file. One line, with the mend."""
+    """A map that cannot be: a crossed outline, an empty mesh, a broken file. One line, with the fix."""
 
 
 class Hits(NamedTuple):

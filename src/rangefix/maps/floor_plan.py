@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, BoolArray
-from .base import Hits, MapError, check_points
+from .base import MapError, check_points
 from .polygon import ON_BORDER, check_polygon, edges, locate, meeting
-from .walls import Walls
+from .walls import InWalls, Walls
 
 Corners = tuple[tuple[float, float], ...]
 Wall = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, init=False)
-class FloorPlan:
+class FloorPlan(InWalls):
     """An outline, with holes nobody can stand in and thin inner walls; cast through Open3D.
 
     Args:
@@ -55,19 +55,21 @@ class FloorPlan:
         set_field(self, "holes", tuple(map(_corners, polygons)))
         set_field(self, "walls", tuple((a, b, c, d) for a, b, c, d in _check_walls(walls).tolist()))
 
+    def __repr__(self) -> str:
+        (left, low), (right, high) = self.bounds
+        parts = f"{len(self.outer)} corners, {len(self.holes)} holes, {len(self.walls)} inner walls"
+        walls = len(self.outer) + sum(map(len, self.holes)) + len(self.walls)
+        return f"FloorPlan({walls} walls: {parts}; {left:g} to {right:g} m by {low:g} to {high:g} m)"
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the outline, m, each (2,)."""
         corners = np.array(self.outer)
         return corners.min(axis=0), corners.max(axis=0)
 
-    @property
-    def segments(self) -> Array:
-        """All walls, (S, 4), as x1a, x2a, x1b, x2b in m; the outline's, the holes', then the inner ones."""
-        return self._walls.segments
-
     @cached_property
-    def _walls(self) -> Walls:
+    def _walls(self) -> Walls:  # type: ignore[override]
+        """The outline's walls, the holes', then the inner ones."""
         polygons = [edges(np.array(corners)) for corners in (self.outer, *self.holes)]
         return Walls(np.concatenate([*polygons, np.array(self.walls, dtype=np.float64).reshape(-1, 4)]))
 
@@ -83,44 +85,20 @@ class FloorPlan:
             free &= locate(flat, np.array(hole)) <= 0
         return free.reshape(points.shape[:-1])
 
-    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """Distance from each pose to the first wall along each beam.
-
-        Args:
-            poses: x1, x2 (m) and heading (rad, clockwise from +x2); shape (..., 3).
-            bearings: Beam directions relative to the heading (rad, clockwise); shape (B,).
-
-        Returns:
-            Distances in metres, (..., B); inf where a beam meets no wall (from outside only). A pose within
-            float32's error of a wall (1e-5 m) may be on either side of it.
-
-        Raises:
-            ValueError: If a pose or bearing is not finite, or a shape is wrong.
-        """
-        return self._walls.ranges(poses, bearings)
-
-    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
-        """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
-        return self._walls.cast(poses, bearings)
-
-    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """d range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met. Arguments as for `ranges`."""
-        return self.cast(poses, bearings).gradients
-
 
 def _corners(polygon: Array) -> Corners:
     return tuple((x1, x2) for x1, x2 in polygon.tolist())
 
 
 def _check_walls(walls: Iterable[ArrayLike]) -> Array:
-    mend = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
+    expected = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
     try:
         rows = [np.array(wall, dtype=np.float64) for wall in walls]
     except (TypeError, ValueError):
-        raise MapError(mend) from None
+        raise MapError(expected) from None
     for row in rows:
         if row.shape not in [(4,), (2, 2)]:
-            raise MapError(f"{mend}; got an array of shape {row.shape}")
+            raise MapError(f"{expected}; got an array of shape {row.shape}")
     array = np.array([row.ravel() for row in rows]).reshape(-1, 4)
     if not np.isfinite(array).all():
         raise MapError(f"walls must be finite, got {array[~np.isfinite(array).all(1)][0].tolist()}")

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, BoolArray, IntArray
+from ..raster import Raster
 from .base import MapError
 from .walls import Walls
 
@@ -23,9 +24,7 @@ BLOCKED, FREE, MIXED = 0, 1, 2
 STEP = 0.25  # m that the floor may differ from its level: thresholds and carpets are floor, furniture is not
 MOST_CELLS = 30_000_000
 BESIDE = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
-Drop = Callable[
-    [Array], Array
-]  # height of the first surface below points (N, 2) at sensor height; -inf = none
+Drop = Callable[[Array], Array]  # points (N, 2) to heights of the first surface below them; -inf = none
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,21 +61,19 @@ class FreeSpace:
 
     def __str__(self) -> str:
         """One line that says what was taken."""
-        how = {"reachable": "reachable from the stated point", "largest": "the largest connected area"}[
-            self.found
-        ]
+        how = "reachable from the stated point" if self.found == "reachable" else "the largest connected area"
         what = f"floor at {self.level:.2f} m" if self.ground == "floor" else "enclosed by walls (no floor)"
         return f"{self.area:.1f} m^2 of {what}, {how}, cells of {self.resolution:g} m"
 
     def contains(self, points: Array, walls: Walls) -> BoolArray:
         """Whether points are free: (N, 2) -> (N,)."""
-        state = _look_up(self.cells, points, self.origin, self.resolution)
+        raster = Raster(self.origin, self.resolution, self.cells.shape)
+        state = raster.look_up(self.cells, points)
         free: BoolArray = state == FREE
         open_ = np.flatnonzero(state == MIXED)
         for step in BESIDE:
-            index = _cell(points[open_], self.origin, self.resolution) + np.array(step)
-            centres = self.origin + (index + 0.5) * self.resolution
-            near = _look_up(self.cells, centres, self.origin, self.resolution) == FREE
+            centres = raster.centre(raster.index(points[open_]) + np.array(step))
+            near = raster.look_up(self.cells, centres) == FREE
             seen = _in_sight(points[open_[near]], centres[near], walls)
             free[open_[near][seen]] = True
             open_ = open_[~free[open_]]
@@ -104,13 +101,11 @@ def find_free_space(
     shape = (int(size[0]), int(size[1]))
     touched = np.zeros(shape, dtype=bool)
     touched[tuple(_cells_on(walls.segments, origin, resolution).T)] = True
-    centres = origin + (np.argwhere(np.ones(shape, dtype=bool)) + 0.5) * resolution
-    height = drop(centres).reshape(shape)
+    raster = Raster(origin, resolution, shape)
+    height = drop(raster.centres.reshape(-1, 2)).reshape(shape)
     level = _level(height[~touched])
     on_floor = np.abs(height - level) <= STEP if np.isfinite(level) else np.ones(shape, dtype=bool)
-    on_floor = (
-        ndimage.binary_closing(on_floor, np.ones((3, 3), dtype=bool)) | on_floor
-    )  # cracks between floor triangles
+    on_floor |= ndimage.binary_closing(on_floor, np.ones((3, 3), dtype=bool))  # cracks between triangles
     parts, count = ndimage.label(on_floor & ~touched)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
     sizes[0] = 0
@@ -120,7 +115,7 @@ def find_free_space(
         raise MapError(f"{name}: no free space: no floor below and no area enclosed at sensor height")
     part = int(sizes.argmax())
     if reachable_from is not None:
-        part = _part_at(reachable_from, parts, sizes, walls, origin, resolution, name)
+        part = _part_at(reachable_from, parts, sizes, walls, raster, name)
     reached = parts == part
     mixed = touched & ndimage.binary_dilation(reached, np.ones((3, 3), dtype=bool))
     cells = np.where(reached, FREE, np.where(mixed, MIXED, BLOCKED)).astype(np.uint8)
@@ -132,42 +127,24 @@ def find_free_space(
 
 def _level(height: Array) -> float:
     """The most common height to a centimetre; NaN where nothing lies below."""
-    found = height[np.isfinite(height)]
-    if not len(found):
+    below = height[np.isfinite(height)]
+    if not len(below):
         return float("nan")
-    values, counts = np.unique(np.round(found, 2), return_counts=True)
+    values, counts = np.unique(np.round(below, 2), return_counts=True)
     return float(values[counts.argmax()])
 
 
 def _part_at(
-    point: Array,
-    parts: NDArray[Any],
-    sizes: NDArray[Any],
-    walls: Walls,
-    origin: Array,
-    resolution: float,
-    name: str,
+    point: Array, parts: NDArray[Any], sizes: NDArray[Any], walls: Walls, raster: Raster, name: str
 ) -> int:
-    index = _cell(point[None], origin, resolution)
+    """The connected part that a point is in, or in sight of from the next cell."""
+    index = raster.index(point[None])
     for step in [(0, 0), *BESIDE]:
-        centre = origin + (index + np.array(step) + 0.5) * resolution
-        part = int(_look_up(parts, centre, origin, resolution)[0])
+        centre = raster.centre(index + np.array(step))
+        part = int(raster.look_up(parts, centre)[0])
         if sizes[part] and _in_sight(point[None], centre, walls)[0]:
             return part
     raise MapError(f"{name}: reachable_from {point.tolist()} is in a wall, in a pillar or off the floor")
-
-
-def _cell(points: Array, origin: Array, resolution: float) -> IntArray:
-    position = np.nan_to_num((points - origin) / resolution, nan=-1.0)
-    return np.asarray(np.floor(np.clip(position, -2.0, 1e9)), dtype=np.int64)
-
-
-def _look_up(cells: NDArray[Any], points: Array, origin: Array, resolution: float) -> NDArray[Any]:
-    """The raster's value at points (N, 2); 0 beyond it."""
-    index = _cell(points, origin, resolution)
-    inside = ((index >= 0) & (index < cells.shape)).all(-1)
-    index[~inside] = 0
-    return np.where(inside, cells[index[:, 0], index[:, 1]], 0).astype(cells.dtype)
 
 
 def _in_sight(points: Array, targets: Array, walls: Walls) -> BoolArray:

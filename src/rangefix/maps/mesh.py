@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, BoolArray, IntArray
 from ._open3d import open3d
-from .base import Hits, MapError, check_points
+from .base import MapError, check_points
 from .free_space import FreeSpace, find_free_space
-from .walls import Walls
+from .walls import InWalls, Walls
 
 SHORT = 1e-9  # m; a shorter piece of the cut is rounding
 
 
-class MeshRoom:
+class MeshRoom(InWalls):
     """A triangle mesh, z up, cut by the horizontal plane of the rangefinder.
 
     The cut of the triangles with the plane is computed in float64 and cast into like a floor plan's walls,
@@ -90,11 +90,6 @@ class MeshRoom:
         )
 
     @property
-    def segments(self) -> Array:
-        """The cut of the mesh with the sensor's plane as x1a, x2a, x1b, x2b, m, (S, 4)."""
-        return self._walls.segments
-
-    @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the free space (the mesh may reach further), m, each (2,)."""
         (lower, upper), ends = self.free_space.bounds, self.segments.reshape(-1, 2)
@@ -104,29 +99,6 @@ class MeshRoom:
         """Whether points are in `free_space`: (..., 2) -> (...); never in walls, in pillars or outside."""
         points = check_points(points)
         return self.free_space.contains(points.reshape(-1, 2), self._walls).reshape(points.shape[:-1])
-
-    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """Distance from each pose to the first wall along each beam.
-
-        Args:
-            poses: x1, x2 (m) and heading (rad, clockwise from +x2); shape (..., 3).
-            bearings: Beam directions relative to the heading (rad, clockwise); shape (B,).
-
-        Returns:
-            Distances in metres, (..., B); inf where a beam meets no wall, as through an open window.
-
-        Raises:
-            ValueError: If a pose or bearing is not finite, or a shape is wrong.
-        """
-        return self._walls.ranges(poses, bearings)
-
-    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
-        """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
-        return self._walls.cast(poses, bearings)
-
-    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """d range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met. Arguments as for `ranges`."""
-        return self.cast(poses, bearings).gradients
 
     def __repr__(self) -> str:
         walls = f"{len(self.segments)} wall segments at {self.sensor_height:g} m"
@@ -167,7 +139,7 @@ def cut(vertices: Array, triangles: IntArray, height: float) -> Array:
 
 
 def _drop(vertices: Array, triangles: IntArray, height: float, points: Array) -> Array:
-    """z of the first surface below points (N, 2) at a height; -inf where there is none."""
+    """Height z of the first surface below points (N, 2) at a height; -inf where there is none."""
     o3d = open3d()
     tensor, scene = o3d.core.Tensor.from_numpy, o3d.t.geometry.RaycastingScene()
     centre = np.append((vertices[:, :2].min(0) + vertices[:, :2].max(0)) / 2, height)

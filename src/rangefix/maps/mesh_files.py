@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array, IntArray
+from ..errors import one_line
 from ._open3d import open3d
 from .base import MapError
 
@@ -87,8 +88,3 @@ def existing(path: PathLike) -> Path:
     if path.stat().st_size == 0:
         raise MapError(f"{path}: the file is empty")
     return path
-
-
-def one_line(error: Exception) -> str:
-    """An error's text without line breaks."""
-    return " ".join(str(error).split())

@@ -33,14 +33,13 @@ class RectangularRoom:
 
     def __post_init__(self) -> None:
         wrong = []
-        for name in ("width", "length"):
-            value: object = getattr(self, name)
-            if not isinstance(value, (int, float, np.integer, np.floating)) or not 0 < value < np.inf:
-                wrong.append(f"{name} must be positive and finite, got {value!r}")
-            else:
-                object.__setattr__(self, name, float(value))
+        for name, side in (("width", self.width), ("length", self.length)):
+            if not isinstance(side, (int, float, np.integer, np.floating)) or not 0 < side < np.inf:
+                wrong.append(f"{name} must be positive and finite, got {side!r}")
         if wrong:
             raise MapError("rectangular room: " + "; ".join(wrong))
+        object.__setattr__(self, "width", float(self.width))
+        object.__setattr__(self, "length", float(self.length))
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -121,7 +120,7 @@ class RectangularRoom:
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
     def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """D range / d (x1, x2, heading), (..., B, 3); 0 where no wall is met. Arguments as for `ranges`."""
+        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); arguments as for `ranges`."""
         return self.cast(poses, bearings).gradients
 
 

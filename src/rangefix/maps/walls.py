@@ -159,6 +159,41 @@ class Walls:
         np.maximum(distance, 0.0, out=outs[0])
 
 
+class InWalls:
+    """A map whose walls are segments: what beams meet is asked of `Walls`."""
+
+    _walls: Walls
+
+    @property
+    def segments(self) -> Array:
+        """All walls as x1a, x2a, x1b, x2b, m, (S, 4)."""
+        return self._walls.segments
+
+    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Distance from each pose to the first wall along each beam.
+
+        Args:
+            poses: x1, x2 (m) and heading (rad, clockwise from +x2); shape (..., 3).
+            bearings: Beam directions relative to the heading (rad, clockwise); shape (B,).
+
+        Returns:
+            Distances in metres, (..., B); inf where a beam meets no wall: from outside, or through an open
+            window. A pose within float32's error of a wall (1e-5 m) may be on either side of it.
+
+        Raises:
+            ValueError: If a pose or bearing is not finite, or a shape is wrong.
+        """
+        return self._walls.ranges(poses, bearings)
+
+    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
+        """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
+        return self._walls.cast(poses, bearings)
+
+    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); arguments as for `ranges`."""
+        return self.cast(poses, bearings).gradients
+
+
 def _blocks(shape: tuple[int, ...], height: int, width: int) -> Iterator[tuple[slice, slice]]:
     """Tiles of at most height x width that cover the shape."""
     for top, left in product(range(0, shape[0], height), range(0, shape[1], width)):

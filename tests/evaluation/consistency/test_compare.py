@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, load_study, run, summarise
+from rangefix.evaluation.monte_carlo.built_estimator import BuiltEstimator
 from rangefix.evaluation.monte_carlo.evidence_floor import evidence_floor
 from rangefix.evaluation.monte_carlo.trial import Trial
 
@@ -97,7 +98,9 @@ def test_an_impossible_reading_is_flagged():
     measurement[..., 1] -= 2.5
     floor = evidence_floor(problem.sensor, measurement)[0, 0]
     for label, build in made.estimators.items():
-        outcome = Trial(problem, made.control_sequence, seed=1).run(build(problem), measurement, 0)
+        outcome = BuiltEstimator(Trial(problem, made.control_sequence, seed=1), build(problem)).run(
+            measurement, 0
+        )
         assert outcome.status.tolist() == [0], label
         assert np.isfinite(outcome.log_evidence[0, 0])
         if label in ("point-mass", "particle"):

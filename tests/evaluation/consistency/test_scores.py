@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
-from rangefix.evaluation import credibility, nees
+from rangefix.evaluation import credibility, is_positive, nees
 from rangefix.evaluation.consistency import (
     coverage_curve,
     histogram,
@@ -15,7 +15,8 @@ from rangefix.evaluation.consistency import (
     uniform_band,
     uniform_p_value,
 )
-from rangefix.evaluation.consistency.scores import DIRECTIONS, crps, energy_score, log_score
+from rangefix.evaluation.consistency import scores as scores_module
+from rangefix.evaluation.consistency.scores import DIRECTIONS, crps, energy_score
 
 P = np.array([[0.5, 0.3], [0.3, 0.4]])
 
@@ -27,6 +28,10 @@ def errors():
 
 def claims(scale, runs=4000):
     return np.broadcast_to(scale * P, (runs, 2, 2))
+
+
+def log_score(errors, covariance):
+    return scores_module.log_score(nees(errors, covariance), covariance, is_positive(covariance))
 
 
 def test_log_score_is_the_density(errors):

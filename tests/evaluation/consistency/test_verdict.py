@@ -18,8 +18,7 @@ from scipy.stats import binom
 
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
 from rangefix.evaluation.consistency import ALARMS, LARGE_FACTOR, decide_overall, is_overconfident
-from rangefix.evaluation.consistency.from_arrays import judge
-from rangefix.evaluation.consistency.intervals import p_value
+from rangefix.evaluation.consistency.intervals import Moments
 from rangefix.evaluation.consistency.verdict import BY_ANEES, verdict_text
 from rangefix.filters import Estimate, Estimator, Problem, Rangefinder, StudentT, build
 
@@ -174,7 +173,7 @@ def test_the_whole_estimator(rows):
 
 
 def test_p_values_agree_with_intervals(rows):
-    """p < 5 % exactly where the 95 % interval leaves out the honest value."""
+    """Below 5 % p is exactly where the 95 % interval leaves out the honest value."""
     for row in rows.values():
         for name, ratio in zip(row.names, row.ratio, strict=True):
             assert (row.p_values[f"ratio_{name}"] < 0.05) == (not ratio.low <= 1 <= ratio.high)
@@ -184,9 +183,12 @@ def test_p_values_agree_with_intervals(rows):
 
 
 def test_p_values_of_few_and_equal_runs():
-    assert np.isnan(p_value(1.0, np.zeros(1), 1.0))
-    assert p_value(1.0, np.zeros(5), 1.0) == 1.0
-    assert p_value(2.0, np.zeros(5), 1.0) == 0.0
+    one, equal = Moments(), Moments()
+    one.add(np.zeros(1))
+    equal.add(np.zeros(5))
+    assert np.isnan(one.p_value(1.0, 1.0))
+    assert equal.p_value(1.0, 1.0) == 1.0
+    assert equal.p_value(2.0, 1.0) == 0.0
 
 
 def alarms(
@@ -202,13 +204,12 @@ def alarms(
         for first in range(0, studies * size, size):
             part = slice(first, first + size)
             rows = [
-                judge(
-                    results.errors(trials)[part, 0],
+                credibility(
+                    results.truth[part, 0],
+                    trials.mean[part, 0],
                     trials.covariance[part, 0],
-                    results.space.names,
-                    planned=size,
-                    failures={},
-                    beams=trials.beams,
+                    names=results.space.names,
+                    label=trials.beams,
                 )
                 for trials in results.trials
             ]

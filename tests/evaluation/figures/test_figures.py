@@ -9,11 +9,13 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.drawing import draw
-from rangefix.evaluation.figures import INK, styled
+from rangefix.evaluation.figures import INK, FigureData, FigureKind, styled
+from rangefix.evaluation.figures.catalogue import FIGURES
 from rangefix.evaluation.figures.style import COLOURS
 from rangefix.evaluation.paper import table1
 
@@ -94,6 +96,37 @@ def test_neighbouring_colours_differ_in_grey() -> None:
 def test_a_folder_without_results_says_so(tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match="holds no results"):
         draw(tmp_path)
+
+
+def test_every_figure_is_told_of() -> None:
+    """docs/figures.md has a line for each figure of the catalogue."""
+    page = Path(__file__).parents[3] / "docs" / "figures.md"
+    if not page.is_file():  # a source distribution has it, an installed package has not
+        pytest.skip("the pages are not there")
+    told = {line.split(" | ")[0].removeprefix("| ") for line in page.read_text(encoding="utf-8").splitlines()}
+    assert {kind.name for kind in FIGURES} <= told
+
+
+def test_another_package_adds_a_figure(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An entry point is drawn with ours; what is no figure, or has the name of one of ours, is left out."""
+
+    def draw_labels(data: FigureData) -> Figure:
+        figure = Figure()
+        figure.add_subplot().set_title(" ".join(data.labels.values()))
+        return figure
+
+    mine = FigureKind("mine", "Mine", "labels", draw_labels)
+    unfit = FigureKind("unfit", "Unfit", "never drawn", draw_labels, needs=FigureData.has_steps)
+    offered = {"a": mine, "b": unfit, "c": FigureKind("map", "Map", "again", draw_labels), "d": "no figure"}
+    monkeypatch.setattr("rangefix.evaluation.figures.catalogue.extensions", lambda group: offered)
+    with pytest.warns(RuntimeWarning) as warned:
+        names = {path.name for path in draw(study)}
+    assert names == {f"{name}.{end}" for name in (*STUDY, "mine") for end in ("png", "svg")}
+    assert [str(warning.message) for warning in warned] == [
+        "rangefix.figures: 'c' is another 'map'",
+        "rangefix.figures: 'd' is no FigureKind",
+    ]
+    assert len({kind.name for kind in FIGURES}) == len(FIGURES)
 
 
 def test_runs_that_all_failed_are_drawn(study: Path, tmp_path: Path) -> None:

@@ -146,9 +146,9 @@ def ran(folder: Path) -> dict[str, Results]:
         return run(made, timing=False)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(guard, "BUILD", 0.5)
+        patch.setattr(guard, "BUILD_EXTRA_S", 0.5)
         patch.setattr(guard, "FIRST_RUNS_EXTRA_S", 0.5)
-        patch.setattr(guard, "IN_A_ROW", 2)
+        patch.setattr(guard, "MAX_LOST_IN_A_ROW", 2)
         return {
             "alone": compare(GOOD),
             "beside": compare((*GOOD, *FAULTS)[: len(GOOD) + STOPPING]),
@@ -182,7 +182,7 @@ def test_a_study_warns_of_plug_ins_and_runs(
 ) -> None:
     """One line for each before anything runs, with key and line of the file; exit code 1; JSON unspoilt."""
     monkeypatch.setattr(look, "LOOK_TIMEOUT_S", 1.0)
-    monkeypatch.setattr(guard, "BUILD", 0.5)
+    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 0.5)
     names = [f"{folder}/{name}" for name in ("hangs.py:make", "bad.py:ExitsWhenBuilt", "bad.py:Prints")]
     text = STUDY + "".join(f'[[estimators]]\nname = "{name}"\n' for name in names)
     (tmp_path / "s.toml").write_text(text)

@@ -14,6 +14,7 @@ import pytest
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.isolation import process as process_module
 from rangefix.evaluation.monte_carlo import backends, keys, worker
+from rangefix.evaluation.monte_carlo.backends import Payload
 from rangefix.evaluation.monte_carlo.simulate import Simulation
 
 from ..conftest import make_problem
@@ -90,6 +91,19 @@ def test_a_killed_worker_changes_no_bit(dask, tmp_path):
     assert contents(tmp_path / "cluster") == contents(tmp_path / "serial")
 
 
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_a_task_that_kills_its_workers_ends_the_run_in_a_line(request, monkeypatch, tmp_path):
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")  # else four workers go
+    address, _ = request.getfixturevalue("dask")
+    plugin = tmp_path / "deadly.py"
+    plugin.write_text(
+        PLUGIN.replace("time.sleep(0.005)", "__import__('os').kill(__import__('os').getpid(), 9)")
+    )
+    deadly = {"deadly": NamedEstimator(f"{plugin}:Slow")}
+    with pytest.raises(ResultsError, match="workers of the cluster keep dying"):
+        run(Experiment(make_problem(), deadly, runs=3, timeout=0), tmp_path / "out", cluster=address)
+
+
 def test_without_dask(monkeypatch, tmp_path):
     def missing(name):
         raise ModuleNotFoundError(name)
@@ -107,18 +121,17 @@ def test_other_code_is_refused():
     """A worker whose source, libraries or plug-ins are not the caller's computes nothing."""
     experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3)
     content, prints = process_module.to_pickle(experiment), keys.code_fingerprint(experiment)
-    assert backends._crew_on_cluster(content, tuple(prints.items())).experiment.runs == 3
+    assert backends._worker(Payload(content, tuple(prints.items()))).experiment.runs == 3
     with pytest.raises(ResultsError, match="another numpy"):
-        backends._crew_on_cluster(content, tuple((prints | {"numpy": "1.0"}).items()))
+        backends._worker(Payload(content, tuple((prints | {"numpy": "1.0"}).items())))
 
 
 def test_blocks_reach_the_workers_with_their_measurements(tmp_path):
     """What a worker is sent is what it needs: it reads no file of the caller."""
     experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=20, block=10)
-    payload = process_module.to_pickle(experiment), keys.code_fingerprint(experiment)
+    code = tuple(keys.code_fingerprint(experiment).items())
+    payload = Payload(process_module.to_pickle(experiment), code)
     results = run(experiment, tmp_path, timing=False)
     task = worker.Task("ekf", 0, 10, 20)
-    _, part = backends._work_on_cluster(
-        payload, task, Simulation(results.truth[10:], results.measurement[10:])
-    )
+    _, part = backends._work(payload, task, Simulation(results.truth[10:], results.measurement[10:]))
     np.testing.assert_array_equal(part["mean"], results.get("ekf").mean[10:])

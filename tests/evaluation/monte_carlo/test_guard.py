@@ -119,7 +119,7 @@ def test_one_that_always_hangs_is_given_up(guarded, monkeypatch):
 
 
 def test_a_builder_that_hangs(plugin, monkeypatch):
-    monkeypatch.setattr(guard, "BUILD", 0.5)
+    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 0.5)
     monkeypatch.setattr(experiment, "TRIAL_TIMEOUT_S", 0.5)
     estimators = {"slow": NamedEstimator(f"{plugin}:Slow"), "ekf": NamedEstimator("ekf")}
     results = run(Experiment(make_problem(), estimators, runs=5))

@@ -15,7 +15,7 @@ import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, summarise
 from rangefix.evaluation.monte_carlo import keys
-from rangefix.evaluation.monte_carlo import worker as crew_module
+from rangefix.evaluation.monte_carlo import worker as worker_module
 
 from ..conftest import PriorOnly, make_problem
 
@@ -144,19 +144,19 @@ def test_an_interrupted_run_resumes_to_the_same_bits(plugin, tmp_path, monkeypat
 
 def count_work(monkeypatch):
     done = []
-    work = crew_module.Worker.work
+    work = worker_module.Worker.work
 
     def counted(self, task, *rest):
         done.append(task)
         return work(self, task, *rest)
 
-    monkeypatch.setattr(crew_module.Worker, "work", counted)
+    monkeypatch.setattr(worker_module.Worker, "work", counted)
     return done
 
 
 def test_what_is_done_again(plugin, tmp_path, monkeypatch):
     """A part is taken only if seed, options, plug-in source and checksum are the same."""
-    monkeypatch.setattr(keys, "NUMERIC", ())  # whoever edits the package while this runs
+    monkeypatch.setattr(keys, "EXEMPT", (".",))  # whoever edits the package while this runs
     out = tmp_path / "out"
     done = count_work(monkeypatch)
 
@@ -177,7 +177,7 @@ def test_what_is_done_again(plugin, tmp_path, monkeypatch):
     damaged.write_bytes(damaged.read_bytes()[:-30])
     assert tasks(experiment(plugin, seed=8, estimators=changed)) == ["guess"]
     assert len(tasks(experiment(plugin, seed=8, start=[2.0, 3.0], estimators=changed))) == 12
-    monkeypatch.setattr(keys, "NUMERIC", ("evaluation/seeds.py",))  # other source of ours
+    monkeypatch.setattr(keys, "EXEMPT", ("evaluation",))  # other source of ours
     assert len(tasks(experiment(plugin, seed=8, start=[2.0, 3.0], estimators=changed))) == 12
 
 

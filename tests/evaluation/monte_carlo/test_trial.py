@@ -9,6 +9,7 @@ import pytest
 
 from rangefix.evaluation import STATUSES, stream
 from rangefix.evaluation.monte_carlo.batch_size import batch_size, nbytes
+from rangefix.evaluation.monte_carlo.built_estimator import BuiltEstimator
 from rangefix.evaluation.monte_carlo.timing import seconds_per_update
 from rangefix.evaluation.monte_carlo.trial import Trial
 from rangefix.filters import EachRun, Estimate
@@ -45,7 +46,7 @@ class Faulty(PriorOnly):
 
 def run(estimator, first=0, count=RUNS):
     trial = Trial(make_problem(), np.zeros((0, 0)), seed=3)
-    return trial.run(estimator, MEASUREMENT[first : first + count], first)
+    return BuiltEstimator(trial, estimator).run(MEASUREMENT[first : first + count], first)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +103,7 @@ def test_no_evidence_is_no_failure():
 
 def test_several_steps():
     trial = Trial(make_problem(), np.zeros((2, 1)), seed=3)
-    outcome = trial.run(PriorOnly(make_problem()), np.ones((4, 3, 3)), 0)
+    outcome = BuiltEstimator(trial, PriorOnly(make_problem())).run(np.ones((4, 3, 3)), 0)
     assert outcome.mean.shape == (4, 3, 2)
     assert outcome.covariance.shape == (4, 3, 2, 2)
 

@@ -14,13 +14,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
+from matplotlib.figure import Figure
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, parse_gates, run, write_report
 from rangefix.evaluation.consistency import RANK_DRAWS, belief_arrays
 from rangefix.evaluation.consistency.belief_scores import measure
-from rangefix.evaluation.report.charts import Scale
-from rangefix.evaluation.report.html import VOID, Html, tag, text
-from rangefix.evaluation.report.report import render
+from rangefix.evaluation.consistency.metrics import RunBlock
+from rangefix.evaluation.figures import FigureData, FigureKind
+from rangefix.evaluation.figures.catalogue import figure_kinds
+from rangefix.evaluation.report.calibration import calibration_of
+from rangefix.evaluation.report.report import environment, render
 from rangefix.evaluation.results import FolderLayout, read_part, trials_path, write_json, write_part
 from rangefix.evaluation.results.files import read_json
 from rangefix.filters import RandomWalk
@@ -28,6 +32,7 @@ from rangefix.filters import RandomWalk
 from ..conftest import PriorOnly, make_problem
 from .browser import LOW_CONTRAST, OVERFLOWING, SIZES, Browser, browser, missing
 
+VOID = {"meta", "link", "img", "br"}
 HOSTILE = (
     "</title></style><script>document.body.remove()</script><img src=x onerror=alert(1)>\"'&\u202e\x00 $x_1$"
 )
@@ -155,7 +160,9 @@ def test_hostile_text_stays_text(page: str) -> None:
 
 def test_the_order_of_the_sections(page: str) -> None:
     ids = [attributes["id"] for name, attributes in read(page).elements if name == "section"]
-    assert ids == ["verdict", "table", "scores", "charts", "pictures", "estimators", "failures", "provenance"]
+    assert ids == ["verdict", "table", "scores", "figures", "estimators", "failures", "provenance"]
+    links = [attributes["href"] for name, attributes in read(page).elements if name == "a"]
+    assert links == [f"#{name}" for name in ids]
 
 
 def test_it_says_what_the_figures_say(page: str) -> None:
@@ -169,13 +176,40 @@ def test_it_says_what_the_figures_say(page: str) -> None:
     assert "720 of 960 trials went well" in shown
 
 
-def test_pictures_are_in_it(page: str) -> None:
+def test_every_figure_is_in_it_once(study: Path, page: str) -> None:
+    """The figures that `rangefix plot` draws, each drawn once, with the words of the catalogue."""
     images = [attributes for name, attributes in read(page).elements if name == "img"]
-    assert len(images) >= 4
+    kinds = [kind for kind in figure_kinds() if kind.needs(FigureData(load(study)))]
+    assert len(kinds) >= 6
+    assert {image["alt"] for image in images} == {f"{kind.title}: {kind.caption}" for kind in kinds}
+    assert len(images) == len(kinds)
     for image in images:
-        assert image["alt"]
-        content = base64.b64decode((image["src"] or "").partition(",")[2])
-        assert content.startswith(b"\x89PNG")
+        content = base64.b64decode((image["src"] or "").partition("data:image/svg+xml;base64,")[2])
+        assert content.startswith(b"<?xml")
+        assert b"</svg>" in content
+
+
+def test_a_figure_is_drawn_once_and_nothing_is_written_beside_the_page(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A figure of another package is drawn once and shown with its caption."""
+    calls = []
+
+    def draw(data: FigureData) -> Figure:
+        calls.append(data.labels)
+        return Figure(figsize=(2.0, 2.0))
+
+    kind = FigureKind("mine", "My own figure", "drawn elsewhere & <well>", draw)
+    monkeypatch.setattr("rangefix.evaluation.figures.catalogue.FIGURES", ())
+    monkeypatch.setattr("rangefix.evaluation.figures.catalogue.extensions", lambda group: {"mine": kind})
+    before = sorted(study.rglob("*"))
+    reader = read(write_report(study, tmp_path / "r.html").read_text(encoding="utf-8"))
+    assert len(calls) == 1
+    assert sorted(study.rglob("*")) == before
+    assert "My own figure: drawn elsewhere & <well>." in "".join(reader.data)
+    assert [each["alt"] for name, each in reader.elements if name == "img"] == [
+        f"{kind.title}: {kind.caption}"
+    ]
 
 
 def test_the_same_results_give_the_same_page(study: Path, page: str, tmp_path: Path) -> None:
@@ -187,10 +221,8 @@ def test_the_same_results_give_the_same_page(study: Path, page: str, tmp_path: P
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leaves out the pictures, which take a second or two."""
-    monkeypatch.setattr(
-        "rangefix.evaluation.report.report.pictures", lambda results: tag("section", id="pictures")
-    )
+    """Leaves out the figures, which take a second or two."""
+    monkeypatch.setattr("rangefix.evaluation.report.report.figures", lambda results: iter(()))
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -211,7 +243,7 @@ def test_steps_and_sampled_beliefs(drive: Path) -> None:
     assert "Ranks of x1" in shown
     assert "PIT of x1" not in shown
     assert "std of x1, m: whole belief / main mode" in shown
-    assert "dashed: of the sampled belief" in shown
+    assert "Coverage, % (of the sampled belief)" in shown
     assert "share of the main mode" in shown
     assert "ranks, p" in shown
 
@@ -242,22 +274,30 @@ def test_a_page_that_cannot_be_written(study: Path) -> None:
         write_report(study, Path("/proc/nowhere/report.html"))
 
 
-def test_markup_escapes_all_but_itself() -> None:
-    assert text('<a b="c">&\x07') == "&lt;a b=&quot;c&quot;&gt;&amp;\ufffd"
-    assert (
-        tag("p", "<i>", Html("<i>"), None, 3, class_='"><x') == '<p class="&quot;&gt;&lt;x">&lt;i&gt;<i>3</p>'
+def test_the_template_escapes_all_but_itself() -> None:
+    shown = (
+        environment().from_string("<p title='{{ it }}'>{{ it }}</p>{{ 3 }}").render(it='<i b="c">&\x07\ud800')
     )
-    assert tag("td", "x", data_label="y", hidden=False) == '<td data-label="y">x</td>'
-    assert "\ud800" not in tag("p", "\ud800")
+    assert shown == "<p title='{0}'>{0}</p>3".format("&lt;i b=&#34;c&#34;&gt;&amp;\ufffd\ufffd")
 
 
-def test_scales_hold_what_they_are_given() -> None:
-    scale = Scale.over([0.02, 900.0, np.inf, np.nan, 0.0], 0.5, 2.0)
-    assert scale.share(0.02) > 0
-    assert scale.share(900.0) < 1
-    assert scale.share(np.inf) == 1
-    assert scale.share(0.0) == 0
-    assert 2 <= len(scale.ticks()) <= 7
+def test_what_a_template_names_must_be_there() -> None:
+    """Negative control: a name that is not there is an error, not an empty place on the page."""
+    with pytest.raises(UndefinedError, match="nowhere"):
+        environment().from_string("{{ nowhere }}").render()
+
+
+def test_histograms_and_coverage_say_what_lies_outside_the_band() -> None:
+    """Errors ten times what is claimed: the ends of PIT are too full, every ellipse holds too few."""
+    errors = 10 * np.random.default_rng(1).normal(size=(400, 1))
+    coverage, ranks, reliability = calibration_of(RunBlock(("x1",), errors, np.ones((400, 1, 1))))
+    assert [cell.kind for cell in coverage.cells] == ["outside"] * 9
+    assert "10 of 10 outside" in ranks.note
+    assert {cell.kind for cell in reliability.cells} == {"overconfident"}
+    honest = calibration_of(RunBlock(("x1",), errors, np.full((400, 1, 1), 100.0)))
+    assert [cell.kind for cell in honest[0].cells] == [""] * 9
+    assert "0 of 10 outside" in honest[1].note
+    assert sum(cell.kind == "honest" for cell in honest[2].cells) >= 7  # of 10, each by its 95 % interval
 
 
 # In a browser

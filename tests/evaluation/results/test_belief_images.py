@@ -13,6 +13,8 @@ from rangefix.evaluation import load, load_study, parse_study, run, summarise
 from rangefix.evaluation.consistency import factor, unit
 from rangefix.evaluation.figures import study_figures, styled, write
 from rangefix.evaluation.results import FILE, load_pictures, read_if_valid
+from rangefix.filters.estimator import sample_belief, show_belief
+from rangefix.filters.particle import ParticleFilter
 
 TWO_MODES = """
 runs = 6
@@ -120,7 +122,8 @@ def test_figures_of_headings_and_drives(two_modes: Path, drive: Path, tmp_path: 
         drawn = []
         for time in ("first", "second"):
             with styled():
-                figures = {name: figure for name, figure in study_figures(load(folder)) if name in names}
+                drawn_now = {kind.name: figure for kind, figure in study_figures(load(folder))}
+                figures = {name: figure for name, figure in drawn_now.items() if name in names}
                 assert figures.keys() == names
                 paths = [
                     path for name, each in figures.items() for path in write(each, tmp_path / time, name)
@@ -169,3 +172,36 @@ def test_the_harness_tells_heavy_tails() -> None:
     assert rows["heavy_tails"].anees.low > 1.5
     matched = rows["heavy_tails_matched"].anees
     assert abs(matched.value - 1) < matched.high - matched.low
+
+
+def test_a_belief_that_cannot_be_shown_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A warning names the estimator and why; the pictures of the others are there."""
+
+    def broken(self: ParticleFilter, belief: object, run: int) -> None:
+        raise ZeroDivisionError("no pixels")
+
+    monkeypatch.setattr(ParticleFilter, "density", broken)
+    with pytest.warns(RuntimeWarning, match="'particle' believes: ZeroDivisionError: no pixels"):
+        run(parse_study(TWO_MODES), tmp_path, timing=False)
+    assert [picture.estimator for picture in load_pictures(tmp_path)] == ["point-mass"]
+
+
+@pytest.mark.parametrize("name", ["adaptive-point-mass", "enkf"])
+def test_beliefs_without_cells_are_shown_by_draws(name: str) -> None:
+    """The density over the room is that of draws: as many of them, and their mean to a pixel."""
+    experiment = parse_study(TWO_MODES.replace('"ekf"', f'"{name}"')).experiment()
+    problem, estimator = experiment.assumed_problem, experiment.estimators[name](experiment.assumed_problem)
+    rngs = [np.random.default_rng(1)]
+    reading = problem.sensor.expected(np.array([[1.0, 2.0, 0.7]]))
+    belief = estimator.update(estimator.init(problem.prior, rngs), reading, rngs)
+    image, draws = show_belief(estimator, belief, 0), sample_belief(estimator, belief, 20_000, rngs)
+    assert image is not None
+    assert draws is not None
+    places = draws[0, :, :2]
+    inside = (places > 0).all(1) & (places < [4.0, 6.0]).all(1)
+    pixel = 6.0 / 120
+    share = image.density.sum() * pixel**2
+    assert share == pytest.approx(inside.mean(), abs=0.02)  # of 20 000 draws each: 5 standard errors
+    middles = [pixel * (np.arange(size) + 0.5) for size in image.density.shape[::-1]]
+    mean = [image.density.sum(axis) @ middle * pixel**2 / share for axis, middle in enumerate(middles)]
+    np.testing.assert_allclose(mean, places[inside].mean(0), atol=0.1)

@@ -121,3 +121,30 @@ def test_a_folder_that_is_read_only(study, monkeypatch):
     with pytest.raises(ResultsError, match=r"cannot write .*manifest.json: Permission denied"):
         run(Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3), study)
     assert load(study).runs == 95
+
+
+def test_results_and_trials_show_what_they_are(study):
+    """A few lines instead of every number; a page escapes what a label holds."""
+    loaded = load(study)
+    loaded.manifest["name"] = "<b>mine</b>"
+    assert repr(loaded).splitlines() == [
+        f"Results of <b>mine</b>: 95 runs, seed 1, in {study}",
+        "  estimators: point-mass, wild",
+        "  beams: 1, 1+2+3",
+    ]
+    assert "trials" not in vars(loaded), "nothing is read to say what it is"
+    assert repr(loaded.in_memory()).splitlines()[0].endswith("seed 1, in memory")
+    assert repr(loaded.get("wild")) == (
+        "Trials of wild on beams 1+2+3: 95 x 1 x 2 runs, steps and components; 95 ok"
+    )
+    page = loaded._repr_html_()
+    assert "<b>" not in page
+    assert page.count("<tr>") == 5
+    assert "<td>wild</td><td>1+2+3</td><td>95</td>" in page
+
+
+def test_the_page_of_a_large_study_reads_nothing(study, monkeypatch):
+    monkeypatch.setattr(results, "MAX_RUNS_IN_MEMORY", 30)
+    lazy = load(study)
+    assert "95 runs" in lazy._repr_html_()
+    assert not {"truth", "trials"} & vars(lazy).keys()

@@ -27,7 +27,7 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.maps import FloorPlan, RectangularRoom
+from rangefix.maps import FloorPlan, Hits, RectangularRoom
 
 SPACE = pose_space()
 ALPHAS = (0.01, 0.005, 0.02, 0.002)
@@ -106,8 +106,15 @@ class Tabled:
     def bounds(self) -> tuple[Array, Array]:
         return self.room.bounds
 
+    @property
+    def segments(self) -> Array:
+        return self.room.segments
+
     def ranges(self, poses: Array, bearings: Array) -> Array:
         return self.room.ranges(poses, bearings)
+
+    def cast(self, poses: Array, bearings: Array) -> Hits:
+        return self.room.cast(poses, bearings)
 
     def gradients(self, poses: Array, bearings: Array) -> Array:
         return self.room.gradients(poses, bearings)

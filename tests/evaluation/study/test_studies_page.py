@@ -10,9 +10,8 @@ import pytest
 from pydantic import BaseModel
 
 from rangefix.evaluation import Study, parse_study, study_names
-from rangefix.evaluation.study.mistakes import _kinds
-from rangefix.evaluation.study.read import KINDS
 from rangefix.evaluation.study.sections import SensorSection
+from rangefix.evaluation.study.sections.base import kinds_of
 
 PAGE = Path(__file__).parents[3] / "docs" / "studies.md"
 if not PAGE.is_file():  # a source distribution has it, an installed package has not
@@ -45,10 +44,8 @@ def test_there_are_examples() -> None:
 
 def models() -> list[type[BaseModel]]:
     """All sections, of every kind."""
-    kinds = [model for each in KINDS.values() for model in each.values()]
-    noise = list(_kinds(SensorSection.model_fields["noise"].annotation).values())
-    plain = [Study.model_fields[name].annotation for name in ("sensor", "state", "truth")]
-    return [Study, *kinds, *noise, *(model for model in plain if model is not None)]
+    fields = [*Study.model_fields.values(), SensorSection.model_fields["noise"]]
+    return [Study, *(model for field in fields for model in kinds_of(field.annotation).values())]
 
 
 @pytest.mark.parametrize("model", models(), ids=lambda model: model.__name__)
@@ -60,7 +57,7 @@ def test_every_key_stands_on_the_page(model: type[BaseModel]) -> None:
         )
     kind = model.model_fields.get("kind")
     if kind is not None:
-        (name,) = _kinds(model)
+        (name,) = kinds_of(model)
         assert f'"{name}"' in TEXT
 
 

@@ -12,6 +12,8 @@ from rangefix.evaluation import Study, StudyError, load_study, parse_study, run,
 from rangefix.evaluation.study import EstimatorSection
 from rangefix.evaluation.study.sections import RectangleMap, SensorSection, TruthSection
 from rangefix.evaluation.study.toml_lines import key_lines
+from rangefix.maps import RectangularRoom
+from rangefix.maps import load as load_map
 
 GOOD = """\
 runs = 20
@@ -196,6 +198,79 @@ def test_the_mesh_study_says_how_to_give_the_mesh():
         load_study("mesh")
     with pytest.raises(StudyError, match=r"command line: map\.path: no file .*nothing\.ply"):
         load_study("mesh", map_path="nothing.ply")
+
+
+FLAT = """
+outer = [[0, 0], [8, 0], [8, 7], [0, 7]]
+walls = [[4, 0, 4, 3]]
+"""
+
+
+def test_a_map_in_a_file_tells_its_kind(tmp_path):
+    """A path alone, with the kind, and the map named at the top make the same study."""
+    (tmp_path / "flat.toml").write_text(FLAT)
+    head, tail = GOOD.split("[map]\n")[0], "[sensor]" + GOOD.partition("[sensor]")[2]
+    rooms = [
+        parse_study(text, folder=tmp_path).experiment().truth.sensor.room
+        for text in (
+            f'{head}[map]\npath = "flat.toml"\n{tail}',
+            f'{head}[map]\nkind = "floor-plan"\npath = "flat.toml"\n{tail}',
+            f'map = "flat.toml"\n{head}{tail}',
+        )
+    ]
+    assert rooms == [load_map(tmp_path / "flat.toml")] * 3
+    room = parse_study(f'map = "room:5x7"\n{head}{tail}').experiment().truth.sensor.room
+    assert room == RectangularRoom(width=5.0, length=7.0)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ('path = "flat.step"', "map.path: flat.step: no map of type '.step'; there are .ply, "),
+        ('path = "gone.toml"', "map.path: no file "),
+        ("path = 3", "map.kind: is missing: one of rectangle, floor-plan, mesh"),
+        ('kind = "mesh"\npath = "flat.toml"', "map.path: .*: no mesh of type '.toml'; there are .ply, "),
+        ('path = "flat.toml"\nholes_m = []', "map.holes_m: stands in the file that path names"),
+        ('path = "flat.toml"\nsensor_height_m = 0.9', "map.sensor_height_m: unknown key"),
+    ],
+)
+def test_a_map_in_a_file_that_is_wrong(tmp_path, table, says):
+    (tmp_path / "flat.toml").write_text(FLAT)
+    text = re.sub(r"(?s)kind = .*?\n\n", f"{table}\n\n", GOOD)
+    (line,) = mistakes(text, folder=tmp_path)
+    assert re.search(rf"^s\.toml:\d+: {says}", line)
+
+
+def test_another_map_keeps_the_keys_that_fit_it(off):
+    """A mesh for a mesh keeps the sensor's height, a room for a mesh nothing; mistakes name --map."""
+    text = GOOD.replace(
+        'kind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0', 'kind = "mesh"\nsensor_height_m = 0.8'
+    )
+    study = parse_study(text, changes={"map": str(off)})
+    assert (study.map.path, study.map.sensor_height_m) == (str(off), 0.8)
+    study = parse_study(text, changes={"map": "room:4x6"})
+    assert study.map == RectangleMap(width_m=4.0, length_m=6.0)
+    assert study.text.startswith("# given on the command line: map = {'kind': 'rectangle', 'width_m': 4.0")
+    for name, words in (
+        ("room:4", "map: a room is given as room:WIDTHxLENGTH in metres, got 'room:4'"),
+        ("room:4x-6", "map.length_m: must be greater than 0"),
+        ("plan.step", "map: plan.step: no map of type '.step'"),
+        ("gone.ply", "map.path: no file "),
+    ):
+        (line,) = mistakes(text, changes={"map": name})
+        assert line.startswith(f"command line: {words}")
+        assert line.endswith(f" (--map {name})")
+
+
+def test_a_study_says_what_it_is():
+    """One to ten lines of no more than a line's width, and a table for notebooks."""
+    for name in set(study_names()) - {"mesh"}:
+        lines = repr(load_study(name)).splitlines()
+        assert 3 < len(lines) <= 10
+        assert max(map(len, lines)) <= 100
+        assert lines[0].startswith(f"Study {name!r}: ")
+    html = parse_study(GOOD.replace('label = "second"', 'label = "<b>"'))._repr_html_()
+    assert "point-mass, &lt;b&gt;" in html
 
 
 def test_the_mesh_study_in_a_real_building(avz):

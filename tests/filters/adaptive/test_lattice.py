@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.filters import pose_space, position_space
-from rangefix.filters.adaptive.lattice import TooManyCells, _Keys, ball, grow, halved
+from rangefix.filters.adaptive.lattice import Limits, TooManyCells, _Keys, ball, grow, halved
 from rangefix.filters.adaptive.mode_gaussians import sample_modes, smoothed
 from rangefix.filters.adaptive.modes import Accuracy
 
@@ -16,6 +16,7 @@ SPACE = position_space()
 MEAN = np.array([1.0, -2.0])
 ROOT = np.array([[0.3, 0.0], [0.2, 0.05]])
 COVARIANCE = ROOT @ ROOT.T
+LIMITS = Limits(margin=11.5, most=100_000)
 
 
 def gaussian(states):
@@ -30,7 +31,7 @@ def cut(states):
 
 def lattice_of(density, spacing, **options):
     start = ball(2, 3.0)
-    return grow(SPACE, density, MEAN + 0.01, spacing * ROOT, start, 11.5, 100_000, **options)
+    return grow(SPACE, density, MEAN + 0.01, spacing * ROOT, start, LIMITS._replace(**options))
 
 
 def test_spacing_of_the_start_integrates_a_gaussian():
@@ -50,9 +51,8 @@ def test_the_accuracy_sets_spacing_and_edge(error):
     To 15 %, for the formula leaves out what the edge cuts off and all but the first term of Poisson's sum.
     """
     accuracy = Accuracy(error, 20.0, 100_000)
-    lattice = grow(
-        SPACE, gaussian, MEAN, accuracy.spacing * ROOT, ball(2, 3.0), accuracy.edge(2), accuracy.most_cells
-    )
+    limits = Limits(margin=accuracy.edge(2), most=accuracy.most_cells)
+    lattice = grow(SPACE, gaussian, MEAN, accuracy.spacing * ROOT, ball(2, 3.0), limits)
     assert lattice.errors.max() / np.sqrt(2) == pytest.approx(error / 2, rel=0.15)
     mean, covariance = lattice.moments
     off = lattice.basis @ covariance @ lattice.basis.T / COVARIANCE - 1
@@ -69,7 +69,9 @@ def test_a_lattice_grows_in_one_piece_however_long_it_is():
     def ridge(states):
         return np.where(np.abs(states[:, 0]) < 10.0025, -0.5 * states[:, 1] ** 2, -np.inf)
 
-    lattice = grow(SPACE, ridge, np.zeros(2), np.diag([0.01, 0.8]), ball(2, 2.0), 11.5, 1_000_000)
+    lattice = grow(
+        SPACE, ridge, np.zeros(2), np.diag([0.01, 0.8]), ball(2, 2.0), LIMITS._replace(most=1_000_000)
+    )
     assert len(lattice.keys) > 20_000
     assert (np.diff(lattice.keys) > 0).all()
     assert lattice.log_integral == pytest.approx(np.log(20.01 * np.sqrt(2 * np.pi)), abs=1e-6)
@@ -101,7 +103,7 @@ def test_halves_tell_the_error():
     for _ in range(4):
         shown.append(float(lattice.errors.max()) / 2)
         true.append(abs(lattice.log_integral - exact))
-        lattice = halved(lattice, np.array([True, True]), cut, 11.5, 100_000, (), -np.inf)
+        lattice = halved(lattice, np.array([True, True]), cut, LIMITS)
     assert lattice_of(gaussian, 0.8).errors.max() < 0.02  # of a smooth density they show nothing
     assert shown[0] > 0.02
     assert shown[-1] < shown[0] / 3
@@ -116,7 +118,7 @@ def test_halving_knows_the_points_it_had():
         asked.append(len(states))
         return gaussian(states)
 
-    finer = halved(lattice, np.array([False, True]), counted, 11.5, 100_000, (), -np.inf)
+    finer = halved(lattice, np.array([False, True]), counted, LIMITS)
     assert sum(asked) + len(lattice.keys) == len(finer.keys)
     assert finer.log_integral == pytest.approx(lattice.log_integral, abs=1e-5)
     np.testing.assert_allclose(finer.basis[:, 1], lattice.basis[:, 1] / 2)
@@ -139,20 +141,20 @@ def test_a_heading_is_gone_round_once():
         return -0.5 * ((states[:, :2] / 0.1) ** 2).sum(axis=1)
 
     basis = np.diag([0.08, 0.08, 2 * np.pi / 21])
-    lattice = grow(space, density, np.array([0.0, 0.0, 3.0]), basis, ball(3, 2.0), 11.5, 100_000)
+    lattice = grow(space, density, np.array([0.0, 0.0, 3.0]), basis, ball(3, 2.0), LIMITS)
     assert lattice.log_integral == pytest.approx(np.log(2 * np.pi * 0.1**2 * 2 * np.pi), abs=1e-3)
 
 
 def test_too_many_cells_are_refused():
     with pytest.raises(TooManyCells, match="fills more than 500 cells"):
-        grow(SPACE, gaussian, MEAN, 0.05 * ROOT, ball(2, 3.0), 11.5, 500)
+        grow(SPACE, gaussian, MEAN, 0.05 * ROOT, ball(2, 3.0), LIMITS._replace(most=500))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2, 5.0])
 @pytest.mark.parametrize("density", [gaussian, cut])
 def test_smoothing_keeps_mean_and_covariance(density, noise):
     """Points drawn together and spread again: the lattice's moments, to the 1e-5 that is left out."""
-    lattice = halved(lattice_of(density, 0.8), np.array([True, True]), density, 11.5, 100_000, (), -np.inf)
+    lattice = halved(lattice_of(density, 0.8), np.array([True, True]), density, LIMITS)
     kernels = smoothed(lattice, noise * np.eye(2))
     weights = np.exp(kernels.log_weights)
     mean, between = SPACE.moments(kernels.states, weights)

@@ -23,7 +23,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
-from rangefix.filters.adaptive.gaussian_sums import log_reached, log_sum, reached
+from rangefix.filters.adaptive.gaussian_sums import Gaussians, log_reached, log_sum, reached
 from rangefix.maps import FloorPlan
 
 from .brute_motion import moved, recursion
@@ -237,7 +237,7 @@ def test_sums_of_kernels_are_sums(spread, turned):
     precision, log_scale = root @ np.swapaxes(root, 1, 2) + np.eye(3), rng.normal(size=25)
     away = POSE.difference(states[:, None], centres)
     logs = log_scale - 0.5 * np.einsum("nki,kij,nkj->nk", away, precision, away)
-    found = log_sum(states, centres, precision, log_scale, POSE.is_angle)
+    found = log_sum(states, Gaussians(centres, precision, log_scale, POSE.is_angle))
     np.testing.assert_allclose(found, logsumexp(logs, axis=1), rtol=1e-12)
 
 
@@ -253,10 +253,7 @@ def test_fans_tell_what_steps_walls_stop():
     centres = starts + 0.1
     logs = log_reached(
         ends[0],
-        centres,
-        np.tile(np.eye(2), (4, 1, 1)),
-        np.zeros(4),
-        position_space().is_angle,
+        Gaussians(centres, np.tile(np.eye(2), (4, 1, 1)), np.zeros(4), position_space().is_angle),
         ends[0],
         starts,
         fans,

@@ -144,7 +144,7 @@ def test_a_reading_far_outside_the_model_stays_finite(name):
 
 
 def test_an_update_that_leaves_no_covariance_is_flagged():
-    """beta far below alpha^2 lets the spread of the ranges go negative: the run keeps its belief, flagged."""
+    """With beta far below alpha^2 the spread of ranges goes negative: the run keeps its belief, flagged."""
     problem = problem_in(position_space())
     options = {"alpha": 1.0, "beta": -60.0, "kappa": 0.0}
     reading = np.array([2.5, 1.0, 4.0])

@@ -164,11 +164,13 @@ def test_jacobian_is_the_slope_of_expected() -> None:
 
 
 def test_what_is_plainly_gaussian() -> None:
-    assert finder(Gaussian(0.1)).is_plain_gaussian
-    assert finder(Gaussian(0.1), blind_sector=1.0).is_plain_gaussian
-    assert not finder(Gaussian(0.1), max_range=3.0).is_plain_gaussian
-    assert not finder(Gaussian(0.1), max_incidence=1.0).is_plain_gaussian
-    assert not finder(StudentT(0.1, 3.0)).is_plain_gaussian
+    np.testing.assert_array_equal(
+        finder(Gaussian(0.1)).gaussian_stds, np.full(len(finder(Gaussian(0.1)).bearings), 0.1)
+    )
+    assert finder(Gaussian(0.1), blind_sector=1.0).gaussian_stds is not None
+    assert finder(Gaussian(0.1), max_range=3.0).gaussian_stds is None
+    assert finder(Gaussian(0.1), max_incidence=1.0).gaussian_stds is None
+    assert finder(StudentT(0.1, 3.0)).gaussian_stds is None
 
 
 @every_noise

@@ -185,7 +185,7 @@ def test_adding_runs_changes_no_number(options, moving):
 
 
 def test_split_beams_have_the_evidence_of_one_update():
-    """log p(y1) + log p(y2 | y1) = log p(y1, y2): exact without resampling."""
+    """Evidence: log p(y1) + log p(y2 | y1) = log p(y1, y2): exact without resampling."""
     estimator = ParticleFilter(PAPER, particles=2000, resample_below=0.0)
     first, second = CENTRE.copy(), CENTRE.copy()
     first[:, 1:], second[:, :1] = NAN, NAN
@@ -289,7 +289,7 @@ def test_metropolis_steps_leave_the_posterior_as_it_is():
     posterior = Posterior(PAPER.prior, PAPER.sensor, [reading])
     mean, covariance = SPACE.moments(exact, np.full(size, 1 / size))
     logs_there = posterior.log_densities(exact)
-    moved, _ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), SPACE, 5, rng)
+    moved, _ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), 5, rng)
     assert (moved != exact).any(1).mean() > 0.5
     difference = moved - exact
     assert (np.abs(difference.mean(0)) < 5 * difference.std(0) / np.sqrt(size)).all()

@@ -1,5 +1,7 @@
 """Particles of an object that moves: moves are exact, and surprises do not make the filter sure of itself."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.particle.last_step import LastStep
-from rangefix.filters.particle.metropolis import best_width, separate_copies
+from rangefix.filters.particle.metropolis import best_width, metropolis_steps, separate_copies
 from rangefix.maps import FloorPlan
 
 from ..adaptive.brute_motion import recursion
@@ -51,7 +53,8 @@ def test_moves_of_the_last_step_leave_its_law_as_it_is(tries):
     target = LastStep(problem, starts[kept], control, [], fresh)
     exact = states[kept]
     assert len(exact) > 3000
-    moved, log_density = target.renewed(exact, target.log_densities(exact), 0.7, 5, rng)
+    propose, logs = partial(target.propose, rng=rng), target.log_densities(exact)
+    moved, log_density = metropolis_steps(exact, logs, target, propose, 0.7, 5, rng)
     np.testing.assert_array_equal(log_density, target.log_densities(moved)[1])
     assert (moved != exact).any(axis=1).mean() > 0.4
     middle = exact.mean(0)

@@ -23,7 +23,8 @@ from rangefix.filters import (
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
 from rangefix.filters.point_mass.cell_error import add_unresolved, unresolved_covariance, unresolved_variance
-from rangefix.filters.point_mass.mode_shape import PICKS, choose_probe_cells
+from rangefix.filters.point_mass.mode_shape import choose_probe_cells
+from rangefix.filters.point_mass.records import PROBE_CELLS
 from rangefix.maps import RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -92,14 +93,14 @@ def test_three_correlated_components() -> None:
     assert np.max(axes) > 3
 
 
-def test_picks_are_spread_by_weight() -> None:
-    """Of 16 picks each cell has its share to within one, and a mode of 1/16 or more is never missed."""
+def test_probe_cells_are_spread_by_weight() -> None:
+    """Of 16 probe cells each cell has its share to within one, and a mode of 1/16 or more is never missed."""
     weights = np.random.default_rng(0).dirichlet(np.full(9, 0.5))
-    picks = np.full(PICKS, -1)
-    choose_probe_cells(np.arange(9), 3.0 * weights, 3.0, picks)
-    counts = np.bincount(picks, minlength=9)
-    assert counts.sum() == PICKS
-    assert (np.abs(counts - PICKS * weights) < 1).all()
+    probe_cells = np.full(PROBE_CELLS, -1)
+    choose_probe_cells(np.arange(9), 3.0 * weights, 3.0, probe_cells)
+    counts = np.bincount(probe_cells, minlength=9)
+    assert counts.sum() == PROBE_CELLS
+    assert (np.abs(counts - PROBE_CELLS * weights) < 1).all()
 
 
 def scans(noise: Noise, cell: float, heading_cell: float, runs: int) -> tuple[PointMassFilter, Array, Array]:

@@ -24,7 +24,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges
-from rangefix.maps import FloorPlan, RectangularRoom
+from rangefix.maps import FloorPlan, Hits, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
 SPACE = position_space()
@@ -121,6 +121,14 @@ class Ruler:
     """A map along whose x1 axis one beam measures x1 itself: the posterior is Gaussian."""
 
     bounds: tuple[Array, Array] = (np.array([0.0, 0.0]), np.array([20.0, 1.0]))
+
+    @property
+    def segments(self) -> Array:
+        return np.zeros((0, 4))
+
+    def cast(self, poses: Array, bearings: Array) -> Hits:
+        gradients = self.gradients(poses, bearings)
+        return Hits(self.ranges(poses, bearings), -gradients[..., :2], gradients)
 
     def ranges(self, poses: Array, bearings: Array) -> Array:
         return np.broadcast_to(np.asarray(poses)[..., :1], (*np.shape(poses)[:-1], len(bearings)))

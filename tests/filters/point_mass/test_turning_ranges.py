@@ -22,6 +22,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
 from rangefix.filters.point_mass.cell_ranges import RangesByCell, cast_cells
+from rangefix.filters.point_mass.records import CellMass, Readings
 from rangefix.filters.point_mass.turning_ranges import RangesByDirection, directions
 from rangefix.maps import FloorPlan, RectangularRoom
 
@@ -143,7 +144,7 @@ def test_the_transform_gives_every_cell_s_log_likelihood(std: float, room: objec
     used = ~np.isnan(reading)
     assert np.isinf(reading[used]).any() == (room is not PLAN)
     weight = np.full(used.sum(), 0.5 / std**2)
-    found = cells._correlate(reading[used], weight, cells.kind[used], cells.shift[used])
+    found = cells._correlate(cells.measured(reading, np.where(used, 1 / std**2, 0.0)))
     expected = cells.expected(0, found.size)[:, used]
     with np.errstate(invalid="ignore"):
         gaps = np.where(reading[used] == expected, 0.0, reading[used] - expected)
@@ -166,19 +167,16 @@ def test_the_transform_is_used_for_wide_posteriors_and_only_where_it_is_exact(
     log_mass = estimator.grid.log_mass[None]
     answers, calls, correlate = [], [], RangesByDirection._correlate
     monkeypatch.setattr(RangesByDirection, "_correlate", lambda *args: calls.append(1) or correlate(*args))
-    for each in (cells, Blocks(**{name: getattr(cells, name) for name in FIELDS})):
-        mean, covariance = np.zeros((1, 3)), np.zeros((1, 3, 3))
-        found = each.moments(reading[None], precision[None], log_mass, each.top(log_mass), mean, covariance)
-        answers.append(np.concatenate([found, mean[0], covariance[0].ravel()]))
+    for each in (cells, Blocks(cells.grid, cells.ranges, cells.blocks)):
+        readings, mass = Readings(reading[None], precision[None]), CellMass(log_mass, each.top(log_mass))
+        found = each.moments(readings, mass)
+        answers.append(np.concatenate([found.log_sums, found.means[0], found.covariances[0].ravel()]))
     assert len(calls) == 1
     np.testing.assert_allclose(*answers, rtol=0, atol=1e-7)
     exact = PointMassFilter(narrow, cell=0.25, heading_cell=np.deg2rad(2.0))
     (reading,) = narrow.sensor.expected(np.array([[1.125, 2.375, np.deg2rad(41.0)]]))
     np.testing.assert_allclose(updated(exact, reading[None])[0][0, :2], [1.125, 2.375], atol=1e-9)
     assert len(calls) == 1
-
-
-FIELDS = ("grid", "places", "headings", "kind", "shift", "table", "low", "high")
 
 
 class Blocks(RangesByDirection):

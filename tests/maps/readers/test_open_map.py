@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from rangefix.maps import FloorPlan, MapError, MeshRoom, RectangularRoom, load, save
+from rangefix.maps import FloorPlan, MapError, MeshRoom, RectangularRoom, load, open_map, save
 
 PLAN = FloorPlan([(0, 0), (5, 0), (5, 4), (0, 4)], holes=[[(1, 1), (2, 1), (2, 2)]], walls=[(3, 0, 3, 2.5)])
 
@@ -36,6 +36,37 @@ def test_meshes(off):
     assert isinstance(room, MeshRoom)
     np.testing.assert_allclose(room.ranges([1.0, 2.0, 0.0], [0.0]), [4.0])
     assert room == MeshRoom.load(str(off), sensor_height=0.9, resolution=0.1)
+
+
+def test_one_grammar(tmp_path, off):
+    """Files, rooms in words and tables of a study make the same maps."""
+    save(PLAN, tmp_path / "plan.toml")
+    plan = {"outer_m": PLAN.outer, "holes_m": PLAN.holes, "walls_m": PLAN.walls}
+    same = [
+        (RectangularRoom(4, 6.5), "room:4x6.5", {"kind": "rectangle", "width_m": 4.0, "length_m": 6.5}),
+        (PLAN, tmp_path / "plan.toml", {"path": "plan.toml"}, {"kind": "floor-plan"} | plan),
+    ]
+    for room, *sources in same:
+        assert [open_map(source, tmp_path) for source in sources] == [room] * len(sources)
+    mesh = {"path": off.name, "sensor_height_m": 0.9, "reachable_from_m": [1.0, 1.0]}
+    assert open_map(off, sensor_height=0.9, reachable_from=[1.0, 1.0]) == open_map(mesh, off.parent)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("room:4", "a room is given as room:WIDTHxLENGTH in metres, got 'room:4'"),
+        ("room:-4x6", "width must be positive"),
+        ({"kind": "cube"}, "no map of kind 'cube' without a file of it; there are rectangle, floor-plan"),
+        ({"kind": "mesh"}, "no map of kind 'mesh' without a file"),
+        ({"kind": "rectangle", "width_m": 1.0}, "a room has `width` and `length`; found width"),
+        ({"kind": "mesh", "path": "plan.toml"}, "no mesh of type '.toml'; there are .ply"),
+    ],
+)
+def test_what_names_no_map(tmp_path, source, words):
+    save(PLAN, tmp_path / "plan.toml")
+    with pytest.raises(MapError, match=words):
+        open_map(source, tmp_path)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".off", ".gltf", ".glb"])

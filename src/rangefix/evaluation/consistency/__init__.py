@@ -1,5 +1,6 @@
 """Whether to trust it: claimed against true errors."""
 
+from .averages import ratio_interval
 from .belief_scores import RANK_DRAWS, belief_arrays, judge_belief, rank_histogram
 from .calibration import Curve, Reliability, coverage_curve, curve, histogram, pit, reliability, uniform_band
 from .compare import Comparison, Difference
@@ -17,60 +18,8 @@ from .formatting import (
 )
 from .from_arrays import coverage, credibility, noncredibility
 from .gates import Gate, GateLine, check_gates, need_sound, parse_gates
-from .intervals import Interval, mean_interval, ratio_interval, share_interval, uniform_p_value
+from .intervals import Interval, mean_interval, share_interval, uniform_p_value
+from .metrics import METRICS, Metric, RunBlock
 from .normalised import anees_band, is_positive, nees
 from .row import Row, to_csv
 from .verdict import ALARMS, CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall, is_overconfident
-
-__all__ = [
-    "ALARMS",
-    "CERTAIN",
-    "LARGE_FACTOR",
-    "RANK_DRAWS",
-    "Comparison",
-    "Curve",
-    "Difference",
-    "Gate",
-    "GateLine",
-    "Interval",
-    "Kind",
-    "Reliability",
-    "Row",
-    "Verdict",
-    "anees_band",
-    "beams_in_words",
-    "belief_arrays",
-    "capital",
-    "check_gates",
-    "coverage",
-    "coverage_curve",
-    "credibility",
-    "curve",
-    "decide",
-    "decide_overall",
-    "factor",
-    "format_factor",
-    "format_interval",
-    "format_number",
-    "format_percent_interval",
-    "histogram",
-    "is_overconfident",
-    "is_positive",
-    "judge_belief",
-    "mean_interval",
-    "need_sound",
-    "nees",
-    "noncredibility",
-    "parse_gates",
-    "pit",
-    "rank_histogram",
-    "ratio_interval",
-    "reliability",
-    "scaled",
-    "share_interval",
-    "to_csv",
-    "uniform_band",
-    "uniform_p_value",
-    "unit",
-    "visible",
-]

@@ -45,7 +45,7 @@ def measure(draws: Array, truth: Array, space: StateSpace) -> BeliefScores:
     place = space.position_indices
     lengths = np.stack([pdist(each) for each in deviations[..., place]])
     near = np.linalg.norm(space.difference(draws, truth[:, None, :])[..., place], axis=-1)
-    modes = [_main_mode(each, size) for each in lengths]
+    modes = [main_mode(each, size) for each in lengths]
     return BeliefScores(
         (off[:, :-1] < off[:, -1:]).sum(1).astype(float),
         (distances[:, :-1] < distances[:, -1:]).sum(1).astype(float),
@@ -90,20 +90,17 @@ def _distances(points: Array) -> Array:
     return np.asarray((apart * np.linalg.solve(moment, np.swapaxes(apart, 1, 2)).swapaxes(1, 2)).sum(-1))
 
 
-def main_mode(points: Array) -> BoolArray:
-    """Which points (S, 2) belong to the mode that holds most of them, (S,).
+def main_mode(lengths: Array, size: int) -> BoolArray:
+    """Which of some points belong to the mode that holds most of them, (size,).
 
     Modes are what remains connected when the links of the minimum spanning tree that are `GAP` times longer
     than nine tenths of the links are cut: two clouds, not the thin ends of one. Copies of a point count as
     one point where links are compared.
+
+    Args:
+        lengths: Distances of all pairs of points, as `pdist` gives them.
+        size: How many points.
     """
-    from scipy.spatial.distance import pdist
-
-    return _main_mode(pdist(points), len(points))
-
-
-def _main_mode(lengths: Array, size: int) -> BoolArray:
-    """The same from the distances of all pairs of points, as `pdist` gives them."""
     from scipy.cluster.hierarchy import fcluster, linkage
 
     tree = linkage(lengths, "single")  # its merges are the links of the tree

@@ -40,9 +40,10 @@ def uniform_band(count: int, bins: int = BINS, level: float = 0.95) -> tuple[flo
 class Curve(NamedTuple):
     """Share of truths inside the ellipses of each level, and how far chance may carry it as a whole.
 
-    levels, shares: (L,).
-    margin: Half width of the 95 % band about the diagonal that holds the whole curve (Dvoretzky, Kiefer and
-        Wolfowitz, with Massart's constant, 1990).
+    Attributes:
+        levels, shares: (L,).
+        margin: Half width of the 95 % band about the diagonal that holds the whole curve (Dvoretzky, Kiefer
+            and Wolfowitz, with Massart's constant, 1990).
     """
 
     levels: Array

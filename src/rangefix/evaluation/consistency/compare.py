@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import unified_diff
 from itertools import product
 from typing import Any
@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtr
 
-from ...arrays import Array, BoolArray
-from ..results import Results, Trials
+from ...arrays import Array
+from ..results import Results
 from .intervals import Interval, Moments
-from .normalised import nees
+from .metrics import Metric, RunBlock, metrics
+from .summarise import run_blocks
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
+COMPARED_AS = {"G": "mse", "P": "claimed"}  # run by run they are no covariances
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,20 @@ class Difference:
         """Whether it is more than chance."""
         return self.adjusted < LEVEL
 
+    @property
+    def is_variance(self) -> bool:
+        """Whether tables show the root of it."""
+        return self.figure.startswith(("mse_", "claimed_"))
+
+    @property
+    def label(self) -> str:
+        """What tables call the figure."""
+        for metric in _compared():
+            name, _, component = self.figure.partition(f"{_name(metric)}_")
+            if self.figure == _name(metric) or (not name and component):
+                return metric.short_label(component)
+        return "share ok"
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -79,8 +95,8 @@ class Comparison:
             "only_a": [list(pair) for pair in self.only_a],
             "only_b": [list(pair) for pair in self.only_b],
             "differences": [
-                vars(each) | {"change": list(each.change), "significant": each.significant}
-                for each in self.differences
+                vars(difference) | {"change": list(difference.change), "significant": difference.significant}
+                for difference in self.differences
             ],
         }
 
@@ -93,15 +109,19 @@ def compare(a: Results, b: Results) -> Comparison:
     """
     if a.space.names != b.space.names:
         raise ValueError(f"A estimates {', '.join(a.space.names)}, B {', '.join(b.space.names)}")
-    mine, others = (list(product(each.estimators, each.beam_sets)) for each in (a, b))
-    found = [row for pair in mine if pair in others for row in _differences(a, b, *pair)]
+    pairs_a, pairs_b = (list(product(results.estimators, results.beam_sets)) for results in (a, b))
+    differences = [row for pair in pairs_a if pair in pairs_b for row in _differences(a, b, *pair)]
+    config_a, config_b = (results.manifest.get("config", "").splitlines() for results in (a, b))
+    lines = unified_diff(config_a, config_b, lineterm="", n=0)
     return Comparison(
-        config=tuple(_config_diff(a.manifest.get("config", ""), b.manifest.get("config", ""))),
+        config=tuple(line for line in lines if not line.startswith(("---", "+++", "@@"))),
         settings=_settings(a.manifest, b.manifest),
-        same_truths=_same_truths(a, b),
-        only_a=tuple(pair for pair in mine if pair not in others),
-        only_b=tuple(pair for pair in others if pair not in mine),
-        differences=tuple(_corrected(found)),
+        same_truths=all(
+            np.array_equal(a.source.world(*block)[0], b.source.world(*block)[0]) for block in _blocks(a, b)
+        ),
+        only_a=tuple(pair for pair in pairs_a if pair not in pairs_b),
+        only_b=tuple(pair for pair in pairs_b if pair not in pairs_a),
+        differences=tuple(_corrected(differences)),
     )
 
 
@@ -111,19 +131,6 @@ def _blocks(a: Results, b: Results) -> Iterator[tuple[int, int]]:
     return ((first, min(end, runs)) for first, end in a.blocks() if first < runs)
 
 
-def _same_truths(a: Results, b: Results) -> bool:
-    def same(block: tuple[int, int]) -> bool:
-        one, other = (each.source.world(*block)[0] for each in (a, b))
-        return one.shape == other.shape and bool((one == other).all())
-
-    return all(same(block) for block in _blocks(a, b))
-
-
-def _config_diff(a: str, b: str) -> list[str]:
-    lines = unified_diff(a.splitlines(), b.splitlines(), "A", "B", lineterm="", n=0)
-    return [line for line in lines if not line.startswith(("---", "+++", "@@"))]
-
-
 def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """What differs in the manifests, by dotted name."""
 
@@ -131,15 +138,16 @@ def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any
         found: dict[str, Any] = {}
         for key in ("seed", "runs", "versions", "git", "machine", "threads", "estimators", "beam_sets"):
             value = manifest.get(key)
-            if isinstance(value, dict):
-                found |= {f"{key}.{name}": each for name, each in value.items()}
-            else:
-                found[key] = value
+            parts = (
+                {f"{key}.{name}": part for name, part in value.items()} if isinstance(value, dict) else None
+            )
+            found |= {key: value} if parts is None else parts
         return found
 
     one, other = flat(a), flat(b)
-    names = [*one, *(name for name in other if name not in one)]
-    return {name: (one.get(name), other.get(name)) for name in names if one.get(name) != other.get(name)}
+    return {
+        name: (one.get(name), other.get(name)) for name in one | other if one.get(name) != other.get(name)
+    }
 
 
 class _Pairs:
@@ -157,22 +165,22 @@ class _Pairs:
 
     def difference(self, estimator: str, beams: str, step: int, figure: str) -> Difference:
         count, moments = self.count, self.apart
-        means = (self.a / count, self.b / count) if count else (np.nan, np.nan)
+        a, b = (self.a / count, self.b / count) if count else (np.nan, np.nan)
         change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
-        p = moments.p_value_of_mean(0.0)
-        return Difference(estimator, beams, step, figure, count, *means, change, p)
+        return Difference(estimator, beams, step, figure, count, a, b, change, moments.p_value_of_mean(0.0))
 
 
 def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator[Difference]:
     """The figures of one estimator on one set of beams, step by step."""
     pairs: dict[tuple[int, str], _Pairs] = {}
     counts = np.zeros((2, 2), dtype=int)  # by ok in A, ok in B
-    for block in _blocks(a, b):
-        one, other = (each.source.trials(estimator, beams, *block) for each in (a, b))
-        np.add.at(counts, (one.ok.astype(int), other.ok.astype(int)), 1)
-        both = one.ok & other.ok
+    for first, end in _blocks(a, b):
+        trials_a, trials_b = (results.source.trials(estimator, beams, first, end) for results in (a, b))
+        np.add.at(counts, (trials_a.ok.astype(int), trials_b.ok.astype(int)), 1)
+        both = trials_a.ok & trials_b.ok
         figures_a, figures_b = (
-            _figures(results, trials, both, block) for results, trials in ((a, one), (b, other))
+            _values(run_blocks(results, trials, first, both))
+            for results, trials in ((a, trials_a), (b, trials_b))
         )
         for key in figures_a.keys() & figures_b.keys():
             pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
@@ -184,18 +192,22 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
         yield pair.difference(estimator, beams, step, figure)
 
 
-def _figures(
-    results: Results, trials: Trials, both: BoolArray, block: tuple[int, int]
-) -> dict[tuple[int, str], Array]:
-    errors = results.space.difference(results.source.world(*block)[0], trials.mean)[both]
-    covariance = trials.covariance[both]
-    figures: dict[tuple[int, str], Array] = {}
-    for step in range(errors.shape[1]):
-        for i, name in enumerate(results.space.names):
-            figures[step, f"mse_{name}"] = errors[:, step, i] ** 2
-            figures[step, f"claimed_{name}"] = covariance[:, step, i, i]
-        figures[step, "anees"] = nees(errors[:, step], covariance[:, step]) / errors.shape[-1]
-    return figures
+def _values(blocks: Sequence[RunBlock]) -> dict[tuple[int, str], Array]:
+    """The values of runs that are compared, by step and figure."""
+    return {
+        (step, _name(metric) + column.removeprefix(metric.name)): values[0].astype(float)
+        for step, runs in enumerate(blocks)
+        for metric in _compared()
+        for column, values in metric.values(runs).items()
+    }
+
+
+def _compared() -> list[Metric]:
+    return [each for each in metrics() if "compare" in each.shown and each.average in ("mean", "share")]
+
+
+def _name(metric: Metric) -> str:
+    return COMPARED_AS.get(metric.name, metric.name)
 
 
 def _sign_test(lost: int, gained: int) -> float:
@@ -205,13 +217,11 @@ def _sign_test(lost: int, gained: int) -> float:
     return float(min(1.0, 2 * bdtr(min(lost, gained), lost + gained, 0.5)))
 
 
-def _corrected(found: list[Difference]) -> Iterator[Difference]:
+def _corrected(differences: list[Difference]) -> Iterator[Difference]:
     """With Holm's p-values (S. Holm, Scand. J. Statist. 6, 1979)."""
-    known = sorted((i for i, each in enumerate(found) if each.p == each.p), key=lambda i: found[i].p)
-    adjusted = np.full(len(found), np.nan)
-    worst = 0.0
-    for rank, i in enumerate(known):
-        worst = max(worst, min(1.0, (len(known) - rank) * found[i].p))
-        adjusted[i] = worst
-    for each, p in zip(found, adjusted, strict=True):
-        yield Difference(**(vars(each) | {"adjusted": float(p)}))
+    p = np.array([difference.p for difference in differences])
+    known = np.argsort(p, kind="stable")[: np.isfinite(p).sum()]
+    adjusted = np.full(len(p), np.nan)
+    raised = (len(known) - np.arange(len(known))) * p[known]
+    adjusted[known] = np.maximum.accumulate(np.minimum(raised, 1.0))
+    return (replace(each, adjusted=float(value)) for each, value in zip(differences, adjusted, strict=True))

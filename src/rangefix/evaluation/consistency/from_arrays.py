@@ -13,12 +13,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from ...arrays import Array, wrap
-from .accumulator import Accumulator, RunBlock
+from ..results import Status
+from .accumulator import Accumulator
 from .intervals import LEVEL, Interval, share_interval
-from .normalised import anees_band, is_positive, nees
+from .metrics import METRICS, RunBlock
+from .normalised import nees
 from .row import Row
-
-__all__ = ["anees_band", "coverage", "credibility", "is_positive", "judge", "nees", "noncredibility"]
 
 
 def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tuple[Interval, Interval]:
@@ -32,9 +32,11 @@ def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tu
     Returns:
         (NCI, inclination); inf where a P is not positive definite, NaN where G is singular.
     """
-    judgement = Accumulator(_names(np.shape(errors)[-1]))
-    judgement.add_all([RunBlock(np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float))])
-    return judgement.noncredibility(level)
+    errors, covariance = np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float)
+    table = [metric for metric in METRICS if metric.name in ("nci_db", "inclination_db")]
+    accumulator = Accumulator.of(RunBlock(_names(errors.shape[-1]), errors, covariance), table)
+    index, inclination = accumulator.figures(level).values()
+    return index, inclination
 
 
 def coverage(errors: Array, covariance: Array, level: float) -> Interval:
@@ -90,39 +92,11 @@ def credibility(
         raise ValueError(f"{size} components have {len(names)} names")
     errors = np.where(turning, wrap(truth - mean), truth - mean)
     sound = np.isfinite(errors).all(-1) & np.isfinite(covariance).all((-2, -1))
-    failures = {"nan": int((~sound).sum())} if not sound.all() else {}
-    return judge(errors[sound], covariance[sound], names, planned=runs, failures=failures, estimator=label)
+    status = np.where(sound, Status.OK.code, Status.NAN.code)
+    block = RunBlock(names, errors[sound], covariance[sound], status=status.astype(np.int8))
+    return Accumulator.of(block).row(label)
 
 
 def _names(size: int) -> tuple[str, ...]:
     """x1, x2, ..."""
     return tuple(f"x{i + 1}" for i in range(size))
-
-
-def judge(
-    errors: Array,
-    covariance: Array,
-    names: tuple[str, ...],
-    *,
-    planned: int,
-    failures: dict[str, int],
-    improbable: int = 0,
-    estimator: str = "",
-    beams: str = "",
-    step: int = 0,
-    seconds: float = np.nan,
-    one_truth: bool = False,
-) -> Row:
-    """The row of the runs that went well, errors (M, n) and covariances (M, n, n), out of those planned."""
-    judgement = Accumulator(names)
-    judgement.add_all([RunBlock(errors, covariance)])
-    return judgement.row(
-        planned=planned,
-        failures=failures,
-        improbable=improbable,
-        estimator=estimator,
-        beams=beams,
-        step=step,
-        seconds=seconds,
-        one_truth=one_truth,
-    )

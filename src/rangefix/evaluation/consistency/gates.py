@@ -12,15 +12,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from difflib import get_close_matches
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import suggestion
+from ..results import BeliefScores
+from .accumulator import Accumulator
 from .formatting import beams_in_words, format_number
-from .from_arrays import credibility
-from .intervals import UNKNOWN
-from .row import BeliefSummary, Row
+from .metrics import RunBlock
+from .row import Row
 from .verdict import decide, is_overconfident
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures
@@ -52,8 +53,7 @@ class GateLine:
     """What a gate made of one row.
 
     Attributes:
-        gate: The gate.
-        row: The row.
+        gate, row: Which.
         passed: Whether the figure itself lies in the band. A figure that is not a number does not pass.
         settled: Whether its whole 95 % interval lies on the same side; more runs settle what is not.
         text: One line for the reader.
@@ -80,13 +80,13 @@ def parse_gates(texts: Iterable[str]) -> list[Gate]:
 
 
 def _parse(text: str) -> Gate:
-    found = BAND.fullmatch(text.strip())
-    if not found or not (found["low"] or found["high"]):
+    band = BAND.fullmatch(text.strip())
+    if not band or not (band["low"] or band["high"]):
         if not text.strip() or text.strip().endswith(("=", "=:")):
             raise ValueError(f"gate {text!r} has no band: write {FORM}")
         return Gate(text, text.strip(), None)
-    owner, _, figure = (part.strip() for part in found["left"].rpartition(":"))
-    low, high = float(found["low"] or -math.inf), float(found["high"] or math.inf)
+    owner, _, figure = (part.strip() for part in band["left"].rpartition(":"))
+    low, high = float(band["low"] or -math.inf), float(band["high"] or math.inf)
     if not low <= high:
         raise ValueError(f"gate {text!r}: the lower end {low:g} is above the upper end {high:g}")
     if not figure:
@@ -106,8 +106,7 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
     Raises:
         ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
     """
-    every = figures(names, beliefs=True)
-    known = every if beliefs else figures(names, beliefs=False)
+    every, known = figures(names, beliefs=True), figures(names, beliefs=beliefs)
     for gate in gates:
         if gate.estimator is not None and gate.estimator not in labels:
             if gate.figure is None and gate.text.strip() in every:
@@ -115,7 +114,7 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
             if gate.figure is None and "=" in gate.text:
                 band = gate.text.rpartition("=")[2].strip()
                 raise ValueError(f"gate {gate.text!r}: {band!r} is no band LOW:HIGH: write {FORM}")
-            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+            raise ValueError(_no_estimator(gate, labels))
         if gate.figure is not None and gate.figure not in known:
             if gate.figure in every:
                 raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
@@ -124,25 +123,22 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
 
 def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
     """Names of the figures that a row has, for components of the state."""
-    size = len(names)
-    row = credibility(np.zeros(size), np.zeros((2, size)), np.eye(size), names=names)
-    if beliefs:
-        each = (UNKNOWN,) * size
-        row = replace(row, beliefs=BeliefSummary(UNKNOWN, each, each, each, UNKNOWN, np.ones((size + 1, 2))))
+    errors = np.zeros((2, len(names)))
+    covariance = np.broadcast_to(np.eye(len(names)), (2, len(names), len(names)))
+    one = np.zeros(2)
+    belief = BeliefScores(errors, one, one, errors, one, covariance, covariance) if beliefs else None
+    row = Accumulator.of(RunBlock(names, errors, covariance, belief=belief)).row()
     return tuple(name for name in row.flat() if name not in LABELS)
 
 
-def _there(labels: Iterable[str], gate: Gate) -> str:
-    close = get_close_matches(gate.estimator or "", list(labels), n=1)
-    return f"did you mean {close[0]}?" if close else f"there are {', '.join(labels)}; or write {FORM}"
+def _no_estimator(gate: Gate, labels: Sequence[str]) -> str:
+    meant = suggestion(gate.estimator or "", labels, more=f"; or write {FORM}")
+    return f"gate {gate.text!r} names no estimator of this study: {meant}"
 
 
 def _no_figure(gate: Gate, known: Iterable[str]) -> str:
     plain = [name for name in known if not name.endswith(("_low", "_high"))]
-    close = get_close_matches(gate.figure or "", plain, n=1)
-    return f"gate {gate.text!r}: no figure {gate.figure!r}; " + (
-        f"did you mean {close[0]}?" if close else f"there are {', '.join(plain)}"
-    )
+    return f"gate {gate.text!r}: no figure {gate.figure!r}; {suggestion(gate.figure or '', plain)}"
 
 
 def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
@@ -155,12 +151,12 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
     lines = []
     for gate in gates:
         if gate.estimator is not None and gate.estimator not in labels:
-            raise ValueError(f"gate {gate.text!r} names no estimator of this study: {_there(labels, gate)}")
+            raise ValueError(_no_estimator(gate, labels))
         known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
         if gate.figure is not None and gate.figure not in known:
             raise ValueError(_no_figure(gate, known))
-        mine = [row for row in rows if gate.estimator in (None, row.estimator)]
-        lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in mine]
+        its_rows = [row for row in rows if gate.estimator in (None, row.estimator)]
+        lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in its_rows]
     return lines
 
 
@@ -170,10 +166,10 @@ def _where(row: Row) -> str:
 
 
 def _verdict_line(gate: Gate, row: Row) -> GateLine:
-    found = decide(row)
+    verdict = decide(row)
     passed = bool(row.ok) and not is_overconfident(row)
-    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {found.words}"
-    return GateLine(gate, row, passed, found.kind != "unsure", text)
+    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {verdict.words}"
+    return GateLine(gate, row, passed, verdict.kind != "unsure", text)
 
 
 def _line(gate: Gate, row: Row) -> GateLine:

@@ -1,4 +1,4 @@
-"""Intervals for what Monte Carlo runs average: means of skewed samples, ratios of means, shares."""
+"""Intervals for what Monte Carlo runs average: means of skewed samples, and shares."""
 
 from __future__ import annotations
 
@@ -136,33 +136,6 @@ def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
     return moments.interval(level)
 
 
-def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
-    """The ratio R of the means of paired samples, and its interval.
-
-    By linearisation: R varies as the mean of (a - R b) / mean(b) does (the delta method; Cochran, Sampling
-    Techniques, 1977, section 6.4), to which the interval for a skewed mean is applied.
-
-    Args:
-        numerators: a, (M,).
-        denominators: b, (M,), with a positive mean.
-        level: Confidence level.
-    """
-    a, b = Moments(), Moments()
-    a.add(np.asarray(numerators, dtype=float))
-    b.add(np.asarray(denominators, dtype=float))
-    if not can_divide(a, b):
-        return UNKNOWN
-    slope = Moments()
-    slope.add((numerators - a.mean / b.mean * denominators) / b.mean)
-    return slope.around(a.mean / b.mean, level, 0.0 if a.least >= 0 else -np.inf)
-
-
-def can_divide(numerators: Moments, denominators: Moments) -> bool:
-    """Whether the ratio of two means is a number."""
-    sound = not (numerators.huge or denominators.huge or numerators.unknown or denominators.unknown)
-    return sound and 0 < denominators.mean < HUGE
-
-
 def _unskew(t: float, c: float) -> float:
     """Inverse of Hall's g."""
     if abs(c) < 1e-9:
@@ -186,19 +159,3 @@ def uniform_p_value(counts: Array) -> float:
     if expected < 5:
         return float("nan")
     return float(chdtrc(len(counts) - 1, ((counts - expected) ** 2).sum() / expected))
-
-
-def p_value(value: float, deviations: Array, honest: float) -> float:
-    """Two-sided p-value of "the true figure is `honest`", for a value that varies as a mean of deviations.
-
-    Args:
-        value: The figure.
-        deviations: What each run adds to it, about zero, (M,).
-        honest: What an honest estimator has.
-
-    Returns:
-        NaN with fewer than two runs; where all runs agree, 1 if they agree with `honest`, else 0.
-    """
-    moments = Moments()
-    moments.add(deviations)
-    return moments.p_value(value, honest)

@@ -6,22 +6,18 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from ...arrays import Array
-from ..results import FAILURES
+from ..results import FAILURES, html_table
+from .formatting import beams_in_words, format_interval
 from .intervals import Interval, uniform_p_value
+from .metrics import LEVELS, Metric, Place, metrics
+from .normalised import anees_band
 
 
 class ClaimScores(NamedTuple):
-    """Mean scores of what is claimed, N(mean, P); lower is better, but for the evidence. See `scores.py`.
-
-    log: Minus log density of the Gaussian claim at the truth, nats.
-    energy: Energy score of the Gaussian claim of the position, m; NaN where x1 or x2 is not estimated.
-    crps: Continuous ranked probability score of the Gaussian claim of each component, m or rad.
-    evidence: Mean log evidence of the measurements up to this step, nats: HIGHER is better. It judges the
-        estimator's prediction of measurements, not of the state; NaN where the estimator gives none.
-    """
+    """Mean scores of the Gaussian claim; see `metrics.py`. The evidence is of the measurements."""
 
     log: Interval
     energy: Interval
@@ -32,13 +28,12 @@ class ClaimScores(NamedTuple):
 class BeliefSummary(NamedTuple):
     """What draws from the beliefs themselves come to, whatever their shape. See `belief_scores.py`.
 
-    energy: Mean energy score of the position, m.
-    crps: Mean continuous ranked probability score of each component, m or rad.
-    whole: Mean variance of the whole belief in each component, m^2 or rad^2.
-    mode: Mean variance of its main mode alone.
-    share: Mean share of the main mode.
-    ranks: How often the truth has each rank among the draws, in equal bins; a row for each component and one
-        for the distance from the middle of the belief, (n + 1, bins).
+    Attributes:
+        energy, crps: Mean scores, the second of each component.
+        whole, mode: Mean variances of the whole belief, and of its main mode alone, in each component.
+        share: Mean share of the main mode.
+        ranks: How often the truth has each rank among the draws, in equal bins; a row for each component and
+            one for the distance from the middle of the belief, (n + 1, bins).
     """
 
     energy: Interval
@@ -49,37 +44,37 @@ class BeliefSummary(NamedTuple):
     ranks: Array
 
 
+def _figure(name: str, meaning: str) -> Interval:
+    """A property of a row, typed as what it gives: the figure of this name."""
+    return cast(Interval, property(lambda row: row.figures[name], doc=meaning))
+
+
+def _components(name: str, meaning: str) -> tuple[Interval, ...]:
+    """The same for the figures of this name of all components."""
+    return cast(tuple[Interval, ...], property(lambda row: row.of_components(name), doc=meaning))
+
+
 @dataclass(frozen=True)
 class Row:
     """One estimator on one set of beams at one step: what it claims against what is true.
 
     Averages are over the `ok` of the `planned` runs; lengths in metres, angles in rad, variances in m^2 or
-    rad^2. Tuples hold one interval (value, low, high; 95 %) for each component of the state.
+    rad^2. A figure is an interval (value, low, high; 95 %).
 
     Attributes:
         estimator, beams: Labels.
         step: Number of the measurement, from 0.
         names: Names of the components.
         planned, ok: Runs planned, and runs that went well.
-        failures: Runs by status other than "ok": diverged, nan, timeout, error, skipped.
+        failures: Runs by status other than "ok", of those that occurred.
         G: Unconditional covariance E[(x - x^)(x - x^)'], (n, n).
         P: Mean of the claimed (conditional) covariances, (n, n).
-        g, p: Diagonals of G and P.
-        ratio: G_ii / P_ii, paired: 1 = honest, above 1 = overconfident.
-        bias: Mean error x - x^.
-        anees: Average normalised estimation error squared over n: 1 = honest; inf if a P is not positive.
-        anees_band: Reference only: where it would lie for Gaussian posteriors (chi-square).
-        nci, inclination: Noncredibility and inclination index of Li and Zhao, dB.
-        coverage: Level of ellipse -> share of runs inside it.
-        indefinite: Share of ok runs whose P is not positive definite.
-        diverged: Share of planned runs in which no hypothesis explained the measurement.
-        improbable: Share of ok runs whose evidence lies below the floor.
-        scores: Of the Gaussian claims.
+        figures: Figure -> its interval, as in the table of `metrics.py`. The properties name our own.
         seconds: Per update and run, from a serial pass; NaN if not timed.
         p_values: Figure -> p-value against an honest estimator: see `intervals.py`.
         one_truth: Whether all runs have the same true state: an exact Bayesian filter is honest on average
             over its prior, and need not be at one place of it.
-        beliefs: What draws from the beliefs come to; None where they were not sampled.
+        ranks: See `BeliefSummary`; None where beliefs were not sampled.
     """
 
     estimator: str
@@ -91,72 +86,96 @@ class Row:
     failures: dict[str, int]
     G: Array
     P: Array
-    g: tuple[Interval, ...]
-    p: tuple[Interval, ...]
-    ratio: tuple[Interval, ...]
-    bias: tuple[Interval, ...]
-    anees: Interval
-    anees_band: tuple[float, float]
-    nci: Interval
-    inclination: Interval
-    coverage: dict[float, Interval]
-    indefinite: Interval
-    diverged: Interval
-    improbable: Interval
-    scores: ClaimScores
+    figures: dict[str, Interval]
     seconds: float
     p_values: dict[str, float] = field(default_factory=dict)
     one_truth: bool = False
-    beliefs: BeliefSummary | None = None
+    ranks: Array | None = None
+
+    g = _components("G", "Diagonal of G.")
+    p = _components("P", "Diagonal of P.")
+    ratio = _components("ratio", "G_ii / P_ii, paired: 1 = honest, above 1 = overconfident.")
+    rmse = _components("rmse", "Root mean square error, sqrt G_ii.")
+    bias = _components("bias", "Mean error x - x^.")
+    anees = _figure("anees", "Average NEES over n: 1 = honest; inf if a P is not positive definite.")
+    nci = _figure("nci_db", "Noncredibility index of Li and Zhao, dB.")
+    inclination = _figure("inclination_db", "Inclination index of Li and Zhao, dB.")
+    indefinite = _figure("share_indefinite", "Share of ok runs whose P is not positive definite.")
+    diverged = _figure("share_diverged", "Share of planned runs that no hypothesis explained.")
+    improbable = _figure("share_improbable", "Share of ok runs whose evidence lies below the floor.")
+
+    def of_components(self, name: str) -> tuple[Interval, ...]:
+        """A figure of each component."""
+        return tuple(self.figures[f"{name}_{component}"] for component in self.names)
 
     @property
-    def rmse(self) -> tuple[Interval, ...]:
-        """Root mean square error of each component, sqrt G_ii, with its interval."""
-        return tuple(interval.sqrt() for interval in self.g)
+    def coverage(self) -> dict[float, Interval]:
+        """Level of ellipse -> share of runs inside it."""
+        return {level: self.figures[f"coverage_{100 * level:g}"] for level in LEVELS}
+
+    @property
+    def anees_band(self) -> tuple[float, float]:
+        """Reference only: where ANEES / n would lie for Gaussian posteriors (chi-square)."""
+        return anees_band(self.ok, len(self.names))
+
+    @property
+    def scores(self) -> ClaimScores:
+        """Of the Gaussian claims."""
+        log, energy, evidence = (self.figures[name] for name in ("log_score", "energy_score", "log_evidence"))
+        return ClaimScores(log, energy, self.of_components("crps"), evidence)
+
+    @property
+    def beliefs(self) -> BeliefSummary | None:
+        """What draws from the beliefs come to; None where they were not sampled."""
+        if self.ranks is None:
+            return None
+        crps, whole, mode = map(self.of_components, ("belief_crps", "belief_P", "belief_main_mode_P"))
+        energy, share = (self.figures[f"belief_{name}"] for name in ("energy_score", "main_mode_share"))
+        return BeliefSummary(energy, crps, whole, mode, share, self.ranks)
+
+    def shown(self, place: Place) -> Iterator[tuple[Metric, str, Interval]]:
+        """The figures that the table of metrics shows in a place: metric, component or "", interval."""
+        for metric in metrics():
+            for component in ("", *self.names):
+                if place in metric.shown and metric.column(component) in self.figures:
+                    yield metric, component, self.figures[metric.column(component)]
 
     def flat(self) -> dict[str, str | int | float]:
         """The row as columns: name -> value, with `_low` and `_high` beside each figure that has them."""
         row: dict[str, str | int | float] = {
-            "estimator": self.estimator,
-            "beams": self.beams,
-            "step": self.step,
-            "planned": self.planned,
-            "ok": self.ok,
+            name: getattr(self, name) for name in ("estimator", "beams", "step", "planned", "ok")
         }
-        row.update({status: self.failures.get(status, 0) for status in FAILURES})
-        for name, interval in self._figures():
+        row |= {status: self.failures.get(status, 0) for status in FAILURES}
+        for metric, component, interval in self.shown("csv"):
+            name = metric.column(component)
             row |= {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
-        row |= {"anees_gauss_low": self.anees_band[0], "anees_gauss_high": self.anees_band[1]}
+        row["anees_gauss_low"], row["anees_gauss_high"] = self.anees_band
         for i, one in enumerate(self.names):
             for j, other in enumerate(self.names[:i]):
                 row |= {f"G_{other}_{one}": float(self.G[j, i]), f"P_{other}_{one}": float(self.P[j, i])}
-        row |= {"seconds_per_update": self.seconds}
-        if self.beliefs is not None:
+        row["seconds_per_update"] = self.seconds
+        if self.ranks is not None:
             names = [f"belief_rank_p_{name}" for name in (*self.names, "distance")]
-            row |= dict(zip(names, map(uniform_p_value, self.beliefs.ranks), strict=True))
+            row |= dict(zip(names, map(uniform_p_value, self.ranks), strict=True))
         return row
 
-    def _figures(self) -> Iterator[tuple[str, Interval]]:
-        by_component = {"G": self.g, "P": self.p, "ratio": self.ratio, "rmse": self.rmse, "bias": self.bias}
-        for what, intervals in by_component.items():
-            yield from self._named(what, intervals)
-        yield from (("anees", self.anees), ("nci_db", self.nci), ("inclination_db", self.inclination))
-        yield from ((f"coverage_{level * 100:g}", interval) for level, interval in self.coverage.items())
-        yield "share_indefinite", self.indefinite
-        yield "share_diverged", self.diverged
-        yield "share_improbable", self.improbable
-        yield from (("log_score", self.scores.log), ("energy_score", self.scores.energy))
-        yield from self._named("crps", self.scores.crps)
-        yield "log_evidence", self.scores.evidence
-        if self.beliefs is not None:
-            yield "belief_energy_score", self.beliefs.energy
-            yield from self._named("belief_crps", self.beliefs.crps)
-            yield from self._named("belief_P", self.beliefs.whole)
-            yield from self._named("belief_main_mode_P", self.beliefs.mode)
-            yield "belief_main_mode_share", self.beliefs.share
+    def __repr__(self) -> str:
+        """What it is of, and the figures that a terminal shows."""
+        figures = (": ".join(line) for line in self._lines("terminal"))
+        return "\n  ".join([f"Row of {self._title()}", *figures])
 
-    def _named(self, what: str, intervals: Sequence[Interval]) -> Iterator[tuple[str, Interval]]:
-        return ((f"{what}_{name}", each) for name, each in zip(self.names, intervals, strict=True))
+    def _repr_html_(self) -> str:
+        """The figures of a report as a table, for notebooks."""
+        return html_table(self._title(), ("figure", "value [95 %]"), self._lines("report"))
+
+    def _title(self) -> str:
+        beams = f", {beams_in_words(self.beams)}" if self.beams else ""
+        return f"{self.estimator}{beams}, measurement {self.step + 1}: {self.ok} of {self.planned} runs ok"
+
+    def _lines(self, place: Place) -> Iterator[tuple[str, str]]:
+        for metric, component, interval in self.shown(place):
+            shown = metric.in_shown_unit(interval, component)
+            yield metric.full_label(component), format_interval(shown)
 
 
 def to_csv(rows: Sequence[Row]) -> str:

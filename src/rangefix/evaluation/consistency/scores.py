@@ -12,7 +12,6 @@ import numpy as np
 from scipy.special import erf, ndtr
 
 from ...arrays import Array, BoolArray
-from .normalised import is_positive, nees
 
 DIRECTIONS = 60  # over which the energy score averages: off by less than 3e-4 of itself, and less than usual
 SLAB = 500  # runs at once, which stay in the cache
@@ -20,16 +19,16 @@ TINY = 1e-100  # m; a claimed spread of nothing counts as this
 BINS = 10
 
 
-def log_score(errors: Array, covariance: Array) -> Array:
-    """Minus the log density of the Gaussian claim at the truth, nats: (M, n), (M, n, n) -> (M,).
+def log_score(squares: Array, covariance: Array, positive: BoolArray) -> Array:
+    """Minus the log density of the Gaussian claim at the truth, nats, (M,).
 
-    inf where P is not positive definite. Units matter: compare estimators of one study only.
+    Units matter: compare estimators of one study only.
+
+    Args:
+        squares: Normalised errors squared e' P^-1 e, (M,).
+        covariance: P, (M, n, n).
+        positive: Which P are positive definite, (M,); the score of the others is inf.
     """
-    return log_score_of(nees(errors, covariance), covariance, is_positive(covariance))
-
-
-def log_score_of(squares: Array, covariance: Array, positive: BoolArray) -> Array:
-    """The log score from normalised errors squared e' P^-1 e (M,), and which P are positive definite (M,)."""
     size = np.shape(covariance)[-1]
     some = np.where(positive[..., None, None], covariance, np.eye(size))
     logs = np.linalg.slogdet(some)[1] + squares + size * np.log(2 * np.pi)

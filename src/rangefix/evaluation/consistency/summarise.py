@@ -7,9 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from ...arrays import Array
-from ..results import STATUSES, Results
-from .accumulator import PASSES, Accumulator, RunBlock
+from ...arrays import BoolArray
+from ..results import Results, Trials
+from .accumulator import PASSES, Accumulator
+from .metrics import RunBlock
 from .row import Row
 
 
@@ -25,39 +26,42 @@ def summarise(results: Results) -> list[Row]:
 
 def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
     """The rows of one estimator on one set of beams, block by block."""
-    blocks = list(results.blocks())
-    judgements: list[Accumulator] = []
-    counts = np.zeros(len(STATUSES), dtype=int)
-    improbable: Array = np.zeros(0, dtype=int)
-    chunks: list[RunBlock] = []
+    ranges = list(results.blocks())
+    accumulators: list[Accumulator] = []
+    blocks: list[RunBlock] = []
     for number in range(PASSES):
-        for first, end in blocks:
-            if number == 0 or len(blocks) > 1:
+        for first, end in ranges:
+            if number == 0 or len(ranges) > 1:
                 trials = results.source.trials(estimator, beams, first, end)
-                errors = results.space.difference(results.source.world(first, end)[0], trials.mean)
-                ok = trials.ok
-                chunks = [
-                    RunBlock(
-                        errors[ok, t], trials.covariance[ok, t], trials.log_evidence[ok, t], trials.belief(t)
-                    )
-                    for t in range(errors.shape[1])
-                ]
-                if number == 0:
-                    judgements = judgements or [Accumulator(results.space.names) for _ in chunks]
-                    counts += np.bincount(trials.status, minlength=len(STATUSES))
-                    improbable = trials.improbable.sum(0) + (improbable if improbable.size else 0)
-            for judgement, chunk in zip(judgements, chunks, strict=True):
-                judgement.add(number, chunk)
-        for judgement in judgements:
-            judgement.end(number)
-    for step, judgement in enumerate(judgements):
-        yield judgement.row(
-            planned=results.runs,
-            failures={name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"},
-            improbable=int(improbable[step]),
-            estimator=estimator,
-            beams=beams,
-            step=step,
-            seconds=results.timing.get((estimator, beams), np.nan),
-            one_truth=results.one_truth,
+                blocks = run_blocks(results, trials, first, trials.ok)
+                accumulators = accumulators or [Accumulator(results.space.names) for _ in blocks]
+            for accumulator, block in zip(accumulators, blocks, strict=True):
+                accumulator.add(number, block)
+    seconds = results.timing.get((estimator, beams), np.nan)
+    for step, accumulator in enumerate(accumulators):
+        yield accumulator.row(estimator, beams, step, seconds, results.one_truth)
+
+
+def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> list[RunBlock]:
+    """Runs of one estimator, a block for each step.
+
+    Args:
+        results: The results.
+        trials: Some of its trials, of M runs that follow each other.
+        first: The first of these runs.
+        ok: Which of them to take, (M,).
+    """
+    truth = results.source.world(first, first + len(ok))[0]
+    errors = results.space.difference(truth, trials.mean)
+    return [
+        RunBlock(
+            results.space.names,
+            errors[ok, step],
+            trials.covariance[ok, step],
+            log_evidence=trials.log_evidence[ok, step],
+            improbable=trials.improbable[ok, step],
+            status=trials.status,
+            belief=trials.belief(step, ok),
         )
+        for step in range(errors.shape[1])
+    ]

@@ -21,9 +21,7 @@ from .formatting import beams_in_words, factor, format_factor, format_number, fo
 from .intervals import Interval
 from .row import Row
 
-LARGE_FACTOR = (
-    1.5  # ANEES / n beyond this, or its inverse, is no longer "a little"; an interval must tell that much
-)
+LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
 BY_ANEES, BY_CAUTION, BY_COMPONENTS = 0.05, 0.02, 0.005  # two-sided p-values below which a figure accuses
 CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
@@ -89,11 +87,10 @@ def decide(row: Row, family: int = 1) -> Verdict:
         return Verdict("failed", row.anees, "no run went well", _caveats(row))
     notes = (*_component_notes(row, family), *_caveats(row))
     if value > CERTAIN:
-        share = (
-            f"in {format_percent(row.indefinite.value)} of the runs its covariance is not positive definite"
-        )
-        some = (share,) if row.indefinite.value else ("in some runs its covariance all but vanishes",)
-        return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", some + notes)
+        share = format_percent(row.indefinite.value)
+        indefinite = f"in {share} of the runs its covariance is not positive definite"
+        why = indefinite if row.indefinite.value else "in some runs its covariance all but vanishes"
+        return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", (why, *notes))
     p = row.p_values.get("anees", math.nan if low <= 1 <= high else 0.0)
     if value > 1 and (p < BY_ANEES / family or value > family / BY_ANEES):
         return Verdict("overconfident", row.anees, _factor_words(value), notes)
@@ -102,15 +99,16 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if wrong := _suspects(row, "ratio_", family):
         parts = ", ".join(_ratio_words(row, name) for name in wrong)
         over = any(row.ratio[row.names.index(name)].value > 1 for name in wrong)
-        return Verdict(
-            "uneven" if over else "cautious", row.anees, f"{'DO NOT TRUST: ' * over}{parts}", notes
-        )
+        kind: Kind = "uneven" if over else "cautious"
+        return Verdict(kind, row.anees, f"{'DO NOT TRUST: ' * over}{parts}", notes)
     if wrong := _suspects(row, "bias_", family):
         parts = ", ".join(_bias_words(row, name) for name in wrong)
         return Verdict("biased", row.anees, f"errs as much as it claims, but is biased: {parts}", notes)
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         return Verdict("unsure", row.anees, f"cannot tell with {row.ok} runs", (_needed(row), *notes))
-    return Verdict("honest", row.anees, "honest: errs as it claims", (_how_honest(row.anees), *notes))
+    off = 100 * (max(high, 1 / low) - 1)
+    close = f"squared errors and claimed variances agree to within {off:.2g} %, at 95 % confidence"
+    return Verdict("honest", row.anees, "honest: errs as it claims", (close, *notes))
 
 
 def decide_overall(rows: Sequence[Row]) -> Verdict:
@@ -123,13 +121,13 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     """
     if not rows:
         raise ValueError("need a row at least")
-    found = [(decide(row, len(rows)), row) for row in rows]
-    worst, row = min(found, key=lambda each: (WORST_FIRST.index(each[0].kind), -_size(each[0].factor.value)))
-    alike = sum(each.kind == worst.kind for each, _ in found)
+    verdicts = [(decide(row, len(rows)), row) for row in rows]
+    worst, row = min(verdicts, key=lambda pair: (WORST_FIRST.index(pair[0].kind), -_size(pair[0].factor)))
+    alike = sum(verdict.kind == worst.kind for verdict, _ in verdicts)
     settings = "settings" if any(row.step for row in rows) else "sets of beams"
-    where = (
-        f"{beams_in_words(row.beams)}{f', measurement {row.step + 1}' if any(r.step for r in rows) else ''}"
-    )
+    where = beams_in_words(row.beams)
+    if settings == "settings":
+        where += f", measurement {row.step + 1}"
     words = worst.words
     if len(rows) > 1:
         if alike == len(rows):
@@ -140,9 +138,9 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
 
-def _size(value: float) -> float:
+def _size(factor: Interval) -> float:
     """How far ANEES / n is from 1, either way."""
-    return math.inf if not 0 < value < math.inf else abs(math.log(value))
+    return abs(math.log(factor.value)) if 0 < factor.value < math.inf else math.inf
 
 
 def _factor_words(value: float) -> str:
@@ -202,11 +200,6 @@ def _caveats(row: Row) -> tuple[str, ...]:
             "prior, not at each place of it, so this verdict holds for this place alone"
         )
     return tuple(notes)
-
-
-def _how_honest(anees: Interval) -> str:
-    off = max(anees.high, 1 / anees.low) - 1
-    return f"squared errors and claimed variances agree to within {100 * off:.2g} %, at 95 % confidence"
 
 
 def _needed(row: Row) -> str:

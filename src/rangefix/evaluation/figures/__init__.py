@@ -1,16 +1,24 @@
 """Every figure a function of saved results and of nothing else."""
 
-from .catalogue import study_figures
-from .room import draw_beams, draw_truth, draw_walls
-from .style import INK, label_positions, styled, write
+from .catalogue import FigureKind, drawn, study_figures
+from .data import FigureData
+from .room import draw_beams, draw_density, draw_truth, draw_walls
+from .style import INK, STAR, finish, label_positions, styled, to_svg, write
 
 __all__ = [
     "INK",
+    "STAR",
+    "FigureData",
+    "FigureKind",
     "draw_beams",
+    "draw_density",
     "draw_truth",
     "draw_walls",
+    "drawn",
+    "finish",
     "label_positions",
     "study_figures",
     "styled",
+    "to_svg",
     "write",
 ]

@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ...arrays import Array
 from ..results import Picture, Results, Scene
+from .data import FigureData
 from .errors import ellipse
-from .room import BEAM, draw_truth, draw_walls
-from .style import CLAIMED, INK, label_positions, panel_title
+from .room import BEAM, draw_density, draw_truth, draw_walls
+from .style import CLAIMED, finish, label_positions, panel_title
 
 MAX_BELIEFS_SHOWN = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
+BELL = np.linspace(-4, 4, 81)  # standard deviations at which its bell is drawn besides
 
 
-def beliefs_figure(results: Results, pictures: Sequence[Picture], beams: str, title: str) -> Figure:
+def beliefs_figure(data: FigureData) -> Figure:
     """A column for each estimator: the room, and the heading where it is estimated; run 0, last measurement.
 
     A density where the estimator has one to show; the 95 % ellipse and the Gaussian of what it claims.
     """
-    shown = {picture.estimator: picture for picture in pictures}
+    results, pictures = data.results, data.pictures
     estimators = results.estimators[:MAX_BELIEFS_SHOWN]
     turning = bool(results.space.is_angle.any())
     scene = dict(results.scene) | {"truth": results.space.poses(results.truth[0, -1])}
@@ -38,14 +37,14 @@ def beliefs_figure(results: Results, pictures: Sequence[Picture], beams: str, ti
     ratios = (height, 1.5) if turning else (height,)
     panels = figure.subplots(len(ratios), len(estimators), squeeze=False, height_ratios=ratios)
     for column, estimator in enumerate(estimators):
-        trials = results.get(estimator, beams)
+        trials = results.get(estimator, data.beams)
         mean, covariance = trials.mean[0, -1], trials.covariance[0, -1]
-        panel_title(panels[0, column], estimator)
-        _room(panels[0, column], results, scene, shown.get(estimator), mean, covariance)
+        panel_title(panels[0, column], data.labels[estimator])
+        _room(panels[0, column], results, scene, pictures.get(estimator), mean, covariance)
         if turning:
             place = int(np.flatnonzero(results.space.is_angle)[0])
             claim = mean[place], np.sqrt(max(covariance[place, place], 0.0))
-            _heading(panels[1, column], scene, shown.get(estimator), *claim)
+            _heading(panels[1, column], scene, pictures.get(estimator), *claim)
         for row in range(len(ratios)):
             if column:
                 panels[row, column].set_ylabel("")
@@ -53,14 +52,12 @@ def beliefs_figure(results: Results, pictures: Sequence[Picture], beams: str, ti
     for axes in panels[0]:
         axes.set_xlim(limits[:, 0, 0].min(), limits[:, 0, 1].max())
         axes.set_ylim(limits[:, 1, 0].min(), limits[:, 1, 1].max())
-    handles: dict[str, Artist] = {}
-    for axes in panels.flat:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    handles["posterior density, darkest at its peak"] = Patch(facecolor="#4f94c4")
-    handles["true heading"] = Line2D([], [], color=BEAM, linewidth=1.2, linestyle="--")
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=2)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    more: dict[str, Artist] = {
+        "posterior density, darkest at its peak": Patch(facecolor="#4f94c4"),
+        "true heading": Line2D([], [], color=BEAM, linewidth=1.2, linestyle="--"),
+    }
+    title = data.heading("What is believed in the first run", with_beams=True)
+    return finish(figure, title, panels.flat, columns=2, more=more)
 
 
 def _room(
@@ -68,30 +65,15 @@ def _room(
 ) -> None:
     left, right, lower, upper = scene["extent"]
     if picture is not None and picture.density.max() > 0:
-        axes.imshow(
-            picture.density / picture.density.max(),
-            origin="lower",
-            extent=tuple(picture.extent),
-            cmap=INK,
-            norm=PowerNorm(0.5, 0.0, 1.0),
-            interpolation="nearest",
-        )
+        draw_density(axes, picture.density, picture.extent)
     draw_walls(axes, scene)
     where = results.space.position_indices
     if np.isfinite(mean).all():
         claim = covariance[np.ix_(where, where)]
         label = "claimed: mean, 95 % ellipse, and the Gaussian of the heading"
         axes.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
-        axes.plot(
-            *mean[where],
-            "o",
-            markersize=4.5,
-            markerfacecolor="white",
-            markeredgecolor=CLAIMED,
-            color=CLAIMED,
-            zorder=6,
-            label=label,
-        )
+        axes.plot(*mean[where], "o", markersize=4.5, markerfacecolor="white", color=CLAIMED, zorder=6,
+                  label=label)  # fmt: skip
     size = max(right - left, upper - lower)
     heading = scene["truth"][2]
     tip = scene["truth"][:2] + 0.12 * size * np.array([np.sin(heading), np.cos(heading)])
@@ -133,6 +115,3 @@ def _heading(axes: Axes, scene: Scene, picture: Picture | None, mean: float, std
     axes.set_xlabel("heading, deg from $+x_2$")
     axes.set_ylabel("density, 1/deg")
     axes.tick_params(axis="y", labelsize=7)
-
-
-BELL = np.linspace(-4, 4, 81)  # standard deviations at which a bell is drawn besides

@@ -1,66 +1,92 @@
-"""The figures of a study."""
+"""THE table of the figures of a study: `rangefix plot`, the report and the gallery read it.
+
+To add a figure, add a line; or, from another package, a `FigureKind` as an entry point of "rangefix.figures".
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
-from ..consistency import beams_in_words
-from ..consistency.summarise import summarise
-from ..results import Results, load_pictures
+from ...extensions import extensions
+from ..results import Results
 from .beliefs import beliefs_figure
 from .claims import anees_figure, covariance_figure, time_figure
+from .data import FigureData
 from .drives import steps_figure, ways_figure
-from .errors import SHOWN_RUNS, ellipses_figure, runs_figure
-from .labels import drawable
+from .errors import ellipses_figure, runs_figure
 from .maps import map_figure
 from .ranks import ranks_figure
 
+Data = TypeVar("Data")
 
-def study_figures(results: Results) -> Iterator[tuple[str, Figure]]:
-    """The figures of a study by file name; those of single runs are for the last set of beams."""
-    results, labels = drawable(results)
-    rows = summarise(results)
-    beams = results.beam_sets[-1]
-    label = beams_in_words(beams)
-    name = results.manifest.get("title") or results.manifest.get("name", "study")
-    study = f"{name} ({len(results.truth)} runs)"
-    if results.scene:
-        yield "map", map_figure(results, study)
-    yield "covariance", covariance_figure(rows, f"What is claimed against what is true\n{study}")
-    yield "anees", anees_figure(rows, f"ANEES / n: squared error over claimed covariance\n{study}")
-    yield (
-        "errors",
-        ellipses_figure(
-            results,
-            beams,
-            f"Errors with ellipses of G and P, {label}; scales differ\n{study}",
-        ),
-    )
-    yield (
-        "runs",
-        runs_figure(
-            results,
-            beams,
-            f"Errors of {min(SHOWN_RUNS, len(results.truth))} runs in their claimed bands, {label}\n{study}",
-        ),
-    )
-    saved = load_pictures(results.folder) if results.folder else ()
-    pictures = [replace(each, estimator=labels.get(each.estimator, each.estimator)) for each in saved]
-    if pictures and results.scene:
-        yield (
-            "posterior",
-            beliefs_figure(results, pictures, beams, f"What is believed in the first run, {label}\n{study}"),
-        )
-    if results.truth.shape[1] > 1:
-        yield "steps", steps_figure(rows, beams, f"True and claimed errors along the way, {label}\n{study}")
-        if results.scene:
-            yield "ways", ways_figure(results, beams, f"The way of the first run, {label}\n{study}")
-    ranked = ranks_figure(rows, beams, f"Ranks of the truth among samples of the belief, {label}\n{study}")
-    if ranked is not None:
-        yield "ranks", ranked
-    timed = time_figure(rows, f"Accuracy against time, {label}\n{study}")
-    if timed is not None:
-        yield "time", timed
+
+@dataclass(frozen=True)
+class FigureKind(Generic[Data]):
+    """A kind of figure.
+
+    Attributes:
+        name: Of its files.
+        title: What it is called.
+        caption: What it shows: a phrase that goes on after the title.
+        draw: Draws it.
+        needs: Whether the data hold what it shows; any data do unless given.
+    """
+
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[Data], Figure]
+    needs: Callable[[Data], bool] = lambda data: True
+
+
+FIGURES: tuple[FigureKind[FigureData], ...] = (
+    FigureKind("map", "The map", "walls, free space, true positions, and the beams of the first run",
+               map_figure, FigureData.has_map),
+    FigureKind("covariance", "Standard deviations", "claimed (hollow, root of mean P) and true (filled, root "
+               "of G), with 95 % intervals", covariance_figure),
+    FigureKind("anees", "ANEES / n", "squared error over claimed variance, with 95 % intervals; 1 is honest, "
+               "to the right the errors are larger than claimed", anees_figure),
+    FigureKind("errors", "Errors in the plane", "with the ellipses of the true covariance G and the mean "
+               "claimed P", ellipses_figure),
+    FigureKind("runs", "Errors run by run", "in the band that each run claims, in the order of that claim",
+               runs_figure),
+    FigureKind("posterior", "Beliefs", "what is believed in the first run", beliefs_figure,
+               FigureData.has_pictures),
+    FigureKind("steps", "Along the way", "true and claimed errors after each measurement", steps_figure,
+               FigureData.has_steps),
+    FigureKind("ways", "The way of the first run", "true and estimated", ways_figure, FigureData.has_ways),
+    FigureKind("ranks", "Ranks", "where the truth lies among samples of the belief; flat within the band if "
+               "honest", ranks_figure, FigureData.has_samples),
+    FigureKind("time", "Accuracy against time", "true and claimed error against time per update", time_figure,
+               FigureData.has_times),
+)  # fmt: skip
+
+
+def figure_kinds() -> list[FigureKind[FigureData]]:
+    """The figures of the table, then those that other packages offer.
+
+    What is no `FigureKind`, or has the name of another figure, is left out with a warning.
+    """
+    kinds = {kind.name: kind for kind in FIGURES}
+    for entry, kind in extensions("rangefix.figures").items():
+        if isinstance(kind, FigureKind) and kind.name not in kinds:
+            kinds[kind.name] = kind
+        else:
+            why = f"is another {kind.name!r}" if isinstance(kind, FigureKind) else "is no FigureKind"
+            warnings.warn(f"rangefix.figures: {entry!r} {why}", RuntimeWarning, stacklevel=2)
+    return list(kinds.values())
+
+
+def drawn(kinds: Iterable[FigureKind[Data]], data: Data) -> Iterator[tuple[FigureKind[Any], Figure]]:
+    """The kinds of figures whose needs the data meet, each with the figure, drawn when it is asked for."""
+    return ((kind, kind.draw(data)) for kind in kinds if kind.needs(data))
+
+
+def study_figures(results: Results) -> Iterator[tuple[FigureKind[Any], Figure]]:
+    """All figures of a study; those of single runs are for the last set of beams."""
+    return drawn(figure_kinds(), FigureData(results))

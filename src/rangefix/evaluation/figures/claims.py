@@ -8,18 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..consistency import Interval, Row, beams_in_words, factor, format_number, unit
-from .style import CLAIMED, COLOURS, MARKERS, TRUE, plain_numbers, symbol
+from ..consistency import Interval, Row, beams_in_words, factor, format_number, scaled, unit
+from .data import FigureData
+from .style import CLAIMED, COLOURS, MARKERS, TRUE, finish, plain_numbers, symbol
 
 CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
 DECADES = 1e3  # a longer logarithmic axis has no room to label more than its powers of ten
-
-
-def last_step(rows: Sequence[Row]) -> list[Row]:
-    """The rows after the last measurement, all estimators of a beam set together."""
-    end = max(row.step for row in rows)
-    sets = list(dict.fromkeys(row.beams for row in rows))
-    return sorted((row for row in rows if row.step == end), key=lambda row: sets.index(row.beams))
 
 
 def _places(rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, str]]]:
@@ -67,20 +61,16 @@ def _bar(axes: Axes, interval: Interval, y: float, **style: object) -> None:
     axes.errorbar([value], [y], xerr=np.maximum(reach, 0.0), linestyle="none", capsize=2.5, **style)  # type: ignore[arg-type]
 
 
-def _times(interval: Interval, by: float) -> Interval:
-    return Interval(*(by * end for end in interval))
-
-
-def covariance_figure(rows: Sequence[Row], title: str) -> Figure:
+def covariance_figure(data: FigureData) -> Figure:
     """Standard deviations: what each estimator claims (root mean P) beside what is true (root G)."""
-    rows = last_step(rows)
+    rows = data.last_rows
     names = rows[0].names
     heights, heads = _places(rows)
     figure = Figure(figsize=(1.6 + 3.4 * len(names), 1.7 + 0.24 * -heights[-1]), layout="constrained")
     panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         for row, y in zip(rows, heights, strict=True):
-            claimed, true = (_times(each.sqrt(), factor(name)) for each in (row.p[i], row.g[i]))
+            claimed, true = (scaled(variance.sqrt(), factor(name)) for variance in (row.p[i], row.g[i]))
             axes.plot([claimed.value, true.value], [y, y], color="0.6", linewidth=2.5, zorder=1)
             _bar(
                 axes,
@@ -98,16 +88,12 @@ def covariance_figure(rows: Sequence[Row], title: str) -> Figure:
         axes.set_xscale("log")
         _list_axes(axes, rows, heights, heads)
         axes.set_xlabel(f"standard deviation of {symbol(name)}, {unit(name)}")
-    handles, labels = panels[0].get_legend_handles_labels()
-    chosen = dict(zip(labels, handles, strict=True))
-    figure.legend(list(chosen.values()), list(chosen), loc="outside lower center", ncols=2)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    return finish(figure, data.heading("What is claimed against what is true"), panels[:1], columns=2)
 
 
-def anees_figure(rows: Sequence[Row], title: str) -> Figure:
+def anees_figure(data: FigureData) -> Figure:
     """ANEES / n with intervals; the band for Gaussian posteriors is a labelled reference and no more."""
-    rows = last_step(rows)
+    rows = data.last_rows
     heights, heads = _places(rows)
     figure = Figure(figsize=(7.2, 1.7 + 0.24 * -heights[-1]), layout="constrained")
     axes = figure.subplots()
@@ -148,40 +134,26 @@ def anees_figure(rows: Sequence[Row], title: str) -> Figure:
     axes.set_xlim(min(0.5, *values) / 1.4, max(2.0, *values) * 2.2)
     _list_axes(axes, rows, heights, heads)
     axes.set_xlabel(r"ANEES / n, no unit: left of 1 claims too much error, right of 1 too little")
-    handles, labels = axes.get_legend_handles_labels()
-    chosen = dict(zip(labels, handles, strict=True))
-    figure.legend(list(chosen.values()), list(chosen), loc="outside lower center", ncols=1)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    title = data.heading("ANEES / n: squared error over claimed covariance")
+    return finish(figure, title, [axes], columns=1)
 
 
-def time_figure(rows: Sequence[Row], title: str) -> Figure | None:
-    """Accuracy against time per update; None where nothing was timed."""
-    rows = [row for row in last_step(rows) if np.isfinite(row.seconds) and np.isfinite(row.g[0].value)]
-    if not rows:
-        return None
-    sets = list(dict.fromkeys(row.beams for row in rows))[-1:]
+def time_figure(data: FigureData) -> Figure:
+    """Accuracy against time per update, of the estimators that were timed and answered."""
+    timed = [row for row in data.last_rows if np.isfinite(row.seconds) and np.isfinite(row.g[0].value)]
+    last_set = timed[-1].beams
     figure = Figure(figsize=(6.4, 4.3), layout="constrained")
     axes = figure.subplots()
-    where = [i for i, name in enumerate(rows[0].names) if name in ("x1", "x2")]
-    for k, row in enumerate(row for row in rows if row.beams in sets):
+    where = [i for i, name in enumerate(timed[0].names) if name in ("x1", "x2")]
+    for k, row in enumerate(row for row in timed if row.beams == last_set):
         true = np.sqrt(sum(row.g[i].value for i in where))
         claimed = np.sqrt(sum(row.p[i].value for i in where))
         milliseconds = 1e3 * row.seconds
-        colour = COLOURS[k % len(COLOURS)]
+        marker, colour = MARKERS[k % len(MARKERS)], COLOURS[k % len(COLOURS)]
         axes.plot([milliseconds] * 2, [claimed, true], color=colour, linewidth=1.0, linestyle=":")
-        axes.plot(
-            milliseconds,
-            claimed,
-            MARKERS[k % len(MARKERS)],
-            markersize=7,
-            markerfacecolor="white",
-            markeredgecolor=colour,
-            markeredgewidth=1.4,
-        )
-        axes.plot(
-            milliseconds, true, MARKERS[k % len(MARKERS)], markersize=8, color=colour, label=row.estimator
-        )
+        axes.plot(milliseconds, claimed, marker, markersize=7, markerfacecolor="white", color=colour,
+                  markeredgewidth=1.4)  # fmt: skip
+        axes.plot(milliseconds, true, marker, markersize=8, color=colour, label=row.estimator)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.12)
@@ -192,5 +164,5 @@ def time_figure(rows: Sequence[Row], title: str) -> Figure | None:
     axes.set_xlabel("time per update and run, ms")
     axes.set_ylabel("root mean square position error, m")
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), title="filled: true\nhollow: claimed")
-    figure.suptitle(title, fontsize=10.5)
+    figure.suptitle(data.heading("Accuracy against time", with_beams=True), fontsize=10.5)
     return figure

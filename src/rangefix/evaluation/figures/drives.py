@@ -9,38 +9,38 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...arrays import Array
-from ..consistency import Interval, Row, factor, unit
-from ..results import Results
+from ..consistency import Interval, factor, unit
+from .data import FigureData
 from .errors import ellipse
 from .room import draw_walls
-from .style import CLAIMED, COLOURS, MARKERS, label_positions, panel_title, plain_numbers, symbol
+from .style import CLAIMED, COLOURS, MARKERS, finish, label_positions, panel_title, plain_numbers, symbol
 
 MAX_DRIVES_SHOWN = 6  # estimators side by side
 ELLIPSES = 6  # along a way
 STEEP = 1e3  # ANEES / n beyond which the axis ends
 
 
-def steps_figure(rows: Sequence[Row], beams: str, title: str) -> Figure:
+def steps_figure(data: FigureData) -> Figure:
     """True (root G) and claimed (root mean P) standard deviations, and ANEES / n, after each measurement."""
-    rows = [row for row in rows if row.beams == beams]
+    rows = [row for row in data.rows if row.beams == data.beams]
     names = rows[0].names
     estimators = list(dict.fromkeys(row.estimator for row in rows))
     figure = Figure(figsize=(7.6, 1.2 + 1.75 * (len(names) + 1)), layout="constrained")
     panels = figure.subplots(len(names) + 1, 1, sharex=True)
     for k, estimator in enumerate(estimators):
-        mine = sorted((row for row in rows if row.estimator == estimator), key=lambda row: row.step)
+        course = sorted((row for row in rows if row.estimator == estimator), key=lambda row: row.step)
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
-        place = np.array([row.step for row in mine], dtype=float)
+        place = np.array([row.step for row in course], dtype=float)
         style = {"color": colour, "marker": marker, "markersize": 3.5, "markevery": max(1, len(place) // 10)}
         for i, name in enumerate(names):
             true, claimed = (
-                [factor(name) * each[i].sqrt().value for each in pair]
-                for pair in ([row.g for row in mine], [row.p for row in mine])
+                [factor(name) * variances[i].sqrt().value for variances in steps]
+                for steps in ([row.g for row in course], [row.p for row in course])
             )
             panels[i].plot(place, true, **style, label=f"{estimator}: true")
             panels[i].plot(place, claimed, linestyle="--", linewidth=1.1, **style, markerfacecolor="white",
                            label=f"{estimator}: claimed")  # fmt: skip
-        _credibility(panels[-1], place, [row.anees for row in mine], style)
+        _credibility(panels[-1], place, [row.anees for row in course], style)
     for axes, name in zip(panels, names, strict=False):
         axes.set_yscale("log")
         axes.set_ylabel(f"std of {symbol(name)}, {unit(name)}")
@@ -53,10 +53,8 @@ def steps_figure(rows: Sequence[Row], beams: str, title: str) -> Figure:
     for axes in panels:
         axes.grid(axis="y", which="major")
         plain_numbers(axes.yaxis)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(estimators)))
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    title = data.heading("True and claimed errors along the way", with_beams=True)
+    return finish(figure, title, panels[:1], columns=min(4, len(estimators)))
 
 
 def _credibility(axes: Axes, place: Array, figures: Sequence[Interval], style: dict[str, object]) -> None:
@@ -65,10 +63,11 @@ def _credibility(axes: Axes, place: Array, figures: Sequence[Interval], style: d
     axes.plot(place, value, **style)  # type: ignore[arg-type]
 
 
-def ways_figure(results: Results, beams: str, title: str) -> Figure:
+def ways_figure(data: FigureData) -> Figure:
     """The true way of the first run beside the way that each estimator believes, with ellipses along it."""
+    results, scene = data.results, data.results.scene
     estimators = results.estimators[:MAX_DRIVES_SHOWN]
-    left, right, lower, upper = results.scene["extent"]
+    left, right, lower, upper = scene["extent"]
     columns = min(3, len(estimators))
     count = -(-len(estimators) // columns)
     wide = 3.4
@@ -78,9 +77,9 @@ def ways_figure(results: Results, beams: str, title: str) -> Figure:
     where = results.space.position_indices
     truth = results.truth[0][:, where]
     for axes, estimator in zip(panels.flat, estimators, strict=False):
-        trials = results.get(estimator, beams)
+        trials = results.get(estimator, data.beams)
         mean, covariance = trials.mean[0][:, where], trials.covariance[0][:, where][:, :, where]
-        draw_walls(axes, results.scene)
+        draw_walls(axes, scene)
         axes.plot(*truth.T, color="black", linewidth=2.2, label="true way of the first run", zorder=3)
         axes.plot(*truth[0], "*", markersize=10, markerfacecolor="white", markeredgecolor="black",
                   linestyle="none", label="its start", zorder=6)  # fmt: skip
@@ -89,7 +88,7 @@ def ways_figure(results: Results, beams: str, title: str) -> Figure:
         for step in np.unique(np.linspace(0, len(truth) - 1, ELLIPSES).astype(int)):
             if np.isfinite(mean[step]).all() and np.isfinite(covariance[step]).all():
                 axes.add_patch(ellipse(covariance[step], tuple(mean[step]), edgecolor=CLAIMED, zorder=4))
-        panel_title(axes, estimator)
+        panel_title(axes, data.labels[estimator])
         label_positions(axes)
         margin = 0.03 * max(right - left, upper - lower)
         axes.set_xlim(left - margin, right + margin)
@@ -97,6 +96,4 @@ def ways_figure(results: Results, beams: str, title: str) -> Figure:
         axes.spines[:].set_visible(False)
     for axes in panels.flat[len(estimators) :]:
         axes.set_visible(False)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    return finish(figure, data.heading("The way of the first run", with_beams=True), panels[:1, 0], columns=3)

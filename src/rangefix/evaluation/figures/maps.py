@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ...arrays import Array
-from ..results import Results, Scene
+from ..results import Scene
+from .data import FigureData
 from .room import draw_beams, draw_truth, draw_walls
-from .style import label_positions
+from .style import finish, label_positions
 
 SOLID = "#c9c9c9"
 FREE = ListedColormap([SOLID, "#ffffff"])
@@ -51,9 +51,9 @@ def _ways(axes: Axes, ways: Array) -> None:
     axes.plot(*ways[0].T, color="black", linewidth=1.4, zorder=3, label=label)
 
 
-def map_figure(results: Results, title: str) -> Figure:
+def map_figure(data: FigureData) -> Figure:
     """The whole map and, where the prior covers a part of it only, that part beside it."""
-    scene = results.scene
+    results, scene = data.results, data.results.scene
     corners = scene["segments"].reshape(-1, 2)
     limits = np.array([scene["extent"][::2], scene["extent"][1::2]])
     low, high = np.min([limits[0], *corners], axis=0), np.max([limits[1], *corners], axis=0)
@@ -75,21 +75,10 @@ def map_figure(results: Results, title: str) -> Figure:
         draw_walls(axes, scene, width)
         _box(axes, scene)
     ways = results.truth[:MOST_TRUTHS][..., results.space.position_indices]
-    near.plot(
-        *ways[:, 0].T,
-        ".",
-        markersize=2.5,
-        color="#7F7F7F",
-        zorder=2,
-        label=f"true positions, {len(ways)} runs",
-    )
+    label = f"true positions, {len(ways)} runs"
+    near.plot(*ways[:, 0].T, ".", markersize=2.5, color="#7F7F7F", zorder=2, label=label)
     if (ways != ways[:, :1]).any():
         _ways(whole, ways)
     draw_beams(near, scene, range(1, len(scene["bearings"]) + 1), named=len(scene["bearings"]) <= 12)
     draw_truth(near, scene, label="true position and beams of the first run")
-    handles: dict[str, Artist] = {}
-    for axes in panels:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    return finish(figure, data.study, panels, columns=3)

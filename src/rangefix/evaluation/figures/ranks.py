@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..consistency import Row, uniform_band
-from .claims import last_step
+from ..consistency import uniform_band
+from .data import FigureData
 from .style import CLAIMED, symbol
 
 MAX_ESTIMATORS_SHOWN = 8  # estimators under each other
 OUTSIDE = "#D55E00"
 
 
-def ranks_figure(rows: Sequence[Row], beams: str, title: str) -> Figure | None:
-    """A row of rank histograms for each estimator after the last measurement; None where none was sampled.
+def ranks_figure(data: FigureData) -> Figure:
+    """A row of rank histograms for each estimator that was sampled, after the last measurement.
 
     A histogram for each component, and one for the distance from the middle of the belief. The band holds all
     ten bars of an honest one in 95 % of studies; bars outside it are coloured.
     """
-    sampled = [(row, row.beliefs.ranks) for row in last_step(rows) if row.beams == beams and row.beliefs]
-    if not sampled:
-        return None
-    sampled = sampled[:MAX_ESTIMATORS_SHOWN]
+    rows = [row for row in data.last_rows if row.beams == data.beams]
+    sampled = [(row, row.beliefs.ranks) for row in rows if row.beliefs][:MAX_ESTIMATORS_SHOWN]
     names = sampled[0][0].names
     columns = [*(f"rank of {symbol(name)}" for name in names), "rank of the distance"]
     size = (1.0 + 1.9 * len(columns), 1.2 + 1.25 * len(sampled))
@@ -37,7 +33,7 @@ def ranks_figure(rows: Sequence[Row], beams: str, title: str) -> Figure | None:
             shares = 100 * counts / total
             wrong = (shares < band[0]) | (shares > band[1])
             places = (np.arange(bins) + 0.5) * 100 / bins
-            colours = [OUTSIDE if each else CLAIMED for each in wrong]
+            colours = [OUTSIDE if is_wrong else CLAIMED for is_wrong in wrong]
             axes.bar(places, shares, width=88 / bins, color=colours)
             axes.axhspan(*band, color="0.5", alpha=0.25, linewidth=0, zorder=3)
             axes.set_xlim(0, 100)
@@ -47,5 +43,7 @@ def ranks_figure(rows: Sequence[Row], beams: str, title: str) -> Figure | None:
         line[0].set_ylabel("runs, %")
     for axes, name in zip(panels[-1], columns, strict=True):
         axes.set_xlabel(f"{name}, %")
-    figure.suptitle(title, fontsize=10.5)
+    figure.suptitle(
+        data.heading("Ranks of the truth among samples of the belief", with_beams=True), fontsize=10.5
+    )
     return figure

@@ -1,4 +1,4 @@
-"""What every map shows: walls, beams and the true position, from a saved scene."""
+"""What maps of a room show: walls, beams, the true position and densities, from a saved scene."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import PowerNorm
+from matplotlib.image import AxesImage
 
 from ...arrays import Array
 from ..results import Scene
+from .style import INK, STAR
 
 BEAM = "#B03A00"
 
@@ -58,14 +61,12 @@ def _label_distance(axes: Axes, start: Array, step: Array, reach: float) -> floa
 
 def draw_truth(axes: Axes, scene: Scene, size: float = 11.0, label: str = "true position") -> None:
     """The true position: a white star with a black edge."""
-    axes.plot(
-        *scene["truth"][:2],
-        "*",
-        markersize=size,
-        markerfacecolor="white",
-        markeredgecolor="black",
-        linestyle="none",
-        markeredgewidth=1.0,
-        zorder=7,
-        label=label,
-    )
+    axes.plot(*scene["truth"][:2], **STAR, markersize=size, zorder=7, label=label)
+
+
+def draw_density(axes: Axes, density: Array, extent: Array) -> AxesImage:
+    """A density over the room, (R, C), darkest at its peak."""
+    return axes.imshow(
+        density / density.max(), origin="lower", extent=tuple(extent), interpolation="nearest", cmap=INK,
+        norm=PowerNorm(0.5, 0.0, 1.0),
+    )  # fmt: skip

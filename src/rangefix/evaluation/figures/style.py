@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import matplotlib
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -51,6 +52,9 @@ INK = LinearSegmentedColormap.from_list("ink", ["#ffffff", "#b5d4ea", "#4f94c4",
 PANEL = 26  # letters over a narrow panel
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 CLAIMED, TRUE = "#0072B2", "#000000"
+STAR: dict[str, Any] = {  # of true positions
+    "marker": "*", "markerfacecolor": "white", "markeredgecolor": "black", "linestyle": "none",
+}  # fmt: skip
 
 
 @contextmanager
@@ -69,17 +73,51 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     Raises:
         ResultsError: If one cannot be written.
     """
-    paths = []
-    for suffix, canvas, metadata in (
-        ("png", FigureCanvasAgg, {"Software": None}),
-        ("svg", FigureCanvasSVG, {"Date": None, "Creator": "rangefix"}),
-    ):
-        content = io.BytesIO()
-        canvas(figure)
-        figure.savefig(content, format=suffix, metadata=metadata)
-        paths.append(folder / f"{name}.{suffix}")
-        write_bytes(paths[-1], content.getvalue())
+    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+    for path, to_bytes in zip(paths, (to_png, to_svg), strict=True):
+        write_bytes(path, to_bytes(figure))
     return paths
+
+
+def to_png(figure: Figure) -> bytes:
+    """A figure as PNG, without date or version."""
+    content = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(content, format="png", metadata={"Software": None})
+    return content.getvalue()
+
+
+def to_svg(figure: Figure) -> bytes:
+    """A figure as SVG, without date or version."""
+    content = io.BytesIO()
+    FigureCanvasSVG(figure)
+    figure.savefig(content, format="svg", metadata={"Date": None, "Creator": "rangefix"})
+    return content.getvalue()
+
+
+def finish(
+    figure: Figure, title: str, panels: Iterable[Axes], columns: int, more: Mapping[str, Artist] | None = None
+) -> Figure:
+    """Write the title above and one legend below.
+
+    Args:
+        figure: The figure.
+        title: Above it.
+        panels: What is labelled in these stands in the legend, each label once.
+        columns: Of the legend.
+        more: Label -> what else stands in it.
+
+    Returns:
+        The figure.
+    """
+    entries: dict[str, Artist] = {}
+    for axes in panels:
+        handles, labels = axes.get_legend_handles_labels()
+        entries |= dict(zip(labels, handles, strict=True))
+    entries |= more or {}
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
+    figure.suptitle(title, fontsize=10.5)
+    return figure
 
 
 def panel_title(axes: Axes, label: str, *more: str) -> None:

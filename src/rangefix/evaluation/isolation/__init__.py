@@ -1,18 +1,18 @@
-"""Work in a process of its own, which may hang or die."""
+"""Do work in a separate process, because it may hang or crash."""
 
 from .look import PluginInfo, signature_of
-from .marks import At, Note, during, silent
 from .process import IsolatedProcess, Lost, Raised, to_pickle
+from .stages import Announce, Note, in_words, say_nothing
 
 __all__ = [
-    "At",
+    "Announce",
     "IsolatedProcess",
     "Lost",
     "Note",
     "PluginInfo",
     "Raised",
-    "during",
+    "in_words",
+    "say_nothing",
     "signature_of",
-    "silent",
     "to_pickle",
 ]

@@ -1,4 +1,4 @@
-"""The conformance suite in a process of its own, for a plug-in that hangs or ends the process."""
+"""Run the conformance suite in a separate process, because a plug-in may hang or crash."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any
 
 from ...filters.checks import Check, CheckResult, checks_for
 from ...filters.registry import resolve
-from .marks import At, silent
 from .process import IsolatedProcess, Lost, Raised
+from .stages import Announce, say_nothing
 
-LIMIT = 60.0  # s for each check
-MEND = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
-IN_A_ROW = 2  # checks lost one after the other: the rest is not tried
+CHECK_TIMEOUT_S = 60.0
+FIX = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
+MAX_LOST_IN_A_ROW = 2  # checks; the rest is not tried
 
 
 def run_checks_isolated(
     target: str,
     options: Mapping[str, Any],
     expected_failures: Mapping[str, str] | None = None,
-    limit: float = LIMIT,
+    limit: float = CHECK_TIMEOUT_S,
 ) -> Iterator[CheckResult]:
-    """The checks of one estimator, as they are done.
+    """Check one estimator, and yield each result as it comes.
 
     Where it cannot be imported or built, the first check says why and the others are skipped. A check that
-    takes too long, or ends the process, has failed; the others go on in a new one, but after IN_A_ROW of them
-    they are skipped.
+    takes too long, or ends the process, has failed; the others go on in a new one, but after
+    MAX_LOST_IN_A_ROW of them they are skipped.
 
     Args:
         target: What `build` takes.
@@ -64,25 +64,29 @@ def run_checks_isolated(
             yield result
             if check is checks[0] and result.outcome in ("failed", "expected_failure"):
                 why = "it was not built"
-            elif lost == IN_A_ROW:
-                why = f"not tried: {IN_A_ROW} checks in a row were lost"
+            elif lost == MAX_LOST_IN_A_ROW:
+                why = f"not tried: {MAX_LOST_IN_A_ROW} checks in a row were lost"
     finally:
         child.kill()
 
 
-def _find(target: str, at: At) -> None:
-    """In the process of its own: import it."""
-    at("importing it", 0)
+def _find(target: str, announce: Announce) -> None:
+    """Import it, in the separate process."""
+    announce("importing it", 0)
     resolve(target)
 
 
 def _result(
-    target: str, options: dict[str, Any], expected: dict[str, str], name: str, at: At = silent
+    target: str,
+    options: dict[str, Any],
+    expected: dict[str, str],
+    name: str,
+    announce: Announce = say_nothing,
 ) -> CheckResult:
-    """In the process of its own: the result of one check."""
+    """Do one check, in the separate process."""
     checks = checks_for(target, expected_failures=expected, **options)
     if name == checks[0].name:
-        at("building it", 0)
+        announce("building it", 0)
     return next(check for check in checks if check.name == name).result()
 
 
@@ -90,9 +94,9 @@ def _lost(check: Check, detail: str) -> CheckResult:
     claim = check.claim
     if check.expected:
         text = f"{check.expected} ({detail})"
-        return CheckResult(claim.name, "expected_failure", claim.meaning, MEND, text)
-    return CheckResult(claim.name, "failed", claim.meaning, MEND, detail)
+        return CheckResult(claim.name, "expected_failure", claim.meaning, FIX, text)
+    return CheckResult(claim.name, "failed", claim.meaning, FIX, detail)
 
 
 def _skipped(check: Check, detail: str) -> CheckResult:
-    return CheckResult(check.name, "skipped", check.claim.meaning, check.claim.mend, detail)
+    return CheckResult(check.name, "skipped", check.claim.meaning, check.claim.fix, detail)

@@ -1,10 +1,10 @@
-"""The process that a guard keeps: it does trials of one estimator, and may be killed at any moment.
+"""The program of a separate process: it does trials of one estimator, and may be killed at any moment.
 
 It takes pickled questions from standard input and writes pickled answers to what was standard output; what a
-plug-in prints goes to standard error. It marks in a file what it is about to do. It ends as soon as standard
-input does, however busy it is. Questions: ("build", a function and its arguments, pickled); then "probe",
-"run" or "time" with the arguments of what was built; ("call", a function and its arguments); (WHERE,
-nothing), which is answered at once with the line that is being executed.
+plug-in prints goes to standard error. It writes into a file what it is about to do. It ends as soon as
+standard input does, however busy it is. Questions: ("build", a function and its arguments, pickled); then
+"probe", "run" or "time" with the arguments of what was built; ("call", a function and its arguments);
+(WHERE, nothing), which is answered at once with the line that is being executed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
-from .marks import Marks
+from .stages import StageFile
 
 ANSWER, WHERE = "answer", "where"
 
@@ -43,13 +43,13 @@ def receive(pipe: IO[bytes]) -> Any:
     return pickle.loads(content)
 
 
-def main(marks_file: str) -> None:
+def main(stage_file: str) -> None:
     """Answer questions until there are no more."""
     answers = os.fdopen(os.dup(1), "wb")
     questions = os.fdopen(os.dup(0), "rb")
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    marks = Marks(marks_file, new=False)
+    stages = StageFile(stage_file, new=False)
     asked: SimpleQueue[Any] = SimpleQueue()
     turn = Lock()
 
@@ -69,23 +69,22 @@ def main(marks_file: str) -> None:
             os._exit(0)  # the guard is gone, or has let go of us
 
     Thread(target=listen, daemon=True).start()
-    contestant: Any = None
+    estimator: Any = None
     while True:
         verb, arguments = asked.get()
-        marks.note(0, 0)
+        stages.note(0, 0)
         try:
             value = None
             if verb == "build":
-                marks.at("importing it")
+                stages.announce("importing it")
                 build, content = arguments
-                contestant = build(*pickle.loads(content), marks.at)
+                estimator = build(*pickle.loads(content), stages.announce)
             elif verb == "call":
                 function, *rest = arguments
-                value = function(*rest, marks.at)
+                value = function(*rest, stages.announce)
             else:
-                value = getattr(contestant, verb)(
-                    *arguments, *((marks.note, marks.at) if verb == "run" else ())
-                )
+                more = (stages.note, stages.announce) if verb == "run" else ()
+                value = getattr(estimator, verb)(*arguments, *more)
             answer(ANSWER, (True, value))
         except BaseException as error:  # a plug-in may raise anything, SystemExit too
             text = one_line(error) + plugin_line(error.__traceback__)

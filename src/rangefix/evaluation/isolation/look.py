@@ -1,4 +1,4 @@
-"""A look at a plug-in from outside: it is imported and built in a process of its own, for it may hang."""
+"""Import and build a plug-in in a separate process, because it may hang or crash."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from ...errors import one_line
 from ...filters import Problem
 from ...filters.plugin_line import plugin_line
 from ...filters.registry import build_with, resolve
-from .marks import At
 from .process import IsolatedProcess, Lost, Raised, to_pickle
+from .stages import Announce
 
 LOOK_TIMEOUT_S = 30.0  # s for importing it, and for building it; a run waits longer
 Options = Mapping[str, Any]
 
 
 class PluginInfo(NamedTuple):
-    """What was seen of an estimator.
+    """What importing and building an estimator showed.
 
-    summary: First line of its documentation.
-    parameters: Its options with their defaults as text, or None where there is none.
-    any_option: Whether it takes options of any name.
-    unfit: Options that do not go with its signature: their place among those given, and why.
-    fault: Why it cannot be used, or empty: what importing it or building it came to.
-    missing: Whether it is not there at all, so that its name is to be mended.
+    Attributes:
+        summary: First line of its documentation.
+        parameters: Its options with their defaults as text, or None where there is none.
+        any_option: Whether it takes options of any name.
+        unfit: Options that do not go with its signature: their place among those given, and why.
+        fault: Why it cannot be used: what importing or building it raised; empty if it can be.
+        missing: True if no estimator has this name.
     """
 
     summary: str = ""
@@ -48,8 +49,8 @@ def inspect_plugin(name: str, problem: Problem | None = None, options: Sequence[
     child = IsolatedProcess()
     try:
         content = to_pickle((name, problem, [dict(each) for each in options]))
-        found: PluginInfo = child.ask("call", (_look, content), lambda count: LOOK_TIMEOUT_S)
-        return found
+        info: PluginInfo = child.ask("call", (_inspect, content), lambda count: LOOK_TIMEOUT_S)
+        return info
     except Raised as refused:
         return PluginInfo(fault=refused.text, missing=refused.kind == "KeyError")
     except Lost as stopped:
@@ -59,44 +60,44 @@ def inspect_plugin(name: str, problem: Problem | None = None, options: Sequence[
 
 
 def signature_of(name: str, factory: Any) -> PluginInfo:
-    """The options and the documentation of a factory.
+    """Read the options and the documentation of an estimator's function or class.
 
     Raises:
         KeyError: If it cannot be called.
     """
     if not callable(factory):
         raise KeyError(f"no estimator {name!r}: it is a {type(factory).__name__}, not a class or function")
-    given = list(inspect.signature(factory).parameters.values())
-    named = [each for each in given[1:] if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)]
+    options = list(inspect.signature(factory).parameters.values())[1:]
+    named = [option for option in options if option.kind not in (option.VAR_KEYWORD, option.VAR_POSITIONAL)]
     return PluginInfo(
         summary=(inspect.getdoc(factory) or "").split("\n")[0],
-        parameters={each.name: _plain(each.default) for each in named},
-        any_option=any(each.kind is each.VAR_KEYWORD for each in given),
+        parameters={option.name: _plain(option.default) for option in named},
+        any_option=any(option.kind is option.VAR_KEYWORD for option in options),
     )
 
 
-def _look(content: bytes, at: At) -> PluginInfo:
-    """In the process of its own."""
+def _inspect(content: bytes, announce: Announce) -> PluginInfo:
+    """What `inspect_plugin` has done in the separate process."""
     name, problem, options = pickle.loads(content)
-    at("importing it", 0)
+    announce("importing it", 0)
     factory = resolve(name)
-    found = signature_of(name, factory)
+    info = signature_of(name, factory)
     unfit, fault = [], ""
-    for place, each in enumerate(options):
+    for place, given in enumerate(options):
         try:
-            inspect.signature(factory).bind(problem, **each)
+            inspect.signature(factory).bind(problem, **given)
         except TypeError as error:
             unfit.append((place, one_line(error)))
             continue
         if problem is None or fault:
             continue
-        at("building it", 0)
+        announce("building it", 0)
         try:
-            build_with(name, factory, problem, each)
+            build_with(name, factory, problem, given)
         except (Exception, SystemExit) as error:
             text = f"{type(error).__name__}: {one_line(error)}{plugin_line(error.__traceback__)}"
             fault = f"building estimator {name!r} failed: {text}"
-    return found._replace(unfit=tuple(unfit), fault=fault)
+    return info._replace(unfit=tuple(unfit), fault=fault)
 
 
 def _plain(value: Any) -> Any:

@@ -1,9 +1,11 @@
-"""A process that answers questions about one estimator, and is killed when an answer takes too long."""
+"""A separate process that answers questions, and is killed when an answer takes too long."""
 
 from __future__ import annotations
 
 import importlib
+import io
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -12,6 +14,7 @@ import tempfile
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -19,21 +22,21 @@ from time import monotonic
 from typing import IO, Any
 
 from .child_main import ANSWER, WHERE, receive, send
-from .marks import Marks
+from .stages import StageFile
 
-START = """
+CHILD_CODE = """
 import sys
 sys.path[:] = sys.argv[2:]
 from rangefix.evaluation.isolation.child_main import main
 main(sys.argv[1])
 """
 IMPORT_TIMEOUT_S = 60.0  # s for a process to begin at all, on a machine however busy
-PRINTED = 2000  # bytes that a process may print; then what it prints is dropped
+MAX_PRINTED_BYTES = 2000  # of what a process prints; the rest is dropped
 WHEREABOUTS_TIMEOUT_S = 2.0  # s for a process that takes too long to say where it is
 
 
 class Lost(Exception):
-    """The process was killed or ended while it did `count` runs from `place` on; 0 for other work."""
+    """The process was killed, or ended, while it did `count` runs from `place` on; 0 for other work."""
 
     def __init__(self, status: str, reason: str, place: int = 0, count: int = 0) -> None:
         super().__init__(reason)
@@ -49,14 +52,14 @@ class Raised(Exception):
 
 
 class IsolatedProcess:
-    """One process. What it is at is read from a file that both map, so that telling it costs nothing."""
+    """A separate process. Which stage it is at is read from a file that both map."""
 
     def __init__(self) -> None:
         folder = tempfile.mkdtemp(prefix="rangefix-")
-        marks = Path(folder) / "marks"
-        self.marks = Marks(marks, new=True)
+        stage_file = Path(folder) / "stage"
+        self._stages = StageFile(stage_file, new=True)
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", START, str(marks), *sys.path],
+            [sys.executable, "-P", "-c", CHILD_CODE, str(stage_file), *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -85,17 +88,17 @@ class IsolatedProcess:
             Raised: If something was raised there.
         """
         assert self._process.stdin is not None
-        seen, since, begun = self.marks.read(), monotonic(), False
+        stage, since, begun = self._stages.read(), monotonic(), False
         with suppress(OSError):  # if it has ended, the answer will say so
             send(self._process.stdin, (verb, arguments))
         while True:
-            limit = allowed(seen.count) if begun else max(IMPORT_TIMEOUT_S, allowed(seen.count))
+            limit = allowed(stage.at_once) if begun else max(IMPORT_TIMEOUT_S, allowed(stage.at_once))
             try:
                 kind, answer = self._answers.get(timeout=min(0.2, limit / 5))
             except Empty:
-                now, latest = monotonic(), self.marks.read()
-                if latest.number != seen.number:
-                    seen, since, begun = latest, now, True
+                now, latest = monotonic(), self._stages.read()
+                if latest.number != stage.number:
+                    stage, since, begun = latest, now, True
                 elif now - since > limit:
                     raise self._too_long(limit, where) from None
                 continue
@@ -107,7 +110,7 @@ class IsolatedProcess:
             return value
 
     def _too_long(self, limit: float, where: bool) -> Lost:
-        mark, line = self.marks.read(), ""
+        stage, line = self._stages.read(), ""
         if where:
             assert self._process.stdin is not None
             with suppress(OSError, Empty):
@@ -115,17 +118,17 @@ class IsolatedProcess:
                 kind, answer = self._answers.get(timeout=WHEREABOUTS_TIMEOUT_S)
                 line = answer if kind == WHERE else ""
         self.kill()
-        if mark.count:
-            reason = f"the trial took longer than {limit:g} s (timeout_s), in {mark.words or 'no method'}"
+        if stage.at_once:
+            reason = f"the trial took longer than {limit:g} s (timeout_s), in {stage.words or 'no method'}"
         else:
-            reason = f"{mark.words or 'it'} took longer than {limit:g} s"
-        return Lost("timeout", reason + line, mark.place, mark.count)
+            reason = f"{stage.words or 'it'} took longer than {limit:g} s"
+        return Lost("timeout", reason + line, stage.place, stage.at_once)
 
     def _ended(self) -> Lost:
-        mark = self.marks.read()
+        stage = self._stages.read()
         self.kill()
-        reason = f"{mark.words or 'it'} ended the process ({_end(self._process.returncode)})"
-        return Lost("error", reason, mark.place, mark.count)
+        reason = f"{stage.words or 'it'} ended the process ({_end(self._process.returncode)})"
+        return Lost("error", reason, stage.place, stage.at_once)
 
 
 def _listen(pipe: IO[bytes], answers: SimpleQueue[Any]) -> None:
@@ -137,7 +140,7 @@ def _listen(pipe: IO[bytes], answers: SimpleQueue[Any]) -> None:
 
 def _pass_on(pipe: IO[bytes]) -> None:
     """Show the first that a process prints, and swallow the rest, so that it goes on."""
-    left = PRINTED
+    left = MAX_PRINTED_BYTES
     with pipe, suppress(OSError, ValueError):
         while content := pipe.read1(65536):  # type: ignore[attr-defined]
             if left > 0:
@@ -165,11 +168,31 @@ def _end(code: int) -> str:
     return f"signal {-code}"
 
 
-def to_pickle(thing: object) -> bytes:
-    """The thing by cloudpickle, which joblib brings: functions of a script or notebook included."""
+def to_pickle(thing: object, *, cached: bool = True) -> bytes:
+    """The thing by cloudpickle, which joblib brings: functions of a script or notebook included.
+
+    Args:
+        thing: What is to be pickled.
+        cached: Whether what cached properties hold goes along. Without it the bytes say what a thing is, and
+            not what it has been asked before.
+    """
     try:
-        pickler = importlib.import_module("cloudpickle")
+        module = importlib.import_module("cloudpickle")
     except ModuleNotFoundError:
-        pickler = importlib.import_module("joblib.externals.cloudpickle")
-    content: bytes = pickler.dumps(thing)
-    return content
+        module = importlib.import_module("joblib.externals.cloudpickle")
+    if cached:
+        content: bytes = module.dumps(thing)
+        return content
+
+    class Pickler(module.CloudPickler):  # type: ignore[misc, name-defined]
+        def reducer_override(self, thing: Any) -> Any:
+            parts = getattr(thing, "__dict__", {})
+            held = [name for name in parts if isinstance(getattr(type(thing), name, None), cached_property)]
+            if not held:
+                return super().reducer_override(thing)
+            how, arguments, state, *rest = thing.__reduce_ex__(pickle.DEFAULT_PROTOCOL)
+            return how, arguments, {name: state[name] for name in state if name not in held}, *rest
+
+    file = io.BytesIO()
+    Pickler(file).dump(thing)
+    return file.getvalue()

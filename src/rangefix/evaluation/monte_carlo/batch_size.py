@@ -1,4 +1,4 @@
-"""How many runs of an estimator fit into memory at once."""
+"""Find how many runs of an estimator fit into memory at once."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import Estimator
+from ...filters.estimator import filtered
 from ..seeds import Streams
 from .trial import Trial
 
-BUDGET = 128e6  # bytes of beliefs held at once
-DEPTH = 4  # how deep a belief is searched for arrays
+MAX_BELIEF_BYTES = 128e6  # held at once
+MAX_DEPTH = 4  # how deep a belief is searched for arrays
 
 
 def batch_size(trial: Trial, estimator: Estimator[Any], measurement: Array) -> int:
@@ -29,27 +30,27 @@ def batch_size(trial: Trial, estimator: Estimator[Any], measurement: Array) -> i
     try:
         for count in (1, 2):
             rngs = Streams(trial.seed, "estimator", range(count))
-            before = estimator.init(trial.problem.prior, rngs)
-            after = estimator.update(before, measurement[:count, 0].copy(), rngs)
-            sizes.append(max(nbytes(before), nbytes(after)))
+            readings = [measurement[:count, 0].copy()]
+            beliefs = filtered(estimator, trial.problem.prior, trial.moves[:0], readings, rngs)
+            sizes.append(max(nbytes(belief) for _, _, belief in beliefs))
     except (Exception, SystemExit):  # its trials will say what is wrong
         return 1_000_000
-    return max(1, int(BUDGET / max(1, sizes[1] - sizes[0])))
+    return max(1, int(MAX_BELIEF_BYTES / max(1, sizes[1] - sizes[0])))
 
 
-def nbytes(belief: object, depth: int = DEPTH) -> int:
+def nbytes(belief: object, depth: int = MAX_DEPTH) -> int:
     """Bytes of the arrays in a record, sequence, mapping or object."""
     if isinstance(belief, np.ndarray):
         return belief.nbytes
-    if depth == 0 or isinstance(belief, (str, bytes, int, float, type(None))):
+    if depth == 0 or isinstance(belief, str | bytes | type):
         return 0
     parts: Iterable[object]
-    if dataclasses.is_dataclass(belief) and not isinstance(belief, type):
-        parts = [getattr(belief, each.name, None) for each in dataclasses.fields(belief)]
-    elif isinstance(belief, Mapping):
+    if isinstance(belief, Mapping):
         parts = belief.values()
-    elif isinstance(belief, (tuple, list)):
+    elif isinstance(belief, tuple | list):
         parts = belief
+    elif dataclasses.is_dataclass(belief):
+        parts = [getattr(belief, field.name) for field in dataclasses.fields(belief)]
     else:
-        parts = vars(belief).values() if hasattr(belief, "__dict__") else ()
+        parts = getattr(belief, "__dict__", {}).values()
     return sum(nbytes(part, depth - 1) for part in parts)

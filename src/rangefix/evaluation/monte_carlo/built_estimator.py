@@ -1,18 +1,28 @@
-"""An estimator in the comparison, and what is asked of it: how many runs at once, trials, and its time."""
+"""Run an estimator over batches of runs, so that what goes wrong in a run costs that run alone."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...arrays import Array
-from ...filters import Estimator
+from ...filters import EachRun, Estimate, Estimator
+from ...filters.estimator import filtered
+from ...filters.plugin_line import plugin_line
 from ..experiment import Builder, NamedEstimator
-from ..isolation import At, Note, silent
-from ..results import Outcome, concatenate
+from ..isolation import Announce, Note, in_words, say_nothing
+from ..results import BeliefScores, Outcome, concatenate, failed_outcome, with_status
+from ..seeds import Streams
 from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
 from .trial import Trial
+
+
+class TrialError(Exception):
+    """What an estimator did wrong, in a line that names the method."""
 
 
 class Probe(NamedTuple):
@@ -23,58 +33,137 @@ class Probe(NamedTuple):
 
 
 class BuiltEstimator(NamedTuple):
-    """An estimator that was built, and the trials it is put to."""
+    """An estimator that was built, and what it is put to."""
 
     trial: Trial
     estimator: Estimator[Any]
 
     @classmethod
-    def build(cls, trial: Trial, builder: Builder, at: At = silent) -> BuiltEstimator:
-        """The one that a builder makes; whatever the builder raises comes out.
+    def build(cls, trial: Trial, builder: Builder, announce: Announce = say_nothing) -> BuiltEstimator:
+        """Build it; whatever the builder raises comes out.
 
         Args:
             trial: What it will be put to.
             builder: What makes it.
-            at: Hears whether it is being imported or built.
+            announce: Told whether it is being imported or built.
         """
         if isinstance(builder, NamedEstimator):
             factory = builder.factory()
-            at("building it", 0)
+            announce("building it", 0)
             return cls(trial, builder.build_with(factory, trial.problem))
-        at("building it", 0)
+        announce("building it", 0)
         return cls(trial, builder(trial.problem))
 
     def probe(self, measurement: Array) -> Probe:
         """Of runs 0 and 1, (2, T, B), so that all processes and resumed runs agree on the size."""
         size = batch_size(self.trial, self.estimator, measurement)
         start = perf_counter()
-        self.trial.run(self.estimator, measurement, 0)
+        self.run(measurement, 0)
         return Probe(size, perf_counter() - start)
+
+    def attempt(
+        self,
+        measurement: Array,
+        runs: Iterable[int],
+        truth: Array | None = None,
+        announce: Announce = say_nothing,
+    ) -> Outcome:
+        """Estimates after each step, all runs at once, all "ok"; beliefs are judged if truths are given.
+
+        Raises:
+            TrialError: If a method raises or gives arrays of the wrong shape.
+        """
+        rngs = Streams(self.trial.seed, "estimator", runs)
+        outcome = failed_outcome(measurement.shape, self.trial.problem.space.size)
+        scores: list[BeliefScores | None] = []
+        stage = "init", 0
+
+        def begin(verb: str, step: int) -> None:
+            nonlocal stage
+            stage = verb, step
+            announce(verb, step)
+
+        try:
+            readings = measurement.swapaxes(0, 1)
+            for verb, step, belief in filtered(
+                self.estimator, self.trial.problem.prior, self.trial.moves, readings, rngs, begin
+            ):
+                if verb != "update":
+                    continue
+                begin("estimate", step)
+                estimate = tuple(self.estimator.estimate(belief))
+                if len(estimate) != 3:
+                    raise ValueError(f"it gave {len(estimate)} things, not mean, covariance and log evidence")
+                for name, target, value in zip(Estimate._fields, outcome[:3], estimate, strict=True):
+                    array = np.asarray(value, dtype=float)
+                    wanted = target[:, step].shape
+                    if array.shape != wanted and (name != "log_evidence" or array.ndim):
+                        raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
+                    target[:, step] = array
+                if truth is not None:
+                    from ..consistency import judge_belief
+
+                    begin("sample", step)
+                    true, space = truth[:, step], self.trial.problem.space
+                    scores.append(
+                        judge_belief(self.estimator, belief, true, space, self.trial.seed, runs, step)
+                    )
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything
+            text = " ".join(str(error).split()) or "no message"
+            text += "; copy what you write to" if "read-only" in text else ""
+            what, where = in_words(*stage), plugin_line(error.__traceback__)
+            raise TrialError(f"{what} failed: {type(error).__name__}: {text}{where}") from error
+        if not (known := [score for score in scores if score is not None]):
+            return outcome
+        from ..consistency import belief_arrays
+
+        return outcome._replace(beliefs=belief_arrays(known))
 
     def run(
         self,
         measurement: Array,
         first: int,
-        size: int,
+        size: int | None = None,
         truth: Array | None = None,
-        note: Note = silent,
-        at: At = silent,
+        note: Note = say_nothing,
+        announce: Announce = say_nothing,
     ) -> Outcome:
-        """Trials of runs first, first + 1, ... in batches of a size; with truths, beliefs are judged too.
+        """Runs first, first + 1, ... in batches; where a batch fails, run by run.
 
-        `note` and `at` hear what is about to be done: see `Trial.run`.
+        An estimator of single runs is always run so, with the same numbers.
+
+        Args:
+            measurement: (M, T, B), m.
+            first: Number of the first run.
+            size: Runs to a batch; all at once unless given.
+            truth: True states (M, T, n), if beliefs are to be judged.
+            note: Told the place of the first run, and how many are done at once, before each piece of work.
+            announce: Told the method and the step before each call.
         """
+        measurement = measurement.copy()
+        measurement.setflags(write=False)  # an estimator that writes into it is told so
+        runs = len(measurement)
+        size = 1 if isinstance(self.estimator, EachRun) else size or runs
+        todo = [(start, min(start + size, runs)) for start in range(0, runs, size)][::-1]
         outcomes = []
-        for start in range(0, len(measurement), size):
-
-            def noted(place: int, count: int, start: int = start) -> None:
-                note(start + place, count)
-
-            here = slice(start, start + size)
-            true = None if truth is None else truth[here]
-            some = measurement[here]
-            outcomes.append(self.trial.run(self.estimator, some, first + start, noted, true, at))
-        return concatenate(outcomes) if len(outcomes) != 1 else outcomes[0]
+        while todo:
+            start, end = todo.pop()
+            note(start, end - start)
+            readings, true = measurement[start:end], None if truth is None else truth[start:end]
+            try:
+                numbers = range(first + start, first + end)
+                outcomes.append(self.attempt(readings, numbers, true, announce))
+            except TrialError as error:
+                if end - start > 1:  # whose fault it is will show
+                    todo += [(place, place + 1) for place in range(start, end)][::-1]
+                else:
+                    shape, components = readings.shape, self.trial.problem.space.size
+                    outcomes.append(failed_outcome(shape, components, "error", str(error)))
+        tried = concatenate(outcomes)
+        outcome = with_status(*tried[:3])
+        outcome.reasons.update(tried.reasons)
+        outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
+        return outcome._replace(beliefs=tried.beliefs)
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

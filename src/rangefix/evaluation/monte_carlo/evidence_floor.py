@@ -37,14 +37,13 @@ def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolAr
     1/2 and 1/2 for Gaussian noise, where a missing return costs next to nothing; of other noise from draws
     of a fixed stream at all ranges up to 10 m or the maximum range.
     """
-    read = getattr(sensor, "read", None)
-    if read is None or isinstance(sensor.noise, Gaussian | RangeProportional):
+    if isinstance(sensor.noise, Gaussian | RangeProportional):
         return 0.5, 0.5, np.isfinite(measurement)
     rng = np.random.default_rng(0)
     beams = len(sensor.bearings)
-    longest = min(getattr(sensor, "max_range", LONG), LONG)
+    longest = min(sensor.max_range, LONG)
     expected = rng.uniform(0.0, longest, (-(-SHORTFALL_DRAWS // beams), beams))
-    drawn = read(expected, rng)
+    drawn = sensor.read(expected, rng)
     short = sensor.beam_log_density(drawn, drawn) - sensor.beam_log_density(drawn, expected)
     short = short[~np.isnan(drawn)]
     mean, variance = float(short.mean()), float(short.var())

@@ -1,10 +1,11 @@
-"""Trials in a process of their own, so that one that hangs, or ends the process, costs itself alone."""
+"""Run trials in a separate process, so that one that hangs or crashes costs itself alone."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from ...arrays import Array
@@ -14,10 +15,10 @@ from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .trial import Trial
 
-BUILD = 60.0  # s for building an estimator, beyond the time of a trial
-FIRST_RUNS_EXTRA_S = 20.0  # s for the first runs in a new process, which compile and import
+BUILD_EXTRA_S = 60.0  # for building an estimator, beyond the time of a trial
+FIRST_RUNS_EXTRA_S = 20.0  # for the first runs in a new process, which compile and import
 BATCH_TIME_FACTOR = 20  # a batch may last as many times what its runs took by two
-IN_A_ROW = 5  # trials lost one after the other: the rest of the part is not tried
+MAX_LOST_IN_A_ROW = 5  # trials; the rest of the part is not tried
 
 
 @dataclass
@@ -34,18 +35,18 @@ class GuardedEstimator:
     size: int
     timeout: float
     _child: IsolatedProcess | None = None
-    _unbuilt: Raised | Lost | None = None
+    _failure: Raised | Lost | None = None
     _ends: int = 0
     _fresh: bool = True
     _probes: dict[bytes, Probe | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, trial: Trial, builder: Builder, timeout: float) -> GuardedEstimator:
-        """A guard over the estimator that a builder makes; whatever pickling them raises comes out."""
+        """Guard the estimator that a builder makes; whatever pickling them raises comes out."""
         return cls(to_pickle((trial, builder)), trial.problem.space.size, timeout)
 
     def start(self) -> None:
-        """Have the estimator built, if it is not.
+        """Build the estimator in its process, if it is not there.
 
         One that cannot be built is not tried again, but for one that ended the process: that may have been
         killed from outside, and is tried twice.
@@ -54,18 +55,19 @@ class GuardedEstimator:
             Raised: If importing or building it raises.
             Lost: If that takes too long, or ends the process.
         """
-        if self._unbuilt is not None:
-            raise self._unbuilt
+        if self._failure is not None:
+            raise self._failure
         if self._child is None:
             child = IsolatedProcess()
             try:
-                child.ask("build", (BuiltEstimator.build, self.content), lambda count: BUILD + self.timeout)
+                limit = BUILD_EXTRA_S + self.timeout
+                child.ask("build", (BuiltEstimator.build, self.content), lambda count: limit)
             except (Raised, Lost) as error:
                 child.kill()
                 self._ends += isinstance(error, Lost) and error.status == "error"
                 if self._ends == 1:
                     return self.start()
-                self._unbuilt = error
+                self._failure = error
                 raise
             self._child, self._fresh = child, True
 
@@ -94,10 +96,10 @@ class GuardedEstimator:
         if known not in self._probes or (self._fresh and self._probes[known] is not None):
             limit = FIRST_RUNS_EXTRA_S + 4 * self.timeout
             try:
-                found = self._ask("probe", (first_two,), lambda count: limit)
+                probe = self._ask("probe", (first_two,), lambda count: limit)
             except Lost:
-                found = None
-            self._probes.setdefault(known, found)
+                probe = None
+            self._probes.setdefault(known, probe)
             self._fresh = False
         return self._probes[known]
 
@@ -127,18 +129,23 @@ class GuardedEstimator:
         done: dict[int, Outcome] = {}
         lost: set[int] = set()
         deaths: Counter[tuple[int, int]] = Counter()
+
+        def give_up(start: int, end: int, status: str, reason: str) -> None:
+            done[start] = failed_outcome(measurement[start:end].shape, self.size, status, reason)
+
         while todo:
             start, end, at_once = todo.pop()
+            true = None if truth is None else truth[start:end]
             try:
-                true = None if truth is None else truth[start:end]
+                probe = self.probe(first_two)
                 piece = (measurement[start:end], first + start, at_once, true)
-                done[start] = self._piece(piece, first_two)
+                done[start] = self._ask("run", piece, partial(self._allowed, probe))
                 continue
-            except Raised as refused:  # not by the estimator's verbs: by something in our own way to it
-                done[start] = self._blank(measurement[start:end], "error", str(refused))
+            except Raised as error:  # not by the estimator's verbs: by something in our own way to it
+                give_up(start, end, "error", str(error))
                 continue
-            except Lost as stopped:
-                stop = stopped
+            except Lost as error:
+                stop = error
             where, count = start + stop.place, max(1, stop.count)
             after = where + count
             if after < end:
@@ -149,25 +156,19 @@ class GuardedEstimator:
             elif count > 1:
                 todo.append((where, after, 1))
             else:
-                done[where] = self._blank(measurement[where:after], stop.status, stop.reason)
+                give_up(where, after, stop.status, stop.reason)
                 lost.add(where)
-                if after < runs and lost.issuperset(range(after - IN_A_ROW, after)):
-                    reason = f"not tried: {IN_A_ROW} trials in a row were lost before it ({stop.reason})"
-                    done[after] = self._blank(measurement[after:], "skipped", reason)
+                if after < runs and lost.issuperset(range(after - MAX_LOST_IN_A_ROW, after)):
+                    reason = (
+                        f"not tried: {MAX_LOST_IN_A_ROW} trials in a row were lost before it ({stop.reason})"
+                    )
+                    give_up(after, runs, "skipped", reason)
                     todo.clear()
             if where > start:  # they went well, and were lost with the process
                 todo.append((start, where, at_once))
         return concatenate([done[place] for place in sorted(done)])
 
-    def _piece(self, piece: tuple[Array, int, int, Array | None], first_two: Array) -> Outcome:
-        probe = self.probe(first_two)
-        each = 0.0 if probe is None else probe.seconds
-
-        def allowed(count: int) -> float:
-            return max(self.timeout, min(count * self.timeout, BATCH_TIME_FACTOR * count * each))
-
-        outcome: Outcome = self._ask("run", piece, allowed)
-        return outcome
-
-    def _blank(self, measurement: Array, status: str, reason: str) -> Outcome:
-        return failed_outcome(measurement.shape, self.size, status, reason)
+    def _allowed(self, probe: Probe | None, count: int) -> float:
+        """Seconds for runs at once."""
+        seconds = 0.0 if probe is None else probe.seconds
+        return max(self.timeout, min(count * self.timeout, BATCH_TIME_FACTOR * count * seconds))

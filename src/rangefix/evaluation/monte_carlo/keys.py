@@ -5,10 +5,14 @@ from __future__ import annotations
 import datetime
 import importlib.util
 import inspect
-from collections.abc import Callable
-from functools import cache
+import io
+import pickle
+import sys
+from collections.abc import Collection
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -19,73 +23,79 @@ from ..isolation import to_pickle
 from ..results import hash_of
 from .environment import LIBRARIES, PACKAGE, version_of
 
-NUMERIC = (
-    "maps",
-    "filters",
-    "errors.py",
-    "evaluation/experiment.py",
-    "evaluation/seeds.py",
-    "evaluation/isolation",
-    "evaluation/study",
-    "evaluation/results",
-    "evaluation/consistency",
-    "evaluation/monte_carlo",
-)
+# All of this package is in a key but these, which only show numbers: a new module is in it unless named here.
+EXEMPT = ("cli", "evaluation/report", "evaluation/figures", "evaluation/paper", "evaluation/drawing.py")
 
 
-def source_digest(root: Path, inside: tuple[str, ...] = ("",)) -> str:
-    """SHA-256 of the Python files of a package, or of the named folders and files of it."""
-    files = [
-        file
-        for name in inside
-        for file in ([root / name] if name.endswith(".py") else (root / name).rglob("*.py"))
-    ]
+def source_digest(root: Path, exempt: Collection[str] = ()) -> str:
+    """SHA-256 of the Python files of a package, but for some folders and files of it."""
     hashed = sha256()
-    for file in sorted(files):
-        hashed.update(f"{file.relative_to(root).as_posix()}\n".encode() + file.read_bytes())
+    for file in sorted(root.rglob("*.py")):
+        name = file.relative_to(root)
+        if not any(name.is_relative_to(other) for other in exempt):
+            hashed.update(f"{name.as_posix()}\n".encode() + file.read_bytes())
     return hashed.hexdigest()
 
 
 def _identity(thing: object) -> str:
     try:
-        return sha256(to_pickle(thing)).hexdigest()
+        return sha256(to_pickle(thing, cached=False)).hexdigest()
     except Exception:  # what cannot be pickled is never the same again
         return f"unpicklable {id(thing)} {datetime.datetime.now().isoformat()}"
 
 
-def plugin_source(builder: Builder, of_module: Callable[[str], str] | None = None) -> str:
-    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours.
+class _Modules(pickle.Pickler):
+    """Notes the modules of the classes and functions of all that it pickles."""
 
-    `of_module` digests the package of a module; several builders of one package may share one that remembers.
-    """
-    of_module = of_module or _module_source
-    target: Any = builder
-    if isinstance(builder, NamedEstimator):
-        where = builder.name.rpartition(":")[0]
-        if where.endswith(".py"):
-            path = Path(where)
-            return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-        return of_module(module_of(builder.name))
-    module = inspect.getmodule(target)
-    file = getattr(module, "__file__", None)
-    if module is None or file is None:
-        return ""
-    if module.__name__ == "__main__":
-        return sha256(Path(file).read_bytes()).hexdigest()
-    return of_module(module.__name__)
+    def __init__(self) -> None:
+        super().__init__(io.BytesIO())
+        self.names: set[str] = set()
+
+    def reducer_override(self, thing: object) -> Any:
+        """Pickle as usual."""
+        self.names.add((thing if isinstance(thing, type | FunctionType) else type(thing)).__module__)
+        return NotImplemented
+
+
+def _world_source(experiment: Experiment) -> dict[str, str]:
+    """The source of other packages that the world is made of: maps, motions, sensors and their sections."""
+    modules = _Modules()
+    with suppress(Exception):  # what cannot be pickled has no identity either
+        modules.dump((experiment.truth, experiment.assumed))
+    known = {PACKAGE.name, *LIBRARIES, *sys.stdlib_module_names}
+    names = {name.partition(".")[0] for name in (*modules.names, *experiment.sources)}
+    return {name: _module_source(name) for name in sorted(names - known)}
+
+
+def plugin_source(builder: Builder) -> str:
+    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours."""
+    if not isinstance(builder, NamedEstimator):
+        module = inspect.getmodule(builder)
+        return "" if module is None else _module_source(module.__name__)
+    where = builder.name.rpartition(":")[0]
+    if where.endswith(".py"):
+        path = Path(where)
+        return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    with suppress(KeyError, ValueError):  # its trials will say that there is no such estimator
+        return _module_source(module_of(builder.name))
+    return "not found"
 
 
 def _module_source(module: str) -> str:
     """SHA-256 of the source of the package or file that holds a module, which is not imported."""
     top = module.partition(".")[0]
+    loaded = sys.modules.get(top)
     if top == PACKAGE.name:
         return ""
+    if loaded is not None and loaded.__spec__ is None:  # a script, a notebook, or made in memory
+        file = getattr(loaded, "__file__", None)
+        return sha256(Path(file).read_bytes()).hexdigest() if file else ""
     spec = importlib.util.find_spec(top)
-    if spec is None:
-        return "not found"
-    if folders := list(spec.submodule_search_locations or ()):
-        return source_digest(Path(folders[0]))
-    return sha256(Path(spec.origin or "").read_bytes()).hexdigest()
+    if spec and spec.submodule_search_locations:
+        return source_digest(Path(next(iter(spec.submodule_search_locations))))
+    with suppress(OSError):  # it may lie in an archive
+        return sha256(Path(spec.origin or "").read_bytes()).hexdigest() if spec else "not found"
+    return "not found"
 
 
 def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
@@ -102,31 +112,25 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
         experiment.block,
         experiment.control_sequence.tolist(),
         None if experiment.start is None else np.asarray(experiment.start, dtype=float).tolist(),
-        source_digest(PACKAGE, NUMERIC),
+        source_digest(PACKAGE, EXEMPT),
+        _world_source(experiment),
         {name: version_of(name) for name in LIBRARIES},
     )
-    trials, of_module = {}, cache(_module_source)
+    trials = {}
     for label, builder in experiment.estimators.items():
         who = (
             [builder.name, dict(builder.options)]
             if isinstance(builder, NamedEstimator)
             else _identity(builder)
         )
-        try:
-            source = plugin_source(builder, of_module)
-        except Exception:  # its trials will say what is wrong
-            source = "not found"
-        trials[label] = hash_of(world, who, source, experiment.timeout_of(label), experiment.beliefs)
+        limit = experiment.timeout_of(label)
+        trials[label] = hash_of(world, who, plugin_source(builder), limit, experiment.beliefs)
     return world, trials
 
 
 def code_fingerprint(experiment: Experiment) -> dict[str, str | None]:
     """What must be the same on all machines that compute: our source, the libraries and the plug-ins."""
-    prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, NUMERIC)}
-    prints |= {name: version_of(name) for name in LIBRARIES}
-    for label, builder in experiment.estimators.items():
-        try:
-            prints[f"estimator {label!r}"] = plugin_source(builder)
-        except Exception:  # it is not there
-            prints[f"estimator {label!r}"] = None
-    return prints
+    prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, EXEMPT)}
+    prints |= {name: version_of(name) for name in LIBRARIES} | _world_source(experiment)
+    builders = experiment.estimators.items()
+    return prints | {f"estimator {label!r}": plugin_source(builder) for label, builder in builders}

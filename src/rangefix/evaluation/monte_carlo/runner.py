@@ -1,10 +1,10 @@
-"""Runs an experiment part by part: here, on workers or on a cluster, resumable, with the same numbers."""
+"""Run an experiment part by part: here, on workers or on a cluster, resumable, with the same numbers."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -30,15 +30,15 @@ from ..results import (
     write_npz,
     write_part,
 )
-from .backends import _here, on_cluster, on_workers
+from .backends import in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
 from .record_beliefs import save_pictures
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
 
-TIMED = 128  # runs timed at once, at most
-BLOCKS_IN_MEMORY = 20  # blocks of truths and measurements held in memory
+MAX_RUNS_TIMED = 128  # at once
+MAX_BLOCKS_IN_MEMORY = 20  # of truths and measurements
 
 
 class Progress(NamedTuple):
@@ -96,45 +96,36 @@ def run(
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
     experiment = study if isinstance(study, Experiment) else study.experiment()
-    if out is None:
-        with tempfile.TemporaryDirectory(prefix="rangefix-") as kept:
-            results = run(
-                experiment,
-                kept,
-                workers=workers,
-                cluster=cluster,
-                progress=progress,
-                command_line=command_line,
-                timing=timing,
-            )
-            return results.in_memory()
-    folder = Path(out)
-    plan = FolderLayout.of(experiment, *part_keys(experiment))
-    manifest = plan.manifest(experiment, environment(), list(command_line or ()))
-    write_json(folder / MANIFEST, manifest | {"state": "running"})
-    remove_partial_files(folder / "parts")  # what a run left that was killed while writing
-    _simulate_all(experiment, plan, folder, resume)
-    with closing(Worker(experiment)) as crew:
-        _work_all(crew, plan, folder, workers, cluster, progress, resume)
-        if timing:
-            _time_all(crew, plan, folder, resume)
-    _save_scene(experiment, folder)
-    save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
-    write_json(folder / MANIFEST, manifest | {"state": "complete"})
-    results = load(folder)
-    write_bytes(folder / "summary.csv", to_csv(summarise(results)).encode())
-    return results
+    with ExitStack() as stack:
+        folder = Path(
+            stack.enter_context(tempfile.TemporaryDirectory(prefix="rangefix-")) if out is None else out
+        )
+        plan = FolderLayout.of(experiment, *part_keys(experiment))
+        manifest = plan.manifest(experiment, environment(), list(command_line or ()))
+        write_json(folder / MANIFEST, manifest | {"state": "running"})
+        remove_partial_files(folder / "parts")  # what a run left that was killed while writing
+        _simulate_all(experiment, plan, folder, resume)
+        with closing(Worker(experiment)) as worker:
+            _work_all(worker, plan, folder, workers, cluster, progress, resume)
+            if timing:
+                _time_all(worker, plan, folder, resume)
+        _save_scene(experiment, folder)
+        save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
+        write_json(folder / MANIFEST, manifest | {"state": "complete"})
+        results = load(folder)
+        write_bytes(folder / "summary.csv", to_csv(summarise(results)).encode())
+        return results.in_memory() if out is None else results
 
 
 def _simulate_all(experiment: Experiment, plan: FolderLayout, folder: Path, resume: bool) -> None:
-    for first, end in experiment.blocks():
+    for first, end in plan.blocks():
         path = world_path(folder, first, end)
         if not resume or read_if_valid(path, plan.world) is None:
             write_part(path, simulate(experiment, first, end)._asdict(), plan.world)
 
 
 def _work_all(
-    crew: Worker,
+    worker: Worker,
     plan: FolderLayout,
     folder: Path,
     workers: int,
@@ -142,66 +133,66 @@ def _work_all(
     progress: Callable[[Progress], None] | None,
     resume: bool,
 ) -> None:
-    experiment = crew.experiment
+    experiment = worker.experiment
     total = experiment.runs * len(experiment.beam_sets)
     counts = {label: [0, 0] for label in experiment.estimators}
 
-    def tell(label: str, trials: int, failed: int, begun: int = 0) -> None:
+    def report(label: str, trials: int, failed: int, begun: int = 0) -> None:
         counts[label][0] += trials
         counts[label][1] += failed
         if progress:
             progress(Progress(label, counts[label][0] + begun, total, counts[label][1]))
 
-    def path(task: Task) -> Path:
-        return trials_path(folder, task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
-
-    @lru_cache(maxsize=BLOCKS_IN_MEMORY)
+    @lru_cache(maxsize=MAX_BLOCKS_IN_MEMORY)
     def block(first: int, end: int) -> Simulation:
         return Simulation(**read_part(world_path(folder, first, end), plan.world))
 
     def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
-    def key(task: Task) -> str:
-        return plan.key(task.estimator, experiment.beam_labels[task.beams])
+    def place(task: Task) -> tuple[Path, str]:  # where its part is, and the part's key
+        beams = experiment.beam_labels[task.beams]
+        path = trials_path(folder, task.estimator, beams, task.first, task.end)
+        return path, plan.key(task.estimator, beams)
 
     tasks = []
     for label in experiment.estimators:
-        tell(label, 0, 0)
+        report(label, 0, 0)
         for beams in range(len(experiment.beam_labels)):
-            for first, end in experiment.blocks():
+            for first, end in plan.blocks():
                 task = Task(label, beams, first, end)
-                saved = read_if_valid(path(task), key(task)) if resume else None
+                saved = read_if_valid(*place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
                 else:
-                    tell(label, end - first, len(saved["failed"]))
+                    report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
     if cluster is not None:
         parts = on_cluster(experiment, tasks, world, cluster)
     elif workers == 1 or len(tasks) == 1:
-        parts = _here(crew, tasks, world, lambda task, begun: tell(task.estimator, 0, 0, begun))
+        parts = in_process(worker, tasks, world, lambda task, begun: report(task.estimator, 0, 0, begun))
     else:
         parts = on_workers(experiment, tasks, world, workers)
     for task, part in parts:
-        write_part(path(task), part, key(task))
-        tell(task.estimator, task.end - task.first, len(part["failed"]))
+        path, key = place(task)
+        write_part(path, part, key)
+        report(task.estimator, task.end - task.first, len(part["failed"]))
 
 
-def _time_all(crew: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
+def _time_all(worker: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
     """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
-    path, experiment = folder / TIMING, crew.experiment
+    path, experiment = folder / TIMING, worker.experiment
     before = read_timing(path) if resume else {}
-    first, end = experiment.blocks()[0]
+    first, end = plan.blocks()[0]
     measurement = read_part(world_path(folder, first, end), plan.world)["measurement"]
     rows = {}
     for label in experiment.estimators:
         for beams, beam_label in enumerate(experiment.beam_labels):
-            key = hash_of(plan.key(label, beam_label), TIMED, min(TIMED, experiment.runs))
+            key = hash_of(plan.key(label, beam_label), MAX_RUNS_TIMED, min(MAX_RUNS_TIMED, experiment.runs))
             part = read_part(trials_path(folder, label, beam_label, first, end))
-            some = measurement[part["status"] == 0][:TIMED]
-            rows[key] = before.get(key) or crew.time(label, beams, some)
+            ok = measurement[part["status"] == 0][:MAX_RUNS_TIMED]
+            rows[key] = before.get(key) or worker.time(label, beams, ok)
     write_json(path, rows)
 
 
@@ -211,7 +202,7 @@ def _save_scene(experiment: Experiment, folder: Path) -> None:
 
     truth = simulate(experiment, 0, 1).truth[0, 0]
     try:
-        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)  # type: ignore[arg-type]
+        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)
     except (AttributeError, TypeError):
         (folder / "scene.npz").unlink(missing_ok=True)
         return

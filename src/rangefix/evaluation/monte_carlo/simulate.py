@@ -38,17 +38,13 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
     if len(moves):
         truth = follow(problem.motion, starts, moves, streams(seed, "motion", runs))
     measurement = np.empty((*truth.shape[:2], len(problem.sensor.bearings)))
-    read = getattr(problem.sensor, "read", None)
     size = max(1, MAX_RANGES_PER_CAST // measurement[0].size)
     for place in range(0, len(runs), size):
         part = slice(place, place + size)
-        expected = _expected(problem.sensor, truth[part]) if read else None
+        expected = _expected(problem.sensor, truth[part])
         for row, rng in enumerate(streams(seed, "measurement", runs[part]), start=place):
             for step in range(experiment.steps):
-                if read is not None and expected is not None:
-                    measurement[row, step] = read(expected[row - place, step], rng)
-                else:
-                    measurement[row, step] = problem.sensor.sample(truth[row, step], rng)
+                measurement[row, step] = problem.sensor.read(expected[row - place, step], rng)
     return Simulation(truth, measurement)
 
 

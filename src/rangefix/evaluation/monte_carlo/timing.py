@@ -1,4 +1,4 @@
-"""Seconds for an update, on one thread."""
+"""Measure the seconds that an update takes, on one thread."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from time import perf_counter
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import Estimator
+from ...filters.estimator import filtered
 from ..seeds import Streams
 from .trial import Trial
 
@@ -41,15 +42,17 @@ def seconds_per_update(
 
     def once(count: int) -> float:  # seconds for the batch, mean over steps
         rngs = Streams(trial.seed, "estimator", range(count))
-        belief = estimator.init(trial.problem.prior, rngs)
-        spent = 0.0
-        for step in range(measurement.shape[1]):
-            if step:
-                belief = estimator.predict(belief, trial.moves[step - 1], rngs)
-            start = clock()
-            belief = estimator.update(belief, measurement[:count, step], rngs)
-            estimator.estimate(belief)
-            spent += clock() - start
+        start = spent = 0.0
+
+        def begin(verb: str, step: int) -> None:
+            nonlocal start
+            start = clock() if verb == "update" else start
+
+        readings = measurement[:count].swapaxes(0, 1)
+        for verb, _, belief in filtered(estimator, trial.problem.prior, trial.moves, readings, rngs, begin):
+            if verb == "update":
+                estimator.estimate(belief)
+                spent += clock() - start
         return float(spent / measurement.shape[1])
 
     try:
@@ -67,23 +70,17 @@ def seconds_per_update(
 @contextmanager
 def one_thread() -> Iterator[list[str]]:
     """Hold the libraries' thread pools to one thread for timing; yields the names of those it could hold."""
-    held = []
-    numba = sys.modules.get("numba")
-    with warnings.catch_warnings():  # numba says which of its threading layers it cannot take
-        warnings.simplefilter("ignore")
-        before = numba.get_num_threads() if numba else 0
-    try:
-        limits: Any = importlib.import_module("threadpoolctl").threadpool_limits(1)
-        held += ["BLAS", "OpenMP"]
-    except ModuleNotFoundError:
-        limits = None
-    try:
+    held, numba = [], sys.modules.get("numba")
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(importlib.import_module("threadpoolctl").threadpool_limits(1))
+            held += ["BLAS", "OpenMP"]
+        except ModuleNotFoundError:
+            pass
         if numba:
+            with warnings.catch_warnings():  # it says which of its threading layers it cannot take
+                warnings.simplefilter("ignore")
+                stack.callback(numba.set_num_threads, numba.get_num_threads())
             numba.set_num_threads(1)
             held.append("numba")
         yield held
-    finally:
-        if numba:
-            numba.set_num_threads(before)
-        if limits is not None:
-            limits.restore_original_limits()

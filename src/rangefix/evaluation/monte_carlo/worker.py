@@ -1,8 +1,9 @@
-"""What does the trials of an experiment, part by part; one to a process."""
+"""Do the trials of an experiment, part by part; one worker to a process."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -11,8 +12,8 @@ from ...arrays import Array
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Lost, Note, Raised, silent
-from ..results import Outcome, failed_outcome, part_arrays
+from ..isolation import Lost, Note, Raised, say_nothing
+from ..results import failed_outcome, part_arrays
 from .batch_size import batch_size
 from .built_estimator import BuiltEstimator
 from .evidence_floor import evidence_floor
@@ -30,126 +31,112 @@ class Task(NamedTuple):
     end: int
 
 
-class BuildFailure(Exception):
-    """Why there is no estimator: the status of its trials, and the reason."""
-
-    def __init__(self, reason: str, status: str = "error") -> None:
-        super().__init__(reason)
-        self.status = status
-
-
 @dataclass
 class Worker:
-    """Builds what tasks share, once in each process: the experiment's estimators and their batch sizes."""
+    """Builds what tasks share, once in each process.
+
+    Attributes:
+        experiment: The experiment.
+        built: Label -> the estimator, or why there is none.
+        sizes: Label and number of the set of beams -> runs to a batch, of estimators in this process.
+    """
 
     experiment: Experiment
-    built: dict[str, BuiltEstimator | BuildFailure] = field(default_factory=dict)
-    guards: dict[str, GuardedEstimator] = field(default_factory=dict)
+    built: dict[str, BuiltEstimator | GuardedEstimator | Raised] = field(default_factory=dict)
     sizes: dict[tuple[str, int], int] = field(default_factory=dict)
-    first: Array | None = None
 
-    @property
+    @cached_property
     def trial(self) -> Trial:
         """What all estimators are put to."""
         moves = self.experiment.control_sequence.copy()
         moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
         return Trial(self.experiment.assumed_problem, moves, self.experiment.seed)
 
-    def contestant(self, label: str) -> BuiltEstimator:
-        """The estimator, in this process.
+    def estimator(self, label: str) -> BuiltEstimator | GuardedEstimator:
+        """The estimator, built in this process; where its trials have a time limit, in a separate one.
 
         Raises:
-            BuildFailure: With what its builder raised.
+            Raised: What its builder raised; one in a separate process will say so when it is asked.
         """
+        self.close(but=label)
         if label not in self.built:
+            builder, limit = self.experiment.estimators[label], self.experiment.timeout_of(label)
             try:
-                self.built[label] = BuiltEstimator.build(self.trial, self.experiment.estimators[label])
-            except (Exception, SystemExit) as error:  # a plug-in may raise anything
-                text = one_line(error) + plugin_line(error.__traceback__)
-                self.built[label] = self._unbuilt(label, Raised(type(error).__name__, text))
-        found = self.built[label]
-        if isinstance(found, BuildFailure):
-            raise found
-        return found
+                if limit is None:
+                    self.built[label] = BuiltEstimator.build(self.trial, builder)
+                else:
+                    self.built[label] = GuardedEstimator.of(self.trial, builder, limit)
+            except (Exception, SystemExit) as error:  # a plug-in may raise anything, and refuse to be pickled
+                kind, text = type(error).__name__, one_line(error)
+                if limit is None:
+                    self.built[label] = Raised(kind, text + plugin_line(error.__traceback__))
+                else:
+                    text = f"it cannot be sent to a process of its own: {kind}: {text}"
+                    self.built[label] = Raised("", f"{text}; timeout 0 runs it in this one")
+        built = self.built[label]
+        if isinstance(built, Raised):
+            raise built
+        return built
 
-    def guard(self, label: str, limit: float) -> GuardedEstimator:
-        """The estimator in a process of its own; those of other estimators are ended.
-
-        Raises:
-            BuildFailure: If it cannot be sent, or built, there.
-        """
-        for other in self.guards.keys() - {label}:
-            self.guards[other].close()
-        if label not in self.guards:
-            try:
-                self.guards[label] = GuardedEstimator.of(self.trial, self.experiment.estimators[label], limit)
-            except Exception as error:  # whatever refuses to be pickled
-                text = f"it cannot be sent to a process of its own: {type(error).__name__}: {one_line(error)}"
-                raise BuildFailure(f"{text}; timeout 0 runs it in this one") from None
-        try:
-            self.guards[label].start()
-        except (Raised, Lost) as error:
-            raise self._unbuilt(label, error) from None
-        return self.guards[label]
-
-    def _unbuilt(self, label: str, error: Raised | Lost) -> BuildFailure:
-        """Names the plug-in and the stage."""
-        builder = self.experiment.estimators[label]
-        name = f"estimator {(builder.name if isinstance(builder, NamedEstimator) else label)!r}"
-        if isinstance(error, Lost):
-            return BuildFailure(f"{name}: {error}", error.status)
-        return BuildFailure(error.text if error.kind == "ImportError" else f"building {name} failed: {error}")
-
-    def close(self) -> None:
-        """End the processes of guarded estimators."""
-        for guard in self.guards.values():
-            guard.close()
+    def close(self, but: str = "") -> None:
+        """End the processes of estimators, but for one of them."""
+        for label, built in self.built.items():
+            if label != but and isinstance(built, GuardedEstimator):
+                built.close()
 
     def probe_measurement(self, beams: int) -> Array:
         """Measurements of runs 0 and 1, which size batches the same way in all processes."""
-        if self.first is None:
-            self.first = simulate(self.experiment, 0, 2).measurement
-        return self.experiment.masked(self.first, beams)
+        return self.experiment.masked(self._first_two, beams)
 
-    def work(self, task: Task, world: Simulation, note: Note = silent) -> dict[str, NDArray[Any]]:
-        """The part of a task whose runs are given; `note` hears what is about to be done."""
-        seen = self.experiment.masked(world.measurement, task.beams)
+    @cached_property
+    def _first_two(self) -> Array:
+        return simulate(self.experiment, 0, 2).measurement
+
+    def work(self, task: Task, world: Simulation, note: Note = say_nothing) -> dict[str, NDArray[Any]]:
+        """Do a task whose runs are given; `note` is told what is about to be done."""
+        problem = self.experiment.assumed_problem
+        readings = self.experiment.masked(world.measurement, task.beams)
         truth = world.truth if self.experiment.beliefs else None
-        size = self.experiment.assumed_problem.space.size
         try:
-            outcome = self._outcome(task, seen, truth, note)
-        except BuildFailure as unbuilt:
-            outcome = failed_outcome(seen.shape, size, unbuilt.status, str(unbuilt))
-        except (Raised, Lost) as error:  # it was built, and cannot be built again
-            again = self._unbuilt(task.estimator, error)
-            outcome = failed_outcome(seen.shape, size, again.status, str(again))
-        return part_arrays(outcome, evidence_floor(self.experiment.assumed_problem.sensor, seen))
+            built, probe_measurement = self.estimator(task.estimator), self.probe_measurement(task.beams)
+            if isinstance(built, GuardedEstimator):
+                outcome = built.run(readings, task.first, probe_measurement, truth)
+            else:
+                size = self._batch_size(task.estimator, task.beams, built)
+                outcome = built.run(readings, task.first, size, truth, note)
+        except (Raised, Lost) as error:
+            status = error.status if isinstance(error, Lost) else "error"
+            reason = self._why_not_built(task.estimator, error)
+            outcome = failed_outcome(readings.shape, problem.space.size, status, reason)
+        return part_arrays(outcome, evidence_floor(problem.sensor, readings))
 
-    def _outcome(self, task: Task, seen: Array, truth: Array | None, note: Note) -> Outcome:
-        label, beams = task.estimator, task.beams
-        limit = self.experiment.timeout_of(label)
-        if limit is not None:
-            return self.guard(label, limit).run(seen, task.first, self.probe_measurement(beams), truth)
-        contestant = self.contestant(label)
+    def _batch_size(self, label: str, beams: int, built: BuiltEstimator) -> int:
         if (label, beams) not in self.sizes:
-            size = batch_size(contestant.trial, contestant.estimator, self.probe_measurement(beams))
-            self.sizes[label, beams] = size
-        return contestant.run(seen, task.first, self.sizes[label, beams], truth, note)
+            first_two = self.probe_measurement(beams)
+            self.sizes[label, beams] = batch_size(self.trial, built.estimator, first_two)
+        return self.sizes[label, beams]
+
+    def _why_not_built(self, label: str, error: Raised | Lost) -> str:
+        """The plug-in and the stage by name."""
+        builder = self.experiment.estimators[label]
+        name = f"estimator {(builder.name if isinstance(builder, NamedEstimator) else label)!r}"
+        if isinstance(error, Lost):
+            return f"{name}: {error}"
+        return error.text if error.kind in ("", "ImportError") else f"building {name} failed: {error}"
 
     def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
         row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
-        seen, limit = self.experiment.masked(measurement, beams), self.experiment.timeout_of(label)
-        if not len(seen):
+        readings = self.experiment.masked(measurement, beams)
+        if not len(readings):
             return row
         try:
-            if limit is None:
-                contestant = self.contestant(label)
-                size = batch_size(contestant.trial, contestant.estimator, self.probe_measurement(beams))
-                return row | contestant.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
-            guard = self.guard(label, limit)
-            probe = guard.probe(self.probe_measurement(beams))
-            size = 1 if probe is None else probe.size
-            return row | guard.time(seen[:size]) | {"runs_at_once": len(seen[:size])}
-        except (BuildFailure, Raised, Lost):
+            built = self.estimator(label)
+            if isinstance(built, GuardedEstimator):
+                probe = built.probe(self.probe_measurement(beams))
+                size = 1 if probe is None else probe.size
+            else:
+                size = self._batch_size(label, beams, built)
+            return row | built.time(readings[:size]) | {"runs_at_once": len(readings[:size])}
+        except (Raised, Lost):
             return row

@@ -3,32 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 
 from ..consistency import beams_in_words
-from ..figures import INK, draw_beams, draw_truth, draw_walls, label_positions
+from ..figures import draw_beams, draw_density, draw_truth, draw_walls, finish, label_positions
 from .table1 import Paper, Table1Row
 
 
-def _numbers(beams: str) -> list[int]:
-    return [int(number) for number in beams.split("+")]
-
-
-def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> Any:
-    density = paper.densities[row.beams]
-    image = axes.imshow(
-        density / density.max(),
-        origin="lower",
-        extent=tuple(paper.scene["extent"]),
-        cmap=INK,
-        norm=PowerNorm(0.5, 0.0, 1.0),
-        interpolation="nearest",
-    )
+def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> AxesImage:
+    image = draw_density(axes, paper.densities[row.beams], paper.scene["extent"])
     draw_truth(axes, paper.scene, size=star)
     bars = axes.errorbar(
         row.mean[0],
@@ -49,13 +36,13 @@ def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0)
     return image
 
 
-def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> Any:
+def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> AxesImage:
     left, right, lower, upper = paper.scene["extent"]
     image = _density_image(axes, paper, row)
     axes.set_xlim(left - 0.12, right + 0.12)
     axes.set_ylim(lower - 0.12, upper + 0.12)
     draw_walls(axes, paper.scene)
-    draw_beams(axes, paper.scene, _numbers(row.beams))
+    draw_beams(axes, paper.scene, map(int, row.beams.split("+")))
     label_positions(axes)
     axes.set_xticks(range(int(right) + 1))
     axes.set_yticks(range(int(upper) + 1))
@@ -90,7 +77,4 @@ def posterior_maps(paper: Paper, beam_sets: Sequence[str], title: str) -> Figure
         _close_up(panels[0, 0], paper, paper.row(beam_sets[0]))
     bar = figure.colorbar(image, ax=panels, shrink=0.7, aspect=35, pad=0.02)
     bar.set_label("posterior density / its peak")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+    return finish(figure, title, panels[:1, 0], columns=2)

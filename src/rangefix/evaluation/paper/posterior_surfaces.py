@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...arrays import Array, IntArray
 from ..consistency import beams_in_words
-from ..figures import INK
+from ..figures import INK, STAR
 from .table1 import Paper
 
 COARSE = 10  # cells between the lines of a surface where it is flat
@@ -68,17 +68,7 @@ def _surface(axes: Any, paper: Paper, beams: str, half_width: float = np.inf) ->
     axes.plot(
         [truth[0]] * 2, [truth[1]] * 2, [foot, top], color="black", linewidth=0.9, linestyle=":", zorder=4
     )
-    axes.plot(
-        *truth,
-        top,
-        "*",
-        markersize=10,
-        markerfacecolor="white",
-        markeredgecolor="black",
-        zorder=5,
-        linestyle="none",
-        label="true position",
-    )
+    axes.plot(*truth, top, **STAR, markersize=10, zorder=5, label="true position")
     width, length = np.ptp(x1), np.ptp(x2)
     axes.set_xlim(x1[0], x1[-1])
     axes.set_ylim(x2[0], x2[-1])

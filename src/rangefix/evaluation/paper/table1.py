@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
+from ...filters.estimator import filtered
 from ...filters.point_mass import PointMassBelief, PointMassFilter
 from ...maps import RectangularRoom
 from ..results import scene, write_json, write_npz
@@ -40,9 +41,7 @@ FIGURE_2 = ("1", "2", "3", "1+2", "2+3", "1+3")
 FIGURE_3 = ("1+2+3",)
 CELLS = (0.10, 0.05, 0.02, 0.01)  # m; the last is the table's
 BAND_CELL = 0.02  # m
-CELL_SUM_ROUNDING = (
-    1e-5  # m; beam 2 alone gives 0.05 m whatever the draw, a sum over cells a little less or more
-)
+CELL_SUM_ROUNDING = 1e-5  # m; beam 2 alone gives 0.05 m whatever the draw, up to the rounding of sums
 BAND = (5.0, 95.0)  # percent of the draws
 
 
@@ -197,7 +196,8 @@ def solve(draws: int = 1000, seed: int = 0) -> Paper:
 def _update(estimator: PointMassFilter, measurements: Array) -> PointMassBelief:
     """The belief after one measurement (M, B), from the prior."""
     rngs = [np.random.default_rng(0)] * len(measurements)  # nothing is drawn
-    return estimator.update(estimator.init(estimator.problem.prior, rngs), measurements, rngs)
+    *_, (_, _, belief) = filtered(estimator, estimator.problem.prior, (), [measurements], rngs)
+    return belief
 
 
 def _moments(estimator: PointMassFilter, measurements: Array) -> tuple[Array, Array]:
@@ -235,7 +235,9 @@ def load(folder: Path) -> Paper:
     draws = text["noise_draws"]
     return Paper(
         rows=tuple(rows),
-        convergence={each["cell_m"]: np.array(list(each["std_m"].values())) for each in text["convergence"]},
+        convergence={
+            entry["cell_m"]: np.array(list(entry["std_m"].values())) for entry in text["convergence"]
+        },
         agreeing=draws["share_with_all_printed_figures"],
         draws=draws["count"],
         seed=draws["seed"],

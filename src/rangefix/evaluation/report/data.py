@@ -1,37 +1,66 @@
-"""What a report shows, worked out from results: rows, verdicts, scores and beliefs."""
+"""What a report shows of a study, as plain records: verdicts, tables, calibration, failures, origin."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
-import numpy as np
-
-from ...arrays import Array
 from ..consistency import (
-    RANK_DRAWS,
-    Curve,
+    CERTAIN,
+    LARGE_FACTOR,
     Gate,
     GateLine,
-    Reliability,
+    Kind,
     Row,
     Verdict,
     check_gates,
-    coverage_curve,
-    curve,
     decide,
     decide_overall,
-    factor,
-    histogram,
-    nees,
-    pit,
-    rank_histogram,
-    reliability,
+    format_factor,
+    format_interval,
 )
-from ..consistency.summarise import summarise
-from ..results import MAX_RUNS_IN_MEMORY, BeliefScores, Results, Trials
+from ..consistency.summarise import run_blocks, summarise
+from ..results import MAX_RUNS_IN_MEMORY, Results
+from .calibration import Strip, calibration_of, course
+from .tables import Table, overview, scores
+
+SIGNS: dict[Kind, tuple[str, str]] = {
+    "honest": ("\u2713", "honest"),
+    "overconfident": ("!", "overconfident"),
+    "cautious": ("\u2193", "too cautious"),
+    "uneven": ("!", "uneven"),
+    "biased": ("\u2192", "biased"),
+    "unsure": ("?", "cannot tell"),
+    "failed": ("\u00d7", "no answer"),
+}
+MAX_REASONS_SHOWN = 8  # of the failures of one estimator
+
+
+class Badge(NamedTuple):
+    """A verdict at a glance: a sign, a word or two, and the class that colours it."""
+
+    sign: str
+    word: str
+    colour: str
+
+    @classmethod
+    def of(cls, verdict: Verdict, with_factor: bool = False) -> Badge:
+        """The badge of a verdict, with its factor if asked for."""
+        sign, word = SIGNS[verdict.kind]
+        value = verdict.factor.value
+        if verdict.kind in ("overconfident", "cautious") and 0 < value <= CERTAIN:
+            if 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
+                word = f"a little {word.removeprefix('too ')}"
+            if with_factor:
+                word += f" \u00d7 {format_factor(max(value, 1 / value))}"
+        return cls(sign, word, colour(verdict))
+
+
+def colour(verdict: Verdict) -> str:
+    """The class that colours a verdict."""
+    return "mild" if verdict.kind == "overconfident" and not verdict.severe else verdict.kind
 
 
 @dataclass(frozen=True)
@@ -40,108 +69,109 @@ class Setting:
 
     Attributes:
         row: Its row.
-        errors, covariance: Of those that went well of the first MOST runs, (M, n) and (M, n, n).
-        belief: Measures of its sampled beliefs in those runs; None where it does not sample.
+        verdict: The verdict on that row alone.
+        calibration: Coverage, PIT or ranks, reliability of the runs that went well; none if none did.
+        course: ANEES / n after each measurement; None where there is one.
+        figures: Label -> figure with its interval.
+        failures: Why trials failed -> how many did.
     """
 
     row: Row
-    errors: Array
-    covariance: Array
-    belief: BeliefScores | None
-
-    @property
-    def verdict(self) -> Verdict:
-        """The verdict on this setting alone."""
-        return decide(self.row)
-
-    @cached_property
-    def stds(self) -> Array:
-        """Claimed standard deviations, (M, n)."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
-
-    def coverage(self) -> list[tuple[Curve, str]]:
-        """The curve of the Gaussian ellipses and, where beliefs were sampled, that of the beliefs."""
-        curves = [(coverage_curve(nees(self.errors, self.covariance), self.errors.shape[1]), "claim")]
-        if self.belief is not None and len(self.errors):
-            levels = curves[0][0].levels
-            ranks = self.belief.distance_rank
-            curves.append((curve((ranks + 0.5) / (RANK_DRAWS + 1), levels, levels), "belief"))
-        return curves
-
-    def histogram(self, component: int) -> tuple[Array, bool]:
-        """Counts, and whether they are ranks among samples rather than PIT values of the Gaussian claim."""
-        if self.belief is not None:
-            return rank_histogram(self.belief.ranks[:, component]), True
-        return histogram(pit(self.errors[:, component], self.stds[:, component])), False
-
-    def reliability(self, component: int) -> list[Reliability]:
-        """Error against claimed sigma of one component, in the unit in which it is shown."""
-        k = factor(self.row.names[component])
-        return reliability(k * self.errors[:, component], k * self.stds[:, component])
+    verdict: Verdict
+    calibration: Sequence[Strip]
+    course: Strip | None
+    figures: dict[str, str]
+    failures: Counter[str]
 
 
 @dataclass(frozen=True)
-class Failures:
-    """Why trials of one estimator on one set of beams failed: counts by status, and by reason."""
+class EstimatorReport:
+    """One estimator: its label, its verdict in all settings, builder and options, and each setting."""
 
-    estimator: str
-    beams: str
-    counts: dict[str, int]
-    reasons: Counter[str]
+    name: str
+    verdict: Verdict
+    builder: str
+    options: str
+    settings: Sequence[Setting]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a trial failed."""
+        return any(setting.row.failures for setting in self.settings)
+
+    @property
+    def reasons(self) -> list[tuple[str, int]]:
+        """Why its trials failed and how many did, the most frequent first."""
+        return sum((setting.failures for setting in self.settings), Counter[str]()).most_common()
 
 
 @dataclass(frozen=True)
 class ReportData:
-    """All that a report shows of a study.
+    """All that a report shows of a study, but its figures.
 
     Attributes:
-        results: The results.
-        rows: All rows: every estimator, set of beams and step.
-        settings: After the last measurement, by estimator and set of beams.
-        failures: Where there were any.
-        lines: What gates made of the rows.
+        results: The study; its manifest says where the numbers come from.
+        steps: Measurements in a run.
+        ok, planned: Trials that went well, and those planned.
+        sampled: Whether an estimator's belief was sampled.
+        estimators: Each estimator.
+        table, scores: Of all settings after the last measurement.
+        gates: What gates made of the rows.
     """
 
     results: Results
-    rows: Sequence[Row]
-    settings: dict[tuple[str, str], Setting]
-    failures: Sequence[Failures]
-    lines: Sequence[GateLine]
-
-    @property
-    def steps(self) -> int:
-        """Measurements in a run."""
-        return 1 + max(row.step for row in self.rows)
-
-    def rows_of(self, estimator: str) -> list[Row]:
-        """The rows of an estimator."""
-        return [row for row in self.rows if row.estimator == estimator]
-
-    def overall(self, estimator: str) -> Verdict:
-        """The verdict on an estimator in all its settings."""
-        return decide_overall(self.rows_of(estimator))
+    steps: int
+    ok: int
+    planned: int
+    sampled: bool
+    estimators: Sequence[EstimatorReport]
+    table: Table
+    scores: Table
+    gates: Sequence[GateLine]
 
 
 def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
     """Work out what a report shows."""
     rows = summarise(results)
-    settings, failures = {}, []
-    for row in {(row.estimator, row.beams): row for row in rows}.values():  # the last step of each
-        trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MAX_RUNS_IN_MEMORY))
-        settings[row.estimator, row.beams] = _setting(results, trials, row)
-        if row.failures:
-            failures.append(
-                Failures(row.estimator, row.beams, row.failures, Counter(trials.reasons.values()))
-            )
-    return ReportData(results, rows, settings, failures, check_gates(gates, rows))
+    steps = 1 + max(row.step for row in rows)
+    last = [row for beams in results.beam_sets for row in rows if (row.beams, row.step) == (beams, steps - 1)]
+    sampled = any(row.beliefs is not None for row in last)
+    return ReportData(
+        results,
+        steps,
+        ok=sum(row.ok for row in last),
+        planned=sum(row.planned for row in last),
+        sampled=sampled,
+        estimators=[_estimator(results, label, rows) for label in results.estimators],
+        table=overview(last),
+        scores=scores(last, sampled),
+        gates=check_gates(gates, rows),
+    )
 
 
-def _setting(results: Results, trials: Trials, row: Row) -> Setting:
-    ok = trials.ok
-    truth = results.source.world(0, len(ok))[0][:, -1]
-    errors = results.space.difference(truth, trials.mean[:, -1])[ok]
-    covariance = trials.covariance[ok, -1]
-    belief = trials.belief(-1)
-    if belief is not None and not np.isfinite(belief.energy).all():
-        belief = None  # of a folder whose parts were made in part without samples
-    return Setting(row, errors, covariance, belief)
+def _estimator(results: Results, label: str, rows: Sequence[Row]) -> EstimatorReport:
+    """One estimator, from the rows of all."""
+    own = [row for row in rows if row.estimator == label]
+    settings = [_setting(results, [row for row in own if row.beams == beams]) for beams in results.beam_sets]
+    described = results.manifest.get("estimators", {}).get(label, {})
+    builder = described.get("name") or described.get("builder") or label
+    options = ", ".join(f"{key} = {value}" for key, value in (described.get("options") or {}).items())
+    return EstimatorReport(label, decide_overall(own), builder, options, settings)
+
+
+def _setting(results: Results, rows: Sequence[Row]) -> Setting:
+    """One estimator on one set of beams, from its rows by step."""
+    row = rows[-1]
+    trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MAX_RUNS_IN_MEMORY))
+    verdicts = [(step.anees, colour(decide(step))) for step in rows]
+    return Setting(
+        row,
+        decide(row),
+        calibration_of(run_blocks(results, trials, 0, trials.ok)[-1]) if row.ok else [],
+        course(verdicts) if row.ok and len(rows) > 1 else None,
+        {
+            metric.full_label(name): format_interval(metric.in_shown_unit(interval, name))
+            for metric, name, interval in row.shown("report")
+        },
+        Counter(trials.reasons.values()),
+    )

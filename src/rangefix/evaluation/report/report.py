@@ -1,26 +1,56 @@
 """One self-contained HTML page on a study: verdict, table, figures, details, failures, provenance.
 
 The page loads nothing and runs nothing; it follows the reader's light or dark setting, fits a telephone and
-prints. docs/report.md tells how to read it. The command line calls
+prints. docs/report.md tells how to read it; `page.html.j2` is its text, `style.css` its looks. The command
+line calls
 
     path = write_report(folder, out)      # rangefix report DIR [--out FILE]
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from ..consistency import Gate
-from ..results import Results, load, write_bytes
-from .data import collect
-from .details import charts, details
-from .html import page, tag
-from .pictures import pictures
-from .scores import scores
-from .sections import failures, heading, provenance, table, verdicts
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
-SECTIONS = ("verdict", "table", "scores", "charts", "pictures", "estimators", "failures", "provenance")
+from ..consistency import ALARMS, LARGE_FACTOR, Gate, beams_in_words, capital, format_interval, visible
+from ..results import FAILURES, Results, load, write_bytes
+from .data import MAX_REASONS_SHOWN, Badge, collect
+
+DPI = 96.0  # at which a figure has its natural width on a screen
+NARROWEST = 6.4  # inches
+WIDE = 700  # px; two narrower figures stand side by side where there is room
+READABLE = 0.75  # of its natural width a figure's letters can still be read; narrower, it scrolls
+
+
+class ShownFigure(NamedTuple):
+    """A figure as the page embeds it.
+
+    Attributes:
+        title, caption: Of its kind.
+        address: The drawing, an SVG, as a data URI: as an image it can run nothing, and its ids are its own.
+        width, height: Natural, px.
+    """
+
+    title: str
+    caption: str
+    address: str
+    width: int
+    height: int
+
+    @property
+    def least_width(self) -> int:
+        """Below this it scrolls, px."""
+        return round(READABLE * self.width)
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it has a line of the page for itself."""
+        return self.width > WIDE
 
 
 def write_report(folder: Path | str, out: Path | str | None = None, gates: Sequence[Gate] = ()) -> Path:
@@ -47,24 +77,35 @@ def write_report(folder: Path | str, out: Path | str | None = None, gates: Seque
 
 def render(results: Results, gates: Sequence[Gate] = ()) -> str:
     """The page."""
-    found = collect(results, gates)
-    manifest = results.manifest
-    version = (manifest.get("versions") or {}).get("rangefix", "")
-    body = [
-        heading(found),
-        tag("nav", (tag("a", name, href=f"#{name}") for name in SECTIONS), aria_label="Sections"),
-        tag(
-            "main",
-            verdicts(found),
-            table(found),
-            scores(found),
-            charts(found),
-            pictures(results),
-            details(found),
-            failures(found),
-            provenance(found),
-        ),
-        tag("footer", f"Written by rangefix {version}"),
-    ]
-    style = Path(__file__).with_name("style.css").read_text(encoding="utf-8")
-    return page(f"{manifest.get('title') or manifest.get('name') or 'study'} - rangefix", style, body)
+    template = environment().get_template("page.html.j2")
+    return template.render(study=collect(results, gates), figures=list(figures(results)))
+
+
+def environment() -> Environment:
+    """Templates that escape whatever is not their own text, and show what could hide or turn text as such."""
+    made = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else visible(value),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {"badge": Badge.of, "beams": beams_in_words, "capital": capital}
+    made.filters["interval"] = format_interval
+    made.globals |= {"ALARMS": ALARMS, "LARGE_FACTOR": LARGE_FACTOR, "FAILURES": FAILURES}
+    made.globals["MAX_REASONS_SHOWN"] = MAX_REASONS_SHOWN
+    return made
+
+
+def figures(results: Results) -> Iterator[ShownFigure]:
+    """All figures of a study, drawn anew from its results."""
+    from ..figures import study_figures, styled, to_svg
+
+    with styled():
+        for kind, figure in study_figures(results):
+            if figure.get_figwidth() < NARROWEST:
+                figure.set_figwidth(NARROWEST)  # room for the title
+            width, height = (round(float(size) * DPI) for size in figure.get_size_inches())
+            address = f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure)).decode()}"
+            yield ShownFigure(kind.title, kind.caption, address, width, height)

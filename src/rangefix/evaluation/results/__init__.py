@@ -1,6 +1,5 @@
 """What a study yields, in memory and in a folder."""
 
-from ...arrays import Array
 from .belief_images import FILE, Picture, load_pictures
 from .files import (
     ResultsError,
@@ -23,53 +22,18 @@ from .folder import (
     world_path,
 )
 from .map_snapshot import Scene, scene
+from .notebook import html_table
 from .outcome import (
     FAILURES,
     PREFIX,
     STATUSES,
     BeliefScores,
     Outcome,
+    Status,
     concatenate,
     failed_outcome,
+    failures_of,
     with_status,
 )
 from .results import MAX_RUNS_IN_MEMORY, Results, load
 from .trials import Source, Trials
-
-__all__ = [
-    "FAILURES",
-    "FILE",
-    "MANIFEST",
-    "MAX_RUNS_IN_MEMORY",
-    "PREFIX",
-    "STATUSES",
-    "TIMING",
-    "Array",
-    "BeliefScores",
-    "FolderLayout",
-    "Outcome",
-    "Picture",
-    "Results",
-    "ResultsError",
-    "Scene",
-    "Source",
-    "Trials",
-    "concatenate",
-    "failed_outcome",
-    "hash_of",
-    "load",
-    "load_pictures",
-    "part_arrays",
-    "read_if_valid",
-    "read_part",
-    "read_timing",
-    "remove_partial_files",
-    "scene",
-    "trials_path",
-    "with_status",
-    "world_path",
-    "write_bytes",
-    "write_json",
-    "write_npz",
-    "write_part",
-]

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from ...arrays import Array
 from .files import read_part
@@ -40,10 +36,8 @@ def load_pictures(folder: Path) -> tuple[Picture, ...]:
     if not path.exists():
         return ()
     arrays = read_part(path)
-    count = sum(name.endswith("_density") and not name.endswith("heading_density") for name in arrays)
-    return tuple(_picture(arrays, place) for place in range(count))
-
-
-def _picture(arrays: Mapping[str, NDArray[Any]], place: int) -> Picture:
     names = ("density", "extent", "headings", "heading_density")
-    return Picture(str(arrays[f"{place}_estimator"]), *(arrays[f"{place}_{name}"] for name in names))
+    return tuple(
+        Picture(str(arrays[f"{place}_estimator"]), *(arrays[f"{place}_{name}"] for name in names))
+        for place in range(sum(name.endswith("_estimator") for name in arrays))
+    )

@@ -2,42 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib import import_module
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...arrays import Array
-from ...filters import StateSpace
 from .files import ResultsError
 from .outcome import STATUSES
-from .trials import Trials
+
+if TYPE_CHECKING:
+    from .results import Results
 
 
-class Tabular(Protocol):
-    """What a table is made of: `Results`, which is not imported here, for it imports this module."""
-
-    @property
-    def manifest(self) -> Mapping[str, Any]: ...
-    @property
-    def space(self) -> StateSpace: ...
-    @property
-    def estimators(self) -> tuple[str, ...]: ...
-    @property
-    def beam_sets(self) -> tuple[str, ...]: ...
-    @property
-    def runs(self) -> int: ...
-    @property
-    def truth(self) -> Array: ...
-    @property
-    def measurement(self) -> Array: ...
-    @property
-    def trials(self) -> tuple[Trials, ...]: ...
-    def errors(self, trials: Trials) -> Array: ...
-
-
-def to_dataframe(results: Tabular) -> Any:
+def to_dataframe(results: Results) -> Any:
     """A pandas.DataFrame: a row for each estimator, set of beams, run and step; m and rad.
 
     Columns: estimator, beams, run, step, status, reason; for each component NAME its truth NAME_true, its
@@ -73,7 +50,7 @@ def to_dataframe(results: Tabular) -> Any:
     return pandas.concat(frames, ignore_index=True)
 
 
-def to_xarray(results: Tabular) -> Any:
+def to_xarray(results: Results) -> Any:
     """An xarray.Dataset with the dimensions estimator, beams, run, step, component, component_2 and beam.
 
     The variables are truth, measurement, mean, covariance, log_evidence, improbable and status, whose codes

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Arrays = Mapping[str, NDArray[Any]]
-SEAL = ("key", "sha256")  # members of a part beside its arrays
 
 
 class ResultsError(ValueError):

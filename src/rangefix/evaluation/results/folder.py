@@ -65,7 +65,7 @@ class FolderLayout:
 
     def blocks(self) -> list[tuple[int, int]]:
         """First run and end of each part."""
-        return [(first, min(first + self.block, self.runs)) for first in range(0, self.runs, self.block)]
+        return run_blocks(self.runs, self.block)
 
     def manifest(
         self, experiment: Experiment, around: Mapping[str, Any], command_line: Sequence[str]
@@ -91,6 +91,11 @@ class FolderLayout:
             **around,
             "plan": {**vars(self), "trials": dict(self.trials)},
         }
+
+
+def run_blocks(runs: int, size: int) -> list[tuple[int, int]]:
+    """Cut runs into blocks of a size: first run and end of each."""
+    return [(first, min(first + size, runs)) for first in range(0, runs, size)]
 
 
 def world_path(folder: Path, first: int, end: int) -> Path:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array
-from ...filters import Prior, Rangefinder
+from ...filters import Prior, Sensor
+from ...raster import Raster
 
 Scene = Mapping[str, Array]
 PIXELS = 600  # along the longer side of the map
 
 
-def scene(sensor: Rangefinder, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
+def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
     """The scene of a problem as float64 arrays, ready to be saved.
 
     Args:
@@ -35,14 +36,13 @@ def scene(sensor: Rangefinder, prior: Prior, truth: ArrayLike) -> dict[str, Arra
     lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
     step = float((upper - lower).max()) / PIXELS
     counts = np.maximum(1, np.ceil((upper - lower) / step * (1 - 1e-9))).astype(int)
-    axes = [low + step * (np.arange(count) + 0.5) for low, count in zip(lower, counts, strict=True)]
-    x1, x2 = np.meshgrid(*axes)
+    raster = Raster(lower, step, tuple(counts.tolist()))
     pose = space.poses(np.asarray(truth, dtype=float))
     corners = [corner[space.position_indices] for corner in prior.support]
     return {
-        "segments": np.asarray(getattr(room, "segments", np.empty((0, 4))), dtype=float),
-        "free": room.is_free(np.stack([x1, x2], axis=-1)).astype(float),
-        "extent": np.array([lower[0], lower[0] + step * counts[0], lower[1], lower[1] + step * counts[1]]),
+        "segments": np.asarray(room.segments, dtype=float),
+        "free": room.is_free(raster.centres).T.astype(float, order="C"),
+        "extent": np.column_stack([lower, raster.upper]).ravel(),
         "prior_lower": corners[0],
         "prior_upper": corners[1],
         "truth": pose,

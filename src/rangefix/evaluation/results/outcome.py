@@ -3,19 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, IntArray
 
-CORRELATION_ROUNDING = (
-    1e-6  # of a correlation matrix: less than this below zero, or asymmetric, is no mistake
-)
+CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 PREFIX = "belief_"  # of the arrays in a part
-FAILURES = ("diverged", "nan", "timeout", "error", "skipped")
-STATUSES = ("ok", *FAILURES)  # the code of a status is its place here
+
+
+class Status(StrEnum):
+    """How a trial ended. Parts hold the code of a status, which is its place here: add at the end only."""
+
+    OK = "ok"
+    DIVERGED = "diverged"
+    NAN = "nan"
+    TIMEOUT = "timeout"
+    ERROR = "error"
+    SKIPPED = "skipped"
+
+    @property
+    def code(self) -> int:
+        """The int8 that stands for it in arrays."""
+        return STATUSES.index(self)
+
+
+STATUSES = tuple(status.value for status in Status)
+FAILURES = STATUSES[1:]
+
+
+def failures_of(counts: IntArray) -> dict[str, int]:
+    """Runs by status other than "ok", from counts by code; statuses that did not occur are left out."""
+    return {name: int(count) for name, count in zip(FAILURES, counts[1:], strict=True) if count}
 
 
 class Outcome(NamedTuple):
@@ -32,15 +54,15 @@ class Outcome(NamedTuple):
     beliefs: Mapping[str, Array] = {}
 
 
-def failed_outcome(shape: tuple[int, ...], size: int, status: str = "ok", reason: str = "") -> Outcome:
+def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, reason: str = "") -> Outcome:
     """An outcome without estimates for measurements of a shape (M, T, B): all runs of one status."""
     runs, steps = shape[:2]
     return Outcome(
         np.full((runs, steps, size), np.nan),
         np.full((runs, steps, size, size), np.nan),
         np.full((runs, steps), np.nan),
-        np.full(runs, STATUSES.index(status), dtype=np.int8),
-        dict.fromkeys(range(runs), reason) if status != "ok" else {},
+        np.full(runs, Status(status).code, dtype=np.int8),
+        dict.fromkeys(range(runs), reason) if status != Status.OK else {},
     )
 
 
@@ -54,21 +76,22 @@ def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
     status = np.zeros(len(mean), dtype=np.int8)
     reasons: dict[int, str] = {}
-    for name, wrong, text in (
-        ("diverged", log_evidence == -np.inf, "the log evidence is -inf (nothing explains the measurement)"),
-        ("error", ~is_covariance(sound), "estimate(): the covariance is not "),
-        ("nan", ~finite, "estimate(): an estimate is not finite"),
+    unexplained = "the log evidence is -inf (nothing explains the measurement)"
+    for found, wrong, text in (
+        (Status.DIVERGED, log_evidence == -np.inf, unexplained),
+        (Status.ERROR, ~is_covariance(sound), "estimate(): the covariance is not "),
+        (Status.NAN, ~finite, "estimate(): an estimate is not finite"),
     ):
         for place in np.flatnonzero(wrong.any(1)):
             step = int(wrong[place].argmax())
-            fault = _fault(covariance[place, step]) if name == "error" else ""
-            status[place] = STATUSES.index(name)
+            fault = _fault(covariance[place, step]) if found is Status.ERROR else ""
+            status[place] = found.code
             reasons[int(place)] = f"{text}{fault} at measurement {step + 1}"
     return Outcome(mean, covariance, log_evidence, status, reasons)
 
 
 def is_covariance(covariance: Array) -> BoolArray:
-    """Whether matrices (..., n, n) are symmetric without negative eigenvalues, but for ROUNDING."""
+    """Whether matrices (..., n, n) are symmetric without negative eigenvalues, but for rounding."""
     variance = np.diagonal(covariance, axis1=-2, axis2=-1)
     try:
         np.linalg.cholesky(covariance)  # quick; reads the lower half only
@@ -78,20 +101,16 @@ def is_covariance(covariance: Array) -> BoolArray:
         scaled = 0.5 * (covariance + np.swapaxes(covariance, -1, -2)) / std[..., None] / std[..., None, :]
         semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -CORRELATION_ROUNDING)
     gap = np.abs(covariance - np.swapaxes(covariance, -1, -2))
-    if not gap.any():
-        return semidefinite
     std = np.sqrt(np.abs(variance))
-    return np.asarray(
-        semidefinite & (gap <= CORRELATION_ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1))
-    )
+    symmetric = (gap <= CORRELATION_ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1))
+    return np.asarray(semidefinite & symmetric)
 
 
 def _fault(covariance: Array) -> str:
     """What is wrong with a finite matrix that is no covariance."""
-    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
-    if is_covariance(0.5 * (covariance + covariance.T)):
-        return "symmetric"
-    return f"positive definite (smallest eigenvalue {values[0]:.3g})"
+    mean = 0.5 * (covariance + covariance.T)
+    least = np.linalg.eigvalsh(mean)[0]
+    return "symmetric" if is_covariance(mean) else f"positive definite (smallest eigenvalue {least:.3g})"
 
 
 def concatenate(outcomes: list[Outcome]) -> Outcome:
@@ -105,29 +124,28 @@ def concatenate(outcomes: list[Outcome]) -> Outcome:
         np.concatenate(parts) for parts in zip(*(outcome[:4] for outcome in outcomes), strict=True)
     )
     beliefs: dict[str, Array] = {}
-    if any(outcome.beliefs for outcome in outcomes):
-        some = next(outcome.beliefs for outcome in outcomes if outcome.beliefs)
-        for name, array in some.items():
-            unknown = [np.full((len(outcome.status), *array.shape[1:]), np.nan) for outcome in outcomes]
-            pairs = zip(outcomes, unknown, strict=True)
-            beliefs[name] = np.concatenate([outcome.beliefs.get(name, nan) for outcome, nan in pairs])
+    for name, array in next((outcome.beliefs for outcome in outcomes if outcome.beliefs), {}).items():
+        unknown = (np.full((len(outcome.status), *array.shape[1:]), np.nan) for outcome in outcomes)
+        pairs = zip(outcomes, unknown, strict=True)
+        beliefs[name] = np.concatenate([outcome.beliefs.get(name, nan) for outcome, nan in pairs])
     return Outcome(mean, covariance, log_evidence, status, reasons, beliefs)
 
 
 class BeliefScores(NamedTuple):
     """Per run, from S draws of its belief: small enough to be saved for every run.
 
-    ranks: How many draws lie below the truth in each component, 0 to S, (M, n). Angles are cut half a turn
-        from the circular mean of draws and truth together, so that draws from an exact belief and the truth
-        can be exchanged and the rank is uniform to the last digit.
-    distance_rank: How many draws lie nearer to the middle of the belief than the truth does, 0 to S, (M,). By
-        Mahalanobis distance with the moments of draws and truth together, for the same reason.
-    energy: Energy score of the position, m, (M,).
-    crps: Continuous ranked probability score of each component, m or rad, (M, n); of an angle that of the
-        arcs (Grimit, Gneiting, Berrocal and Johnson, 2006).
-    mode_share: Share of the draws in the main mode, (M,).
-    mode_covariance: Covariance of the draws in the main mode, (M, n, n).
-    spread: Covariance of all draws, (M, n, n).
+    Attributes:
+        ranks: How many draws lie below the truth in each component, 0 to S, (M, n). Angles are cut half a
+            turn from the circular mean of draws and truth together, so that draws from an exact belief and
+            the truth can be exchanged and the rank is uniform to the last digit.
+        distance_rank: How many draws lie nearer to the middle of the belief than the truth does, 0 to S,
+            (M,). By Mahalanobis distance with the moments of draws and truth together, for the same reason.
+        energy: Energy score of the position, m, (M,).
+        crps: Continuous ranked probability score of each component, m or rad, (M, n); of an angle that of
+            the arcs (Grimit, Gneiting, Berrocal and Johnson, 2006).
+        mode_share: Share of the draws in the main mode, (M,).
+        mode_covariance: Covariance of the draws in the main mode, (M, n, n).
+        spread: Covariance of all draws, (M, n, n).
     """
 
     ranks: Array

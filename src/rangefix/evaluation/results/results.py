@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -16,12 +16,11 @@ from ...arrays import Array
 from ...filters import StateSpace
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json, read_npz
-from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing
+from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing, run_blocks
+from .notebook import html_table
 from .trials import InFolder, InMemory, Source, Trials
 
-MAX_RUNS_IN_MEMORY = (
-    10_000  # runs whose trials are held at once; of more, nothing is read before it is asked for
-)
+MAX_RUNS_IN_MEMORY = 10_000  # whose trials are held at once; of more, nothing is read until asked for
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,21 @@ class Results:
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     folder: Path | None = None
 
+    def __repr__(self) -> str:
+        """What was run, on three lines; nothing is read for it."""
+        where = f"in {self.folder}" if self.folder else "in memory"
+        labels = f"  estimators: {', '.join(self.estimators)}\n  beams: {', '.join(self.beam_sets)}"
+        return f"Results of {self._title()}, {where}\n{labels}"
+
+    def _repr_html_(self) -> str:
+        """How the trials went, for notebooks; not of a large study, whose trials would have to be read."""
+        trials = self.trials if self.runs <= MAX_RUNS_IN_MEMORY else ()
+        lines = [(trial.estimator, trial.beams, trial.ok.sum(), trial.failures or "") for trial in trials]
+        return html_table(self._title(), ("estimator", "beams", "ok", "failed"), lines)
+
+    def _title(self) -> str:
+        return f"{self.manifest.get('name')}: {self.runs} runs, seed {self.manifest.get('seed')}"
+
     @cached_property
     def truth(self) -> Array:
         """True states, (M, T, n)."""
@@ -71,14 +85,11 @@ class Results:
         """Whether all runs have the same true first state."""
         starts = (self.source.world(*block)[0][:, 0] for block in self.blocks())
         first = self.source.world(0, 1)[0][0, 0]
-        return self.runs > 1 and all(bool((each == first).all()) for each in starts)
+        return self.runs > 1 and all(bool((start == first).all()) for start in starts)
 
-    def blocks(self) -> Iterator[tuple[int, int]]:
+    def blocks(self) -> list[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""
-        return (
-            (first, min(first + MAX_RUNS_IN_MEMORY, self.runs))
-            for first in range(0, self.runs, MAX_RUNS_IN_MEMORY)
-        )
+        return run_blocks(self.runs, MAX_RUNS_IN_MEMORY)
 
     def get(self, estimator: str, beams: str | None = None) -> Trials:
         """The trials of one estimator on one set of beams; the last set (usually all beams) unless named.
@@ -117,8 +128,8 @@ class Results:
 def load(folder: Path | str) -> Results:
     """Read the results of a folder, finished or not, without pickle.
 
-    Of an interrupted study the trials that are not there have status "skipped". A study of no more than MOST
-    runs is read and checked at once; the parts of a larger one when they are asked for.
+    Of an interrupted study the trials that are not there have status "skipped". A study of no more than
+    MAX_RUNS_IN_MEMORY runs is read and checked at once; the parts of a larger one when they are asked for.
 
     Raises:
         ResultsError: If it is no folder of results, or a part of it is missing or damaged.
@@ -127,9 +138,8 @@ def load(folder: Path | str) -> Results:
     manifest = read_json(folder / MANIFEST)
     try:
         if manifest["format"] != FORMAT:
-            raise ResultsError(
-                f"{folder} has results of format {manifest['format']}, this version reads {FORMAT}"
-            )
+            made = f"{folder} has results of format {manifest['format']}"
+            raise ResultsError(f"{made}, this version reads {FORMAT}")
         plan, complete = FolderLayout.read(manifest), manifest["state"] == "complete"
         space = StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"])
     except (KeyError, TypeError) as error:

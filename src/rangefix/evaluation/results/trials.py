@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, BoolArray
 from .files import read_part
 from .folder import FolderLayout, trials_path, world_path
-from .outcome import STATUSES, BeliefScores, belief_of
+from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Trials:
         covariance: Claimed covariances, (M, T, n, n).
         log_evidence: Log density of the measurements so far, nats, (M, T).
         log_evidence_floor: Below it they were improbable, (M, T).
-        status: Codes, places in STATUSES, (M,).
+        status: Codes of `Status`, (M,).
         reasons: Run -> why it is not ok.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
@@ -45,29 +45,35 @@ class Trials:
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
-        some = slice(first, end)
-        return Trials(
-            self.estimator,
-            self.beams,
-            self.mean[some],
-            self.covariance[some],
-            self.log_evidence[some],
-            self.log_evidence_floor[some],
-            self.status[some],
-            {run: text for run, text in self.reasons.items() if first <= run < end},
-            {name: array[some] for name, array in self.beliefs.items()},
+        runs = slice(first, end)
+        return replace(
+            self,
+            mean=self.mean[runs],
+            covariance=self.covariance[runs],
+            log_evidence=self.log_evidence[runs],
+            log_evidence_floor=self.log_evidence_floor[runs],
+            status=self.status[runs],
+            reasons={run: text for run, text in self.reasons.items() if first <= run < end},
+            beliefs={name: array[runs] for name, array in self.beliefs.items()},
         )
 
-    def belief(self, step: int) -> BeliefScores | None:
-        """What draws from the beliefs of the ok runs came to after a step, (K, ...); NaN in runs without."""
-        return (
-            BeliefScores(**{k: v[self.ok, step] for k, v in self.beliefs.items()}) if self.beliefs else None
-        )
+    def __repr__(self) -> str:
+        """What they are of and how they went, on one line."""
+        runs, steps, components = self.mean.shape
+        size = f"{runs} x {steps} x {components} runs, steps and components"
+        counts = {"ok": self.ok.sum()} | self.failures
+        told = ", ".join(f"{count} {status}" for status, count in counts.items())
+        return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
+
+    def belief(self, step: int, runs: BoolArray | None = None) -> BeliefScores | None:
+        """What draws from the beliefs of some runs, else of those ok, came to after a step; NaN without."""
+        some = self.ok if runs is None else runs
+        return BeliefScores(**{k: v[some, step] for k, v in self.beliefs.items()}) if self.beliefs else None
 
     @property
     def ok(self) -> BoolArray:
         """Which runs went well, (M,)."""
-        return np.asarray(self.status == 0)
+        return np.asarray(self.status == Status.OK.code)
 
     @property
     def improbable(self) -> BoolArray:
@@ -77,8 +83,7 @@ class Trials:
     @property
     def failures(self) -> dict[str, int]:
         """Runs by status other than "ok"; statuses that did not occur are left out."""
-        counts = np.bincount(self.status, minlength=len(STATUSES))
-        return {name: int(n) for name, n in zip(STATUSES, counts, strict=True) if n and name != "ok"}
+        return failures_of(np.bincount(self.status, minlength=len(STATUSES)))
 
 
 class Source(Protocol):
@@ -136,13 +141,13 @@ class InFolder:
 
     def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
         """Trials, read part by part into arrays of their full size."""
-        runs, (steps, size, _) = end - first, self.plan.shape
+        runs, (steps, size, _), key = end - first, self.plan.shape, self.plan.key(estimator, beams)
         arrays: dict[str, NDArray[Any]] = {
             "mean": np.full((runs, steps, size), np.nan),
             "covariance": np.full((runs, steps, size, size), np.nan),
             "log_evidence": np.full((runs, steps), np.nan),
             "log_evidence_floor": np.full((runs, steps), np.nan),
-            "status": np.full(runs, STATUSES.index("skipped"), dtype=np.int8),
+            "status": np.full(runs, Status.SKIPPED.code, dtype=np.int8),
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
@@ -152,10 +157,7 @@ class InFolder:
                 missed = range(max(low, first), min(high, end))
                 reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
                 continue
-            part, (mine, its) = (
-                read_part(path, self.plan.key(estimator, beams)),
-                _overlap(low, high, first, end),
-            )
+            part, (mine, its) = read_part(path, key), _overlap(low, high, first, end)
             for name, array in arrays.items():
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():

@@ -1,13 +1,12 @@
-"""Builds what a study describes, and checks what can only be checked so: from the map to the estimators."""
+"""Builds what a study describes, from the map to the estimators, and notes what cannot be built."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -15,24 +14,31 @@ from ...arrays import Array
 from ...errors import one_line, suggestion
 from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
 from ...filters.registry import BUILT_IN, resolve
+from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
 from .mistakes import Mistakes
-from .sections import Drive, EstimatorSection, MeshMap, Misfit
+from .sections import Drive, EstimatorSection
 
+if TYPE_CHECKING:
+    from .study import Study
+
+T = TypeVar("T")
 UNITS = ("_m", "_deg")
+STAND_IN = RectangularRoom(width=1.0, length=1.0)  # to check the rest on where the map cannot be built
 
 
 @dataclass(frozen=True)
 class World:
     """What a study describes, built.
 
-    truth: The true problem.
-    assumed: What estimators are told; None where that is the truth.
-    drive: The planned drive, where there is one.
-    controls: Moves between measurements, (T - 1, k); None where there is one measurement only.
-    start: A true first state for all runs, (n,); None where it is drawn from the prior.
-    warnings: Plug-ins that cannot be imported or built, a line each: their trials will fail.
+    Attributes:
+        truth: The true problem.
+        assumed: What estimators are told; None where that is the truth.
+        drive: The planned drive, where there is one.
+        controls: Moves between measurements, (T - 1, k); None where there is one measurement only.
+        start: A true first state for all runs, (n,); None where it is drawn from the prior.
+        warnings: Plug-ins that cannot be imported or built, a line each: their trials will fail.
     """
 
     truth: Problem
@@ -42,119 +48,93 @@ class World:
     start: Array | None = None
     warnings: tuple[str, ...] = ()
 
-    @property
-    def assumed_problem(self) -> Problem:
-        """The problem as the estimators know it."""
-        return self.truth if self.assumed is None else self.assumed
 
-
-def check_world(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -> World | None:
-    """Build all that can be built of the sound sections, and note what cannot.
+def build_world(study: Study, mistakes: Mistakes) -> World | None:
+    """Build what a study describes, and note what cannot be built; what has mistakes already is passed over.
 
     Returns:
-        The world, if all its parts are sound.
+        The world, if the true problem can be built.
     """
-    room = _room(sections, mistakes, folder)
-    motion = sections.get("motion")
-    drive = _try(("motion",), mistakes, lambda: motion.drive(room)) if motion and room else None
-    truth = _problem(sections, room, drive, mistakes, {})
-    assumed = _assumed(sections, room, drive, truth, mistakes)
-    start = _start(sections, room, assumed or truth, mistakes)
-    if sections.get("sensor") and sections.get("beam_sets"):
-        _beam_sets(sections["beam_sets"], len(sections["sensor"].bearings), mistakes)
-    world = None
-    if truth is not None and motion is not None:
-        world = World(truth, assumed, drive, motion.controls(drive), start)
-    warnings = _estimators(sections.get("estimators", []), world.assumed_problem if world else None, mistakes)
-    return replace(world, warnings=warnings) if world else None
-
-
-def _try(at: tuple[str, ...], mistakes: Mistakes, build: Callable[[], Any]) -> Any:
-    """What is built; None with its mistake noted if it cannot be."""
-    try:
-        return build()
-    except Misfit as misfit:
-        mistakes.add((*at, *misfit.path), one_line(misfit))
-    except ValueError as error:
-        mistakes.add(at, one_line(error))
-    return None
-
-
-def _room(sections: Mapping[str, Any], mistakes: Mistakes, folder: Path) -> RangeMap | None:
-    section = sections.get("map")
-    if section is None:
+    room = _room(study, mistakes) if mistakes.sound("map") else None
+    drive = None
+    if room is not None and mistakes.sound("motion"):
+        drive = mistakes.attempt(("motion",), partial(study.motion.drive, room))
+    truth = _problem(study, room, drive, mistakes)
+    assumed = _assumed(study, room, drive, mistakes) if truth else None
+    start = _start(study, room, assumed or truth, mistakes) if room else None
+    if mistakes.sound("sensor") and mistakes.sound("beam_sets"):
+        _check_beam_sets(study.beam_sets or [], len(study.sensor.bearings), mistakes)
+    warnings = _check_estimators(study.estimators, assumed or truth, mistakes)
+    if truth is None:
         return None
-    where = ("map", "path") if isinstance(section, MeshMap) else ("map",)
+    return World(truth, assumed, drive, study.motion.controls(drive), start, warnings)
+
+
+def _room(study: Study, mistakes: Mistakes) -> RangeMap | None:
+    files = study.map.files()
+    where = ("map", "path") if files else ("map",)
     try:
-        return cast(RangeMap, section.build(folder))
+        return study.map.build(study.folder)
     except FileNotFoundError:
-        mistakes.add(where, f"no file {folder / section.path}")
+        mistakes.add(where, f"no file {study.folder / files[0]}" if files else "no such file")
     except Exception as error:  # readers of foreign files raise what they like
         mistakes.add(where, one_line(error))
     return None
 
 
 def _problem(
-    sections: Mapping[str, Any],
+    study: Study,
     room: RangeMap | None,
     drive: Drive | None,
     mistakes: Mistakes,
-    assumed: Mapping[str, Any],
+    assumed: Collection[str] = (),
 ) -> Problem | None:
-    """The true problem, or the assumed one from its sections; those that are not given are true."""
-    used: dict[str, Any] = {name: sections.get(name) for name in ("state", "sensor", "motion", "prior")}
-    used |= assumed
-    if used["state"] is None:
+    """The problem that a study describes; mistakes of its assumed sections are noted as theirs."""
+    if not mistakes.sound("state"):
         return None
-    space = used["state"].build()
+    space, place = study.state.build(), room or STAND_IN
+
+    def built(name: str, make: Callable[[], T]) -> T | None:
+        at = ("assumed", name) if name in assumed else (name,)
+        return mistakes.attempt(at, make) if mistakes.sound(*at) else None
+
     start = None if drive is None else drive.states[0]
-    parts: dict[str, Any] = {}
-    for name, further in (("sensor", ()), ("motion", ()), ("prior", (start,))):
-        if used[name] is not None and (room is not None or name != "prior"):
-            at = ("assumed", name) if name in assumed else (name,)
-            parts[name] = _try(at, mistakes, partial(used[name].build, room, space, *further))
-    if room is None or len(parts) < 3 or any(part is None for part in parts.values()):
+    prior = None
+    if room and mistakes.sound("motion"):  # it may begin where the drive does
+        prior = built("prior", partial(study.prior.build, room, space, start))
+    sensor = built("sensor", partial(study.sensor.build, place, space))
+    motion = built("motion", partial(study.motion.build, place, space))
+    if room is None or prior is None or sensor is None or motion is None:
         return None
-    return Problem(space, parts["motion"], parts["sensor"], parts["prior"])
+    return Problem(space, motion, sensor, prior)
 
 
-def _assumed(
-    sections: Mapping[str, Any],
-    room: RangeMap | None,
-    drive: Drive | None,
-    truth: Problem | None,
-    mistakes: Mistakes,
-) -> Problem | None:
+def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes) -> Problem | None:
     """What estimators are told, where that is not the truth."""
-    section = sections.get("assumed")
-    given = {name: value for name, value in section if value is not None} if section else {}
-    if not given:
+    names = [name for name, told in study.assumed if told is not None]
+    if not names:
         return None
-    if "state" in given and sections.get("state"):
-        one, other = (each.build().names for each in (given["state"], sections["state"]))
-        if one != other:
-            mistakes.add(("assumed", "state"), "must have the same components as [state]")
-            return None
-    if "sensor" in given and sections.get("sensor"):
-        one, other = (len(each.bearings) for each in (given["sensor"], sections["sensor"]))
-        if one != other:
-            mistakes.add(("assumed", "sensor"), f"must have as many beams as [sensor], {other}, not {one}")
-            return None
-    if "motion" in given and given["motion"].kind == "odometry" and drive is None:
-        mistakes.add(("assumed", "motion", "kind"), "odometry needs controls: [motion] must be odometry too")
-        return None
-    return _problem(sections, room, drive, Mistakes("") if truth is None else mistakes, given)
+    told = study.as_assumed()
+    beams, true_beams = len(told.sensor.bearings), len(study.sensor.bearings)
+    if told.state.build().names != study.state.build().names:
+        mistakes.add(("assumed", "state"), "must have the same components as [state]")
+    elif beams != true_beams:
+        text = f"must have as many beams as [sensor], {true_beams}, not {beams}"
+        mistakes.add(("assumed", "sensor"), text)
+    elif told.motion.driven and drive is None:
+        kind = told.motion.kind
+        mistakes.add(("assumed", "motion", "kind"), f"{kind} needs controls: [motion] must be {kind} too")
+    else:
+        return _problem(told, room, drive, mistakes, names)
+    return None
 
 
-def _start(
-    sections: Mapping[str, Any], room: RangeMap | None, told: Problem | None, mistakes: Mistakes
-) -> Array | None:
+def _start(study: Study, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
     """The true first state of all runs, if it is given; in free space and possible for the prior."""
-    section, state = sections.get("truth"), sections.get("state")
-    if section is None or state is None or room is None:
+    if not (mistakes.sound("truth") and mistakes.sound("state")):
         return None
-    space = state.build()
-    start: Array | None = _try(("truth",), mistakes, lambda: section.start(space))
+    space = study.state.build()
+    start = mistakes.attempt(("truth",), partial(study.truth.start, space))
     if start is None:
         return None
     lower, upper = room.bounds
@@ -166,36 +146,31 @@ def _start(
             "choose a point in free space",
         )
     elif told is not None and not told.prior.log_density(start[None])[0] > -np.inf:
-        corners = (corner[space.position_indices] for corner in told.prior.support)
+        lower, upper = (corner[space.position_indices] for corner in told.prior.support)
         mistakes.add(
             ("truth", "at_m"),
-            f"{place.tolist()} is outside the prior, {_box(*corners)}: enlarge the prior"
-            if not _inside(place, told)
-            else f"{place.tolist()} is in the prior's box, but it gives this state no probability",
+            f"{place.tolist()} is in the prior's box, but it gives this state no probability"
+            if ((place >= lower) & (place <= upper)).all()
+            else f"{place.tolist()} is outside the prior, {_box(lower, upper)}: enlarge the prior",
         )
     return start
-
-
-def _inside(place: Array, told: Problem) -> bool:
-    lower, upper = (corner[told.space.position_indices] for corner in told.prior.support)
-    return bool(((place >= lower) & (place <= upper)).all())
 
 
 def _box(lower: Any, upper: Any) -> str:
     return " x ".join(f"{low:g} to {high:g}" for low, high in zip(lower, upper, strict=True)) + " m"
 
 
-def _beam_sets(beam_sets: list[list[int]], beams: int, mistakes: Mistakes) -> None:
-    seen: set[frozenset[int]] = set()
-    for place, each in enumerate(beam_sets):
-        if wrong := [beam for beam in each if not 1 <= beam <= beams]:
+def _check_beam_sets(beam_sets: list[list[int]], beams: int, mistakes: Mistakes) -> None:
+    before: set[frozenset[int]] = set()
+    for place, beam_set in enumerate(beam_sets):
+        if wrong := [beam for beam in beam_set if not 1 <= beam <= beams]:
             mistakes.add(("beam_sets", place), f"no beam {wrong[0]}; beams are numbered from 1 to {beams}")
-        elif len(set(each)) < len(each) or frozenset(each) in seen:
-            mistakes.add(("beam_sets", place), f"{each} repeats a beam or a set: name each once")
-        seen.add(frozenset(each))
+        elif len(set(beam_set)) < len(beam_set) or frozenset(beam_set) in before:
+            mistakes.add(("beam_sets", place), f"{beam_set} repeats a beam or a set: name each once")
+        before.add(frozenset(beam_set))
 
 
-def _estimators(
+def _check_estimators(
     entries: list[EstimatorSection], problem: Problem | None, mistakes: Mistakes
 ) -> tuple[str, ...]:
     """Note what is wrong with the study; faults in the code of a plug-in are returned, a line each."""
@@ -203,54 +178,52 @@ def _estimators(
     warnings = []
     for place, entry in enumerate(entries):
         at = ("estimators", place)
-        for label in (each.label for each in entry.variants()):
+        if not mistakes.sound(*at):
+            continue
+        variants = entry.variants()
+        for label in (variant.label for variant in variants):
             if label in labels:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
             labels.add(label)
         if entry.name in BUILT_IN:
-            factory = resolve(entry.name)
-            if _options(entry, signature_of(entry.name, factory), at, mistakes):
-                for each in entry.variants():
+            if _options_fit(entry, signature_of(entry.name, resolve(entry.name)), at, mistakes):
+                for variant in variants:
                     try:
-                        build(each.name, problem or _stand_in(), **each.options)
+                        build(variant.name, problem or _stand_in(), **variant.options)
                     except Exception as error:
-                        mistakes.add((*at, "options"), f"{each.label}: {one_line(error)}")
+                        mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
             continue
-        seen = inspect_plugin(entry.name, problem, [each.options for each in entry.variants()])
-        if seen.missing:
-            mistakes.add((*at, "name"), seen.fault)
-        elif _options(entry, seen, at, mistakes):
-            for number, text in seen.unfit:
-                mistakes.add((*at, "options"), f"{entry.variants()[number].label}: {text}")
-        if seen.fault and not seen.missing:
-            text = f"{seen.fault}; rangefix check {shlex.quote(entry.name)} tells more"
+        plugin = inspect_plugin(entry.name, problem, [variant.options for variant in variants])
+        if plugin.missing:
+            mistakes.add((*at, "name"), plugin.fault)
+        elif _options_fit(entry, plugin, at, mistakes):
+            for number, text in plugin.unfit:
+                mistakes.add((*at, "options"), f"{variants[number].label}: {text}")
+        if plugin.fault and not plugin.missing:
+            text = f"{plugin.fault}; rangefix check {shlex.quote(entry.name)} tells more"
             warnings.append(mistakes.line((*at, "name"), text))
     return tuple(warnings)
 
 
 def _stand_in() -> Problem:
     """A small problem, to check options on where the study's own cannot be built."""
-    from ...maps import RectangularRoom
-
-    room, space = RectangularRoom(width=1.0, length=1.0), position_space()
-    sensor = Rangefinder(room, np.zeros(1), Gaussian(1.0), space)
-    return Problem(space, Stationary(space), sensor, Uniform(room, space))
+    space = position_space()
+    sensor = Rangefinder(STAND_IN, np.zeros(1), Gaussian(1.0), space)
+    return Problem(space, Stationary(space), sensor, Uniform(STAND_IN, space))
 
 
-def _options(
-    entry: EstimatorSection, seen: PluginInfo, at: tuple[str | int, ...], mistakes: Mistakes
+def _options_fit(
+    entry: EstimatorSection, plugin: PluginInfo, at: tuple[str | int, ...], mistakes: Mistakes
 ) -> bool:
     """Whether the options are ones that the estimator has; notes those that are not."""
-    if seen.any_option or not (seen.parameters or seen.summary or not seen.fault):
+    if plugin.any_option or not (plugin.parameters or plugin.summary or not plugin.fault):
         return True
-    known = list(seen.parameters)
-    sound = True
-    for given, name in zip(entry.options, entry.converted(), strict=True):
-        if name not in known:
-            unit = given.removeprefix(name)
-            shown = [each + unit for each in known] if unit in UNITS else known
-            mistakes.add(
-                (*at, "options", given), f"{entry.name} has no such option; {suggestion(given, shown)}"
-            )
-            sound = False
-    return sound
+    known = list(plugin.parameters)
+    unknown = [
+        given for given, name in zip(entry.options, entry.converted(), strict=True) if name not in known
+    ]
+    for given in unknown:
+        unit = next((unit for unit in UNITS if given.endswith(unit)), "")
+        text = suggestion(given, [name + unit for name in known])
+        mistakes.add((*at, "options", given), f"{entry.name} has no such option; {text}")
+    return not unknown

@@ -1,21 +1,44 @@
-"""Mistakes of a study file as lines that name the key, say what is wrong, and how to mend it."""
+"""Mistakes of a study file as lines that name the key, say what is wrong, and how to fix it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any, get_args
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ...errors import suggestion
+from ...errors import one_line, suggestion
 from .sections import Misfit
+from .sections.base import kinds_of
 from .toml_lines import Path, line_of
+
+T = TypeVar("T")
+FORMS = {  # what pydantic calls a mistake -> what we say
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "finite_number": "must be a finite number",
+    "too_short": "needs at least {min_length} of them",
+    "too_long": "takes no more than {max_length} of them",
+    "literal_error": "must be {expected}",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "names a folder: no slashes, and not dots alone",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be a text in quotation marks",
+    "list_type": "must be a list",
+    "bool_type": "must be true or false",
+    "dict_type": "must be a table of keys",
+    "model_type": "must be a table of keys",
+    "model_attributes_type": "must be a table of keys",
+}
 
 
 class StudyError(ValueError):
-    """A study that cannot be run; `mistakes` holds one line for each thing to mend."""
+    """A study that cannot be run; `mistakes` holds one line for each thing to fix."""
 
     def __init__(self, mistakes: Sequence[str]) -> None:
         super().__init__("\n".join(mistakes))
@@ -28,61 +51,78 @@ class StudyError(ValueError):
 
 @dataclass
 class Mistakes:
-    """Collects mistakes; `lines` tells where keys stand, `given` which keys the caller overrode."""
+    """Collects the mistakes of a study.
+
+    Attributes:
+        source: What the file is called.
+        lines: Key -> the line where it stands.
+        typed: Keys that were given on the command line -> how, where the key itself does not tell.
+        noted: Key and line of text of each mistake.
+    """
 
     source: str
     lines: dict[Path, int] = field(default_factory=dict)
-    given: frozenset[Path] = frozenset()
-    found: list[tuple[int, str]] = field(default_factory=list)
+    typed: dict[Path, str] = field(default_factory=dict)
+    noted: list[tuple[Path, str]] = field(default_factory=list)
 
     def add(self, path: Path, text: str) -> None:
         """Note a mistake at a key; () for the whole file."""
-        self.found.append((line_of(path, self.lines) or 0, self.line(path, text)))
+        self.noted.append((path, self.line(path, text)))
 
     def line(self, path: Path, text: str) -> str:
         """What is to be said of a key, with the place where it stands."""
         line = line_of(path, self.lines)
         where = f"{self.source}:{line}" if line else self.source
-        if path in self.given:
-            where = "command line"
+        if path in self.typed:
+            where, text = "command line", text + self.typed[path]
         name = dotted(path)
         return f"{where}: {name}: {text}" if name else f"{where}: {text}"
 
-    def add_all(
-        self,
-        error: ValidationError,
-        at: Path,
-        raw: Any,
-        model: type[BaseModel] | None,
-        ignored: Collection[str] = (),
-    ) -> None:
-        """Note what pydantic found in a section, but for keys that are ignored."""
-        found = [
-            each
-            for each in error.errors(include_url=False)
-            if each["loc"][:1] not in {(key,) for key in ignored}
-        ]
+    def sound(self, *path: str | int) -> bool:
+        """Whether there is no mistake at a key, around it or within it."""
+        return not any(all(a == b for a, b in zip(path, other, strict=False)) for other, _ in self.noted)
+
+    def attempt(self, at: Path, build: Callable[[], T]) -> T | None:
+        """What is built; None, and its mistake noted, if it cannot be."""
+        try:
+            return build()
+        except Misfit as misfit:
+            self.add((*at, *misfit.path), one_line(misfit))
+        except ValueError as error:
+            self.add(at, one_line(error))
+        return None
+
+    def add_all(self, error: ValidationError, raw: dict[str, Any], model: type[BaseModel]) -> None:
+        """Note what pydantic found in the keys of a study; what [assumed] inherits is told once."""
+        faults = error.errors(include_url=False)
+        places = [_place(fault, raw, model) for fault in faults]
         misspelt = {
-            (*each["loc"][:-1], close) for each in found if each["type"] == "extra_forbidden"
-            for close in get_close_matches(str(each["loc"][-1]), _names(model, each["loc"]), n=1)
+            (*fault["loc"][:-1], meant) for fault, (_, inner) in zip(faults, places, strict=True)
+            if fault["type"] == "extra_forbidden"
+            for meant in get_close_matches(str(fault["loc"][-1]), _keys(inner), n=1)
         }  # fmt: skip
-        for each in found:
-            path = _real_path(each, raw)
-            same = [other for other in found if _real_path(other, raw)[: len(path)] == path]
-            form = "float_type" if isinstance(each["input"], list) else "list_type"
-            if len(same) > 1 and each["type"] == form:
+        told: list[tuple[Path, str]] = []
+        for fault, (path, inner) in zip(faults, places, strict=True):
+            form = "float_type" if isinstance(fault["input"], list) else "list_type"
+            if fault["type"] == form and sum(other[: len(path)] == path for other, _ in places) > 1:
                 continue  # the other form that the key might have had
-            if each["type"] == "missing" and each["loc"] in misspelt:
+            if fault["type"] == "missing" and fault["loc"] in misspelt:
                 continue  # the unknown key says so
-            if isinstance(misfit := each.get("ctx", {}).get("error"), Misfit):
+            if fault["type"].startswith("union_tag") and len(path) == 1 + (path[0] == "assumed"):
+                path = (*path, "kind")
+            text = _sentence(fault, path, inner)
+            if isinstance(misfit := fault.get("ctx", {}).get("error"), Misfit):
                 path = (*path, *misfit.path)
-            self.add((*at, *path), _sentence(each, path, innermost(model, each["loc"])))
+            told.append((path, text))
+        for path, text in told:
+            if path[0] != "assumed" or (path[1:], text) not in told:
+                self.add(path, text)
 
     def check(self) -> None:
         """Raise StudyError if there is any mistake."""
-        if self.found:
-            lines = [text for _, text in sorted(self.found, key=lambda pair: pair[0])]
-            raise StudyError(list(dict.fromkeys(lines)))
+        if self.noted:
+            noted = sorted(self.noted, key=lambda mistake: line_of(mistake[0], self.lines) or 0)
+            raise StudyError(list(dict.fromkeys(text for _, text in noted)))
 
 
 def dotted(path: Path) -> str:
@@ -93,91 +133,56 @@ def dotted(path: Path) -> str:
     return text
 
 
-def _real_path(error: Any, raw: Any) -> Path:
-    """Where a mistake is, without the names of types and kinds that pydantic puts in between."""
+def _place(error: Any, raw: Any, model: type[BaseModel]) -> tuple[Path, type[BaseModel]]:
+    """The key where a mistake is, and the model that has it; pydantic names types and kinds in between."""
     path: Path = ()
-    parts, missing = list(error["loc"]), error["type"] == "missing"
-    for i, part in enumerate(parts):
-        inside = (
-            part in raw
-            if isinstance(raw, dict)
-            else part in range(len(raw))
-            if isinstance(raw, list)
-            else False
-        )
-        if inside:
-            raw = raw[part]
-        elif i < len(parts) - 1 or not missing:
-            continue
-        path = (*path, part)
-    return path
-
-
-def innermost(model: type[BaseModel] | None, loc: Sequence[int | str]) -> type[BaseModel] | None:
-    """The model that the last part of a location is a key of: pydantic names the kinds on the way."""
-    kinds: dict[str, type[BaseModel]] = {}
-    for part in loc[:-1]:
+    kinds: Mapping[str, type[BaseModel]] = {}
+    *around, last = error["loc"]
+    for part in around:
         if part in kinds:
-            model, kinds = kinds[str(part)], {}
-        elif model is not None and part in model.model_fields:
-            kinds = _kinds(model.model_fields[str(part)].annotation)
-    return model
+            model, kinds = kinds[part], {}
+        elif part in model.model_fields:
+            kinds = kinds_of(model.model_fields[part].annotation)
+            model = kinds.get("", model)
+        if _holds(raw, part):
+            path, raw = (*path, part), raw[part]
+    return (*path, last) if _holds(raw, last) or error["type"] == "missing" else path, model
 
 
-def _names(model: type[BaseModel] | None, loc: Sequence[int | str]) -> Iterable[str]:
-    """The keys that might stand at the end of a location."""
-    inner = innermost(model, loc)
-    return inner.model_fields if inner else ()
+def _holds(raw: Any, part: Any) -> bool:
+    return part in (raw if isinstance(raw, dict) else range(len(raw)) if isinstance(raw, list) else ())
 
 
-def _kinds(annotation: Any) -> dict[str, type[BaseModel]]:
-    """The models in a type, by the kinds that they stand for."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        kind = annotation.model_fields.get("kind")
-        return {str(name): annotation for name in get_args(kind.annotation)} if kind else {}
-    return {name: found for each in get_args(annotation) for name, found in _kinds(each).items()}
+def _keys(model: type[BaseModel]) -> list[str]:
+    """The keys of a section as a file has them."""
+    return [entry.alias or name for name, entry in model.model_fields.items()]
 
 
-def _sentence(error: Any, path: Path, model: type[BaseModel] | None) -> str:
-    """What is wrong and how to mend it."""
+def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
+    """What is wrong and how to fix it."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    fields = model.model_fields if model else {}
-    key = next((part for part in reversed(path) if isinstance(part, str)), "")
-    hint = fields[key].description if key in fields else None
+    fields = model.model_fields
+    key = next((part for part in reversed(error["loc"]) if part in fields), "")
+    hint = fields[key].description if key else None
+    kinds = kinds_of(fields[key].annotation) if key else {}
     example = f" ({hint})" if hint else ""
     if kind == "extra_forbidden":
-        names = [entry.alias or name for name, entry in fields.items()]
-        return f"unknown key; {suggestion(str(path[-1]), names)}"
+        return f"unknown key; {suggestion(str(path[-1]), _keys(model))}"
     if kind == "missing":
-        return f"is missing{example}"
+        return f"is missing: {hint}" if len(path) == 1 else f"is missing{example}"
     if kind == "value_error":
         return str(context["error"])
-    bounds = {
-        "greater_than": "must be greater than {gt:g}",
-        "greater_than_equal": "must be at least {ge:g}",
-        "less_than": "must be less than {lt:g}",
-        "finite_number": "must be a finite number",
-        "too_short": "needs at least {min_length} of them",
-        "too_long": "takes no more than {max_length} of them",
-        "literal_error": "must be {expected}",
-        "string_too_short": "must not be empty",
-        "float_type": "must be a number",
-        "int_type": "must be a whole number",
-        "string_type": "must be a text in quotation marks",
-        "list_type": "must be a list",
-        "bool_type": "must be true or false",
-        "model_type": "must be a table of keys",
-        "model_attributes_type": "must be a table of keys",
-        "union_tag_not_found": "needs a kind, one of {kinds}",
-        "union_tag_invalid": "no kind '{tag}'; there are {kinds}",
-        "less_than_equal": "must be at most {le:g}",
-        "dict_type": "must be a table of keys",
-        "string_pattern_mismatch": "names a folder: no slashes, and not dots alone",
-    }
+    if kind == "union_tag_invalid":
+        return f"no kind '{context['tag']}'; there are {', '.join(kinds)}"
+    if kind == "union_tag_not_found":
+        return f"{'is missing:' if path[-1] == 'kind' else 'needs a kind,'} one of {', '.join(kinds)}"
     if kind == "list_type" and isinstance(value, dict):
         return "must be a list: write it as [[TABLE]], with two brackets, for there may be many"
-    if kind.startswith("union_tag"):
-        kinds = _kinds(fields[key].annotation) if key in fields else {}
-        return bounds[kind].format(**context, kinds=", ".join(kinds))
-    text = bounds.get(kind)
-    return (text.format(**context) if text else str(error["msg"])) + f", got {value!r}{example}"
+    if kind.startswith("model") and path == ("assumed",):
+        return "must be tables, for example [assumed.sensor]"
+    if kind.startswith("model") and all(isinstance(part, str) for part in path):
+        first = next(iter(kinds), "")
+        example = f' with, for example, kind = "{first}"' if first else ""
+        return f"must be a table [{dotted(path)}]{example}"
+    said = FORMS[kind].format(**context) if kind in FORMS else str(error["msg"])
+    return f"{said}, got {value!r}{example}"

@@ -1,157 +1,187 @@
-"""Reads the sections of a study one by one, so that a mistake in one hides none in another."""
+"""Reads study files: fills in the kinds and the keys that are inherited, then validates the whole once."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Annotated, Any
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from ...errors import suggestion
-from .mistakes import Mistakes
-from .sections import (
-    CentredPrior,
-    ConstantVelocityMotion,
-    EstimatorSection,
-    FloorPlanMap,
-    MeshMap,
-    MixturePrior,
-    OdometryMotion,
-    RandomWalkMotion,
-    RectangleMap,
-    Section,
-    SensorSection,
-    StateSection,
-    StationaryMotion,
-    UniformPrior,
-)
+from ...errors import one_line
+from ...maps.readers import kind_of, map_table
+from .build import build_world
+from .mistakes import Mistakes, StudyError
+from .sections import Section
+from .sections.base import kinds_of
+from .study import Study
+from .toml_lines import Path as Key
+from .toml_lines import key_lines
 
-KINDS: dict[str, dict[str, type[Section]]] = {
-    "map": {"rectangle": RectangleMap, "floor-plan": FloorPlanMap, "mesh": MeshMap},
-    "motion": {
-        "stationary": StationaryMotion,
-        "random-walk": RandomWalkMotion,
-        "constant-velocity": ConstantVelocityMotion,
-        "odometry": OdometryMotion,
-    },
-    "prior": {"uniform": UniformPrior, "gaussian": CentredPrior, "mixture": MixturePrior},
+EXAMPLES = Path(__file__).parent / "examples"
+SOUND: dict[str, Any] = {  # stand where there are mistakes, and are not looked at
+    "map": {"kind": "rectangle", "width_m": 1.0, "length_m": 1.0},
+    "sensor": {"bearings_deg": [0.0], "std_m": 1.0},
+    "estimators": [{"name": "none"}],
 }
-DEFAULT_KINDS = {"motion": "stationary", "prior": "uniform"}
-ASSUMED: dict[str, type[Section] | None] = {
-    "state": StateSection, "sensor": SensorSection, "motion": None, "prior": None
-}  # fmt: skip
-# Of these keys those in the true section are left out where one is in the assumed section.
-INSTEAD: dict[str, tuple[set[str], ...]] = {
-    "sensor": ({"std_m", "noise"}, {"bearings_deg", "resolution_deg"}),
-    "prior": ({"lower_m", "upper_m", "size_m"}, {"parts", "weights"}),
-}
-OF_THE_DRIVE = ("steps", "waypoints_m", "step_m", "turn_deg", "clearance_m", "start_m", "drive_seed")
-# These are taken from a true section of another kind.
-COMMON = ("steps", "confined", "tries", "heading_deg", "heading_std_deg", "velocity_m_per_s",
-          "velocity_std_m_per_s")  # fmt: skip
 
 
-def sound_sections(model: type[BaseModel], raw: dict[str, Any], mistakes: Mistakes) -> dict[str, Any]:
-    """The sections that are sound, each checked on its own, so that one mistake hides no other."""
-    sections: dict[str, Any] = {}
-    for key in raw.keys() - model.model_fields.keys():
-        mistakes.add((key,), f"unknown key; {suggestion(key, model.model_fields)}")
-    for name, entry in model.model_fields.items():
-        if name not in raw:
-            if entry.is_required():
-                hint = entry.description or f"write a table [{name}]"
-                mistakes.add((name,), f"is missing: {hint}")
-            else:
-                sections[name] = entry.get_default(call_default_factory=True)
-        elif name in KINDS:
-            _section(name, _of_kind(name, raw[name], mistakes, (name,)), raw[name], sections, mistakes)
-        elif name == "assumed":
-            checked = _assumed(raw, mistakes)
-            if checked is not None:
-                sections[name] = entry.annotation(**checked)  # type: ignore[misc]
-        elif name == "estimators" and isinstance(raw[name], list) and raw[name]:
-            found: dict[str, Any] = {}
-            for place, each in enumerate(raw[name]):
-                _section(place, EstimatorSection, each, found, mistakes, at=(name,))
-            sections[name] = list(found.values())
-        elif isinstance(entry.annotation, type) and issubclass(entry.annotation, BaseModel):
-            _section(name, entry.annotation, raw[name], sections, mistakes)
-        else:
-            try:
-                kind: Any = Annotated[entry.annotation, entry]
-                adapter: TypeAdapter[Any] = TypeAdapter(kind, config=Section.model_config)
-                sections[name] = adapter.validate_python(raw[name])
-            except ValidationError as error:
-                mistakes.add_all(error, (name,), raw[name], None)
-    return sections
+def study_names() -> tuple[str, ...]:
+    """Names of the studies that come with the package."""
+    return tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
 
 
-def _of_kind(name: str, raw: Any, mistakes: Mistakes, at: tuple[str, ...]) -> type[Section] | None:
-    """The model of a section that has kinds; None with a mistake noted if there is no such kind."""
-    kinds = KINDS[name]
-    if not isinstance(raw, dict):
-        mistakes.add(at, f'must be a table [{".".join(at)}] with, for example, kind = "{next(iter(kinds))}"')
-        return None
-    kind = raw.get("kind", DEFAULT_KINDS.get(name))
-    if kind is None:
-        mistakes.add((*at, "kind"), f"is missing: one of {', '.join(kinds)}")
-    elif kind not in kinds:
-        mistakes.add((*at, "kind"), f"no kind {kind!r}; there are {', '.join(kinds)}")
-    return kinds.get(kind) if isinstance(kind, str) else None
+def load_study(
+    target: str | Path,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    map_path: str | Path | None = None,
+) -> Study:
+    """Read a study and check it whole.
 
+    Args:
+        target: A path to a TOML file, or the name of a study that comes with the package.
+        runs, seed: Instead of the file's.
+        map_path: A map file, or a room as "room:WIDTHxLENGTH", instead of the file's [map]; its keys that fit
+            the new map are kept. A path counts from the current folder.
 
-def _assumed(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any] | None:
-    """What estimators are told otherwise than it is: keys not given are those of the true section."""
-    given = raw["assumed"]
-    if not isinstance(given, dict):
-        mistakes.add(("assumed",), "must be tables, for example [assumed.sensor]")
-        return None
-    checked: dict[str, Any] = {}
-    for name, section in given.items():
-        at = ("assumed", name)
-        if name not in ASSUMED:
-            mistakes.add(at, f"unknown key; {suggestion(name, ASSUMED)}")
-            continue
-        if not isinstance(section, dict):
-            mistakes.add(at, f"must be a table [assumed.{name}]")
-            continue
-        if name == "motion" and (wrong := [key for key in OF_THE_DRIVE if key in section]):
-            for key in wrong:
-                mistakes.add((*at, key), "the drive is that of [motion]: leave it out")
-            continue
-        true = raw.get(name, {})
-        merged = _merged(name, true if isinstance(true, dict) else {}, section)
-        model = ASSUMED[name] or _of_kind(name, merged, mistakes, at)
-        inherited = merged.keys() - section.keys()  # mistakes in these are noted where they stand
-        _section(name, model, merged, checked, mistakes, ("assumed",), inherited)
-    return checked
-
-
-def _merged(name: str, true: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    default = DEFAULT_KINDS.get(name)
-    kept = set(true)
-    if given.get("kind", true.get("kind", default)) != true.get("kind", default):
-        kinds = KINDS[name]
-        model = kinds.get(given["kind"]) if isinstance(given["kind"], str) else None
-        kept &= set(COMMON) & set(model.model_fields if model else ())
-    for group in INSTEAD.get(name, ()):
-        if group & given.keys():
-            kept -= group
-    return {key: value for key, value in true.items() if key in kept} | given
-
-
-def _section(
-    name: Any,
-    model: type[BaseModel] | None,
-    raw: Any,
-    sections: dict[Any, Any],
-    mistakes: Mistakes,
-    at: Any = (),
-    ignored: Collection[str] = (),
-) -> None:
-    if model is None:
-        return
+    Raises:
+        StudyError: With every mistake of the file, one line each.
+    """
+    path = Path(target)
+    if path.suffix != ".toml" and str(target) in study_names():
+        path = EXAMPLES / f"{target}.toml"
     try:
-        sections[name] = model.model_validate(raw)
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        names = ", ".join(study_names())
+        raise StudyError([f"{target}: no such file; studies that come along: {names}"]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError([f"{target}: cannot be read: {one_line(error)}"]) from None
+    changes = {"runs": runs, "seed": seed, "map": map_path and str(map_path)}
+    return parse_study(text, source=path.name, folder=path.parent, changes=changes)
+
+
+def parse_study(
+    text: str, *, source: str = "study", folder: Path = Path(), changes: Mapping[str, Any] | None = None
+) -> Study:
+    """A study from the text of its file.
+
+    Args:
+        text: TOML.
+        source: What mistakes call the file; without its ending, the study's name unless the text has one.
+        folder: Where relative paths count from.
+        changes: Key -> value instead of the file's; None changes nothing. A map is named by its path or as
+            "room:WIDTHxLENGTH"; keys of [map] that fit the new map are kept.
+
+    Raises:
+        StudyError: With every mistake, one line each.
+    """
+    try:
+        raw = {"name": Path(source).stem} | tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError([_not_toml(source, error)]) from None
+    changed = {key: value for key, value in (changes or {}).items() if value is not None}
+    typed: dict[Key, str] = {(key,): "" for key in changed}
+    mistakes = Mistakes(source, key_lines(text), typed)
+    if "map" in changed:
+        typed["map",] = f" (--map {changed['map']})"
+        told = mistakes.attempt(("map",), lambda: _with_kind("map", str(changed["map"]))) or SOUND["map"]
+        if "path" in told:
+            told["path"] = str(Path(told["path"]).absolute())
+        typed |= {("map", key): typed["map",] for key in told}
+        changed["map"] = _inherited("map", raw.get("map"), told)
+    study = _validated(_filled(raw | changed, mistakes), mistakes)
+    study._folder = folder
+    world = build_world(study, mistakes)
+    mistakes.check()
+    notes = "".join(f"# given on the command line: {key} = {value!r}\n" for key, value in changed.items())
+    study._text, study._world = notes + text, world
+    return study
+
+
+def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
+    """The mistake, with the line where others have it."""
+    text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
+    if place := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
+        return f"{source}:{place[2]}: not TOML: {place[1]} ({place[3]})"
+    return f"{source}: not TOML: {text}"
+
+
+def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
+    """The keys of a study with the kinds that a file leaves out, and with what [assumed] inherits."""
+    filled: dict[str, Any] = {}
+    for name, told in raw.items():
+        at = ("map", "path") if isinstance(told, dict) else (name,)
+        whole = mistakes.attempt(at, partial(_with_kind, name, told))
+        filled[name] = SOUND["map"] if whole is None else whole
+    if isinstance(raw.get("assumed"), dict):
+        filled["assumed"] = {}
+        for name, told in raw["assumed"].items():
+            merged = _inherited(name, filled.get(name, _with_kind(name, {})), told)
+            model = _model(name, merged)
+            fixed = model.fixed & told.keys() if model else ()
+            for key in fixed:
+                mistakes.add(("assumed", name, key), "the drive is that of [motion]: leave it out")
+            if not fixed:
+                filled["assumed"][name] = merged
+    return filled
+
+
+def _with_kind(name: str, told: Any) -> Any:
+    """A section with its kind where that is left out: the file of a map tells it, or there is a usual one.
+
+    Raises:
+        MapError: If the name or the file of a map tells of no kind.
+    """
+    if name == "map" and isinstance(told, str):
+        told = map_table(told)
+    if not isinstance(told, dict) or "kind" in told or name not in Study.model_fields:
+        return told
+    if name == "map" and isinstance(told.get("path"), str):
+        return {"kind": kind_of(told["path"])} | told
+    kind = getattr(Study.model_fields[name].default, "kind", None)
+    return {"kind": kind} | told if kind else told
+
+
+def _model(name: str, told: Any) -> type[Section] | None:
+    """What a section is to be, by its kind."""
+    if not isinstance(told, dict) or name not in Study.model_fields:
+        return None
+    return kinds_of(Study.model_fields[name].annotation).get(str(told.get("kind", "")))
+
+
+def _inherited(name: str, true: Any, told: Any) -> Any:
+    """A section of which some keys are told anew: the others stay, as far as its kind has them too."""
+    if not isinstance(true, dict) or not isinstance(told, dict):
+        return told
+    told = {key: true[key] for key in ("kind",) if key in true} | told
+    model, other = _model(name, told), _model(name, true)
+    if model is None or other is None:
+        return told
+    kept = true
+    if model is not other:
+        shared = next(base for base in model.mro() if issubclass(base, Section) and issubclass(other, base))
+        kept = {key: value for key, value in true.items() if key in shared.model_fields}
+    anew = [keys for keys in model.alternatives if keys & told.keys()]
+    return {key: value for key, value in kept.items() if not any(key in keys for keys in anew)} | told
+
+
+def _validated(raw: dict[str, Any], mistakes: Mistakes) -> Study:
+    """The study, if need be with sound sections in the place of those with mistakes, which are noted."""
+    try:
+        return Study.model_validate(raw)
     except ValidationError as error:
-        mistakes.add_all(error, (*at, name), raw, model, ignored)
+        mistakes.add_all(error, raw, Study)
+        wrong = {fault["loc"][:length] for fault in error.errors() for length in (1, 2)}
+    sound = {key: value for key, value in raw.items() if key in Study.model_fields and (key,) not in wrong}
+    if isinstance(entries := raw.get("estimators"), list) and entries:
+        sound["estimators"] = [
+            SOUND["estimators"][0] if ("estimators", place) in wrong else entry
+            for place, entry in enumerate(entries)
+        ]
+    return Study.model_validate(SOUND | sound)

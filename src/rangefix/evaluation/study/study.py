@@ -1,31 +1,27 @@
-"""A study: a TOML file, or the same in objects, checked whole before anything runs."""
+"""A study, as its file or objects describe it, and the experiment that it makes."""
 
 from __future__ import annotations
 
 import json
-import re
-import tomllib
 from collections.abc import Mapping
 from hashlib import sha256
-from importlib import resources
+from html import escape
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PrivateAttr
 
-from ...errors import one_line
 from ...filters import Problem
 from ..experiment import Builder, Experiment, NamedEstimator
-from .build import World, check_world
-from .mistakes import Mistakes, StudyError
-from .read import sound_sections
+from .build import World, build_world
+from .mistakes import Mistakes
 from .sections import (
+    AnyMap,
     AnyMotion,
     AnyPrior,
     EstimatorSection,
-    FloorPlanMap,
-    MeshMap,
-    RectangleMap,
+    MapSection,
+    MotionSection,
     Section,
     SensorSection,
     StateSection,
@@ -33,7 +29,11 @@ from .sections import (
     TruthSection,
     UniformPrior,
 )
-from .toml_lines import key_lines
+from .sections.base import with_extensions
+
+if not TYPE_CHECKING:
+    AnyMap = with_extensions(MapSection, AnyMap, "rangefix.maps")
+    AnyMotion = with_extensions(MotionSection, AnyMotion, "rangefix.motions")
 
 MOST_RUNS = 10**9
 WORLD = {"map", "sensor", "state", "motion", "prior", "assumed"}  # the sections that make the problems
@@ -65,8 +65,8 @@ class Study(Section):
     timeout_s: float | None = Field(
         default=None, ge=0, description="longest that a trial may take; 0: any time"
     )
-    map: Annotated[RectangleMap | FloorPlanMap | MeshMap, Field(discriminator="kind")]
-    sensor: SensorSection
+    map: AnyMap = Field(description="write a table [map]")
+    sensor: SensorSection = Field(description="write a table [sensor]")
     state: StateSection = StateSection()
     motion: AnyMotion = StationaryMotion()
     prior: AnyPrior = UniformPrior()
@@ -78,7 +78,7 @@ class Study(Section):
     )
     _folder: Path = PrivateAttr(default=Path())
     _text: str = PrivateAttr(default="")
-    _built: tuple[str, World] | None = PrivateAttr(default=None)
+    _world: World | None = PrivateAttr(default=None)
 
     @property
     def text(self) -> str:
@@ -109,13 +109,23 @@ class Study(Section):
         Raises:
             StudyError: With every mistake that building it shows.
         """
-        if self._built is None or self._built[0] != self._sections_text():
+        if self._world is None:
             mistakes = Mistakes(self.name)
-            world = check_world(dict(self), mistakes, self._folder)
+            world = build_world(self, mistakes)
             mistakes.check()
-            assert world is not None  # else there would be a mistake
-            self._built = (self._sections_text(), world)
-        return self._built[1]
+            self._world = world
+        assert self._world is not None  # else there would be a mistake
+        return self._world
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Study:
+        """A copy with some sections changed, to be built anew."""
+        copy = super().model_copy(update=update, deep=deep)
+        copy._world = None
+        return copy
+
+    def as_assumed(self) -> Study:
+        """The study as it would be if what estimators are told were true."""
+        return self.model_copy(update={name: told for name, told in self.assumed if told is not None})
 
     def experiment(self) -> Experiment:
         """What the study describes, in objects.
@@ -124,9 +134,9 @@ class Study(Section):
             StudyError: With every mistake, for a study that was made from objects.
         """
         builders: dict[str, Builder] = {
-            each.label: NamedEstimator(each.name, each.options)
+            variant.label: NamedEstimator(variant.name, variant.options)
             for entry in self.estimators
-            for each in entry.variants()
+            for variant in entry.variants()
         }
         world = self.world()
         return Experiment(
@@ -142,105 +152,36 @@ class Study(Section):
             title=self.title,
             config=self.text,
             identity=self._identity(),
+            sources=tuple(sorted({type(section).__module__ for section in self.sections()})),
             timeout=self.timeout_s,
             beliefs=self.beliefs,
         )
 
     def _identity(self) -> str:
-        """What tells its problem from another's: the sections, and the bytes of the map's file."""
-        file = self._folder / self.map.path if isinstance(self.map, MeshMap) else None
-        content = sha256(file.read_bytes()).hexdigest() if file else ""
-        parts = self.model_dump(mode="json", include=WORLD)
-        parts["map"].pop("path", None)
-        return json.dumps([parts, content], sort_keys=True)
+        """What tells its problem from another's: the sections, and what is in the files that they read."""
+        text = json.dumps(self.model_dump(mode="json", include=WORLD), sort_keys=True)
+        contents = []
+        for file in (file for section in self.sections() for file in section.files()):
+            contents.append(sha256((self._folder / file).read_bytes()).hexdigest())
+            text = text.replace(json.dumps(str(file)), '""')
+        return json.dumps([text, contents])
 
-    def _sections_text(self) -> str:
-        return self.model_dump_json(include=WORLD | {"truth", "estimators", "beam_sets"})
+    def _summary(self) -> dict[str, str]:
+        """What it is, in a line for each section that says something."""
+        lines = {"runs": f"{self.runs}, seed {self.seed}"}
+        for name in ("map", "sensor", "state", "motion", "prior", "truth", "assumed"):
+            section: Section = getattr(self, name)
+            told = section.model_dump(exclude_unset=True, exclude_none=True)
+            lines |= {name: ", ".join(f"{key} = {value}" for key, value in told.items())} if told else {}
+        labels = [variant.label for entry in self.estimators for variant in entry.variants()]
+        return lines | {"estimators": ", ".join(labels)}
 
+    def __repr__(self) -> str:
+        lines = (f"  {name}: {line}" for name, line in self._summary().items())
+        head = f"Study {self.name!r}: {self.title or 'untitled'}"
+        return "\n".join([head, *(line if len(line) < 100 else f"{line[:97]}..." for line in lines)])
 
-def study_names() -> tuple[str, ...]:
-    """Names of the studies that come with the package."""
-    folder = resources.files(__package__) / "examples"
-    return tuple(
-        sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
-    )
-
-
-def load_study(
-    target: str | Path,
-    *,
-    runs: int | None = None,
-    seed: int | None = None,
-    map_path: str | Path | None = None,
-) -> Study:
-    """Read a study and check it whole.
-
-    Args:
-        target: A path to a TOML file, or the name of a study that comes with the package.
-        runs, seed: Instead of the file's.
-        map_path: Instead of the file's map.path; counts from the current folder.
-
-    Raises:
-        StudyError: With every mistake of the file, one line each.
-    """
-    path = Path(target)
-    if path.suffix != ".toml" and str(target) in study_names():
-        path = Path(str(resources.files(__package__) / "examples" / f"{target}.toml"))
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        text_names = ", ".join(study_names())
-        raise StudyError([f"{target}: no such file; studies that come along: {text_names}"]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError([f"{target}: cannot be read: {one_line(error)}"]) from None
-    changes: dict[str, Any] = {"runs": runs, "seed": seed}
-    if map_path is not None:
-        changes["map.path"] = str(Path(map_path).absolute())
-    return parse_study(text, source=path.name, folder=path.parent, changes=changes)
-
-
-def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
-    """The mistake, with the line where others have it."""
-    text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
-    if found := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
-        return f"{source}:{found[2]}: not TOML: {found[1]} ({found[3]})"
-    return f"{source}: not TOML: {text}"
-
-
-def parse_study(
-    text: str, *, source: str = "study", folder: Path = Path(), changes: Mapping[str, Any] | None = None
-) -> Study:
-    """A study from the text of its file.
-
-    Args:
-        text: TOML.
-        source: What mistakes call the file; without its ending, the study's name unless the text has one.
-        folder: Where relative paths count from.
-        changes: Dotted key -> value instead of the file's; None changes nothing.
-
-    Raises:
-        StudyError: With every mistake, one line each.
-    """
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError([_not_toml(source, error)]) from None
-    changed = {key: value for key, value in (changes or {}).items() if value is not None}
-    for key, value in changed.items():
-        *tables, last = key.split(".")
-        place = raw
-        for table in tables:
-            place = place.setdefault(table, {})
-        place[last] = value
-    given = frozenset(cast(tuple[str | int, ...], tuple(key.split("."))) for key in changed)
-    mistakes = Mistakes(source, key_lines(text), given)
-    sections = sound_sections(Study, {"name": Path(source).stem} | raw, mistakes)
-    world = check_world(sections, mistakes, folder)
-    mistakes.check()
-    study = Study(**sections)
-    study._folder = folder
-    if world is not None:
-        study._built = (study._sections_text(), world)
-    notes = "".join(f"# given on the command line: {key} = {value!r}\n" for key, value in changed.items())
-    study._text = notes + text
-    return study
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        rows = (f"<tr><th>{name}</th><td>{escape(line)}</td></tr>" for name, line in self._summary().items())
+        return f"<table><caption>{escape(self.title or self.name)}</caption>{''.join(rows)}</table>"

@@ -2,41 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array
-from ..estimator import Estimate
+from ..estimator import BriefRepr, Estimate, Image, brief
+from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..models import Stationary
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .mode_gaussians import sample_modes
-from .modes import Accuracy, Found, Quadrature, assembled, integrate
+from .modes import NOWHERE, Accuracy, Quadrature, integrate
 from .predicted import Predicted, predict_modes
 from .range_bounds import SearchTable, build_table, shortfall_bounds
 from .target import Target
 
-STRETCH = (1.0, 10.0, 100.0, np.inf)  # times the margin: readings that fit nowhere are looked for more widely
-MOST_BOXES = 20_000  # boxes that a search may leave
-BLUR = 3.0  # nats by which those that are left then are drawn by lot
-GUESSES = 2000  # boxes that are followed at once
-ROUNDS = (STEPS, STEPS, 0, STEPS, 0)  # steps of guesses; without steps, those that lead elsewhere count too
-MISSED = 0.25  # of the accuracy: how much boxes may count that are not followed
-LOOKED_UP = ("x1", "x2", "heading")  # components that boxes have
-SEEDS = 24  # points of a predicted mode that are followed
+MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
+MAX_BOXES = 20_000  # that a search may leave
+LOT_NATS = 3.0  # by which those that are left then are drawn by lot
+MAX_BOXES_FOLLOWED = 2000  # at once
+STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead elsewhere count too
+MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
+BOX_COMPONENTS = ("x1", "x2", "heading")
+MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 
 
 @dataclass(frozen=True)
 class AdaptiveBelief:
     """What was predicted, what has been measured since, and the posterior that follows.
 
-    prior: What was predicted; the problem's prior before the first move.
-    measurements: Since then, (U, B); readings of different beams share a row.
-    posterior: Where it is; None before the first measurement after a move.
-    log_evidence: Of all that was measured before `prior`, nats.
-    possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
+    Attributes:
+        prior: What was predicted; the problem's prior before the first move.
+        measurements: Since then, (U, B); readings of different beams share a row.
+        posterior: Where it is; None before the first measurement after a move.
+        log_evidence: Of all that was measured before `prior`, nats.
+        possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
     """
 
     prior: Prior | Predicted
@@ -45,9 +48,15 @@ class AdaptiveBelief:
     log_evidence: float
     possible: bool = True
 
+    def __repr__(self) -> str:
+        if self.posterior is None:
+            return brief(self)
+        space, mass = self.posterior.modes[0].space, np.exp(self.posterior.log_mass)
+        return brief(self, Estimate(*space.moments(self.posterior.states, mass)))
 
-@dataclass(frozen=True)
-class AdaptivePointMassFilter:
+
+@dataclass(frozen=True, repr=False)
+class AdaptivePointMassFilter(BriefRepr):
     """The posterior on lattices that lie where it is, each in the axes of its own mode.
 
     A table of the least and greatest range from every coarse cell of the prior's support bounds the
@@ -58,7 +67,7 @@ class AdaptivePointMassFilter:
     the modes' points are the guesses.
 
     Args:
-        problem: The problem; its sensor must be a `Rangefinder` with no `max_incidence`.
+        problem: The problem; its sensor must have no largest incidence.
         accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances and of
             probabilities, as the lattices' own halves show it.
         drop: Density, relative to the greatest, below which no mode is looked at.
@@ -74,10 +83,9 @@ class AdaptivePointMassFilter:
     drop: float = 1e-9
     table_rays: int = 20_000_000
     most_cells: int = 1_000_000
-    table: SearchTable = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if getattr(self.problem.sensor, "max_incidence", np.pi / 2) < np.pi / 2:
+        if self.problem.sensor.max_incidence < np.pi / 2:
             raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
         if not 1e-4 <= self.accuracy <= 0.5:
             raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {self.accuracy}")
@@ -85,8 +93,12 @@ class AdaptivePointMassFilter:
             raise ValueError(f"the dropped density must be in (0, 0.01), got {self.drop}")
         if self.table_rays < 1000 or self.most_cells < 1000:
             raise ValueError("need at least 1000 rays for the table and 1000 cells")
-        table = build_table(self.problem.sensor, self.problem.prior, self.table_rays)
-        object.__setattr__(self, "table", table)
+        self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
+
+    @cached_property
+    def table(self) -> SearchTable:
+        """Bounds of the ranges from the coarse cells of the prior's support."""
+        return build_table(self.problem.sensor, self.problem.prior, self.table_rays)
 
     def init(self, prior: Prior, rng: Generator) -> AdaptiveBelief:
         """The prior's moments.
@@ -127,7 +139,7 @@ class AdaptivePointMassFilter:
             return belief
         measurements = _joined(belief.measurements, measurement)
         posterior = self._posterior(belief.prior, measurements)
-        if posterior is None:
+        if not posterior.modes:
             return replace(belief, possible=False)
         return replace(belief, measurements=measurements, posterior=posterior)
 
@@ -145,6 +157,10 @@ class AdaptivePointMassFilter:
         if belief.posterior is None and not isinstance(belief.prior, Predicted):
             return belief.prior.sample(size, rng)
         return sample_modes(self._cells(belief).modes, size, rng)
+
+    def density(self, belief: AdaptiveBelief) -> Image:
+        """Draws from the belief counted in pixels, for pictures: its lattices lie askew to them."""
+        return image_of_points(self.sample(belief, IMAGE_DRAWS, image_rng()), self.problem)
 
     @staticmethod
     def _evidence(belief: AdaptiveBelief, cells: Quadrature) -> float:
@@ -164,62 +180,60 @@ class AdaptivePointMassFilter:
         if isinstance(prior, Predicted):
             states, information = prior.middles(), prior.means_and_precisions()[1]
         else:
-            states = np.vstack([prior.mean, prior.sample(SEEDS, np.random.default_rng(0))])
+            states = np.vstack([prior.mean, prior.sample(MAX_GUESSES_PER_PART, np.random.default_rng(0))])
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        cells = assembled(integrate(target, peaks, self._accuracy))
-        assert cells is not None, "a prior allows its own samples"
-        return cells
+        return integrate(target, peaks, self._accuracy)
 
     @property
     def _accuracy(self) -> Accuracy:
         return Accuracy(self.accuracy, -float(np.log(self.drop)), self.most_cells)
 
-    def _posterior(self, prior: Prior | Predicted, measurements: Array) -> Quadrature | None:
-        """Where measurements (U, B) leave the prior; None if nowhere."""
+    def _posterior(self, prior: Prior | Predicted, measurements: Array) -> Quadrature:
+        """Where measurements (U, B) leave the prior."""
         target = Target(self.problem.sensor, prior.log_density, measurements)
         if isinstance(prior, Predicted):
             return self._after_move(prior, target)
         precision = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         beams = len(target.beams)
         share = int((~np.isnan(measurements)).sum()) / beams
-        found = None
-        for stretch in STRETCH:
-            margin = stretch * self._accuracy.margin
+        found = NOWHERE
+        for factor in MARGIN_FACTORS:
+            margin = factor * self._accuracy.margin
             boxes, volume = self._boxes(measurements, margin)
             if not len(boxes):
                 continue
-            found = self._found(target, boxes, float(np.log(volume)), precision)
-            if found is not None:
+            found = self._search(target, boxes, float(np.log(volume)), precision)
+            if found.modes:
                 fit = found.level - float(prior.log_density(found.peak[None])[0])
                 if target.perfect() - fit + self._accuracy.margin <= share * self.table.limit(beams, margin):
                     break
         return found
 
-    def _after_move(self, prior: Predicted, target: Target) -> Quadrature | None:
+    def _after_move(self, prior: Predicted, target: Target) -> Quadrature:
         """The posterior after a move: from some predicted points, then from those not yet in a mode."""
-        found, rough, scores = Found(), replace(target, log_prior=prior.roughly), prior.scores(target)
+        found, rough, scores = NOWHERE, replace(target, log_prior=prior.roughly), prior.scores(target)
         for _ in range(2):
-            guesses, means, precisions = prior.guesses(scores, SEEDS, found.holds)
+            guesses, means, precisions = prior.guesses(scores, MAX_GUESSES_PER_PART, found.holds)
             if not len(guesses):
                 break
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        return assembled(found)
+        return found
 
-    def _found(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature | None:
+    def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
 
         A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
         Boxes that are no good may be so many, or so far off, that they count together.
         """
         mean, scores = self.problem.prior.mean, quick_scores(target, boxes)
-        found, left = Found(), np.flatnonzero(scores > -np.inf)
+        found, left = NOWHERE, np.flatnonzero(scores > -np.inf)
         worth = scores[left]
-        for steps in ROUNDS:
-            best = left[np.argsort(-worth, kind="stable")[:GUESSES]]
+        for steps in STEPS_BY_ROUND:
+            best = left[np.argsort(-worth, kind="stable")[:MAX_BOXES_FOLLOWED]]
             peaks = climb(target, boxes[best], mean, precision, steps)
             found = integrate(target, peaks, self._accuracy, found)
             if not found.modes or len(target.beams) > QUICK_BEAMS:
@@ -229,22 +243,24 @@ class AdaptivePointMassFilter:
             left, worth = left[worth > -np.inf], worth[worth > -np.inf]
             if not len(left):
                 break
-        return assembled(found)
+        return found
 
-    def _worth(self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Found) -> Array:
+    def _worth(
+        self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Quadrature
+    ) -> Array:
         """How much boxes (K, n) that no mode holds ask to be followed, (K,), nats; -inf where they need not.
 
         Those that score as well as points of the best mode do; and the others, by their density, if the sum
-        over them says that together they count.
+        over them says that together they count: point 6 of docs/theory.md, "Adaptive cells".
         """
-        integral, counts = found.counts(boxes)
-        perfect, allowed = target.perfect(), MISSED * self.accuracy
+        counts = found.counts(boxes)
+        perfect, allowed = target.perfect(), MISSED_SHARE * self.accuracy
         good = scores > found.level - perfect - self._accuracy.edge(boxes.shape[1])
-        share = np.log(counts) + log_volume - integral
+        share = np.log(counts) + log_volume - found.log_integral
         # a score is a bound on the density: those left out here add up to less than is allowed
-        some = np.flatnonzero(~good & (scores + perfect + share > np.log(allowed / (1 + len(boxes)))))
+        asked = np.flatnonzero(~good & (scores + perfect + share > np.log(allowed / (1 + len(boxes)))))
         others = np.full(len(boxes), -np.inf)
-        others[some] = target.log_density(boxes[some])
+        others[asked] = target.log_density(boxes[asked])
         if np.exp(others + share).sum() < allowed:
             return np.where(good, scores, -np.inf)
         return np.where(good, scores, others + np.log(counts) - perfect)
@@ -260,9 +276,9 @@ class AdaptivePointMassFilter:
         )
         assert isinstance(bounds, np.ndarray)
         possible = kept = np.flatnonzero(np.isfinite(bounds))
-        if len(kept) > MOST_BOXES:
-            lots = BLUR * np.random.default_rng(0).gumbel(size=len(kept))
-            kept = kept[np.argpartition(bounds.ravel()[kept] - lots, MOST_BOXES)[:MOST_BOXES]]
+        if len(kept) > MAX_BOXES:
+            lots = LOT_NATS * np.random.default_rng(0).gumbel(size=len(kept))
+            kept = kept[np.argpartition(bounds.ravel()[kept] - lots, MAX_BOXES)[:MAX_BOXES]]
         cells, headings = np.divmod(kept, bounds.shape[1])
         quarter = np.array([(-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)]) * table.size[:2]
         whole = table.whole[cells]
@@ -272,7 +288,9 @@ class AdaptivePointMassFilter:
         states = np.tile(self.problem.prior.mean, (len(centres), 1))
         states[:, space.position_indices] = centres
         wide = TWO_PI * np.diagonal(self.problem.prior.covariance)  # velocities, as wide as their prior
-        volume = np.sqrt(np.prod([wide[i] for i, name in enumerate(space.names) if name not in LOOKED_UP]))
+        volume = np.sqrt(
+            np.prod([wide[i] for i, name in enumerate(space.names) if name not in BOX_COMPONENTS])
+        )
         if "heading" in space.names:
             angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
             states[:, space.names.index("heading")] = angles

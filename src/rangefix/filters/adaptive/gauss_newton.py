@@ -6,21 +6,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array
 from .target import BATCH, CAP, Target
 
-QUICK_BEAMS = 64  # beams that a first look uses
-MAX_GUESSES = 100  # guesses that are followed with every beam, where there are more beams
+QUICK_BEAMS = 64  # that a first look uses
+MAX_GUESSES = 100  # that are followed with every beam, where there are more beams
 STEPS = 8
-TRIMMED = 0.7  # share of the beams that each step fits at least
-SETTLED, MOSTLY = 1e-3, 0.9  # squared length, in standard deviations, of steps that are the last; of how many
+FITTED_SHARE = 0.7  # of the beams: each step fits at least so many
+LAST_STEP_SQUARED = 1e-3  # squared length, in standard deviations, of steps that are the last
+SETTLED_SHARE = 0.9  # of the guesses: of so many must it be the last
 
 
 class Peaks(NamedTuple):
     """Where guesses ended.
 
-    states: (K, n). log_density: Theirs under the target, (K,). score: The same with no beam counting for more
-    than CAP nats below a perfect fit, (K,). information: Inverse covariance of a Gaussian there, (K, n, n).
+    Attributes:
+        states: (K, n).
+        log_density: Theirs under the target, (K,).
+        score: The same with no beam counting for more than CAP nats below a perfect fit, (K,).
+        information: Inverse covariance of a Gaussian there, (K, n, n).
     """
 
     states: Array
@@ -45,11 +49,8 @@ def quick_scores(
     """
     few = target.few(beams)
     logs = target.log_prior(states) if log_prior is None else log_prior
-    found = [
-        _scores(few, few.expected(states[some]), logs[some])
-        for some in np.array_split(np.arange(len(states)), 1 + len(states) * beams // BATCH)
-    ]
-    return np.concatenate(found)
+    parts = np.array_split(np.arange(len(states)), 1 + len(states) * beams // BATCH)
+    return np.concatenate([_scores(few, few.expected(states[part]), logs[part]) for part in parts])
 
 
 def climb(target: Target, states: Array, mean: Array, precision: Array, steps: int = STEPS) -> Peaks:
@@ -83,12 +84,13 @@ def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: 
     for _ in range(steps):
         information, pull = left
         move = np.linalg.solve(information, pull[..., None])[..., 0]
-        if ((move * pull).sum(axis=-1) < SETTLED).mean() > MOSTLY:
+        if ((move * pull).sum(axis=-1) < LAST_STEP_SQUARED).mean() > SETTLED_SHARE:
             break
         states = space.wrap(states + move)
         here, left = _look(target, states, mean, precision)
         better = here.score > best.score
-        best = Peaks(*(np.where(_like(better, new), new, old) for new, old in zip(here, best, strict=True)))
+        masks = (better.reshape(-1, *[1] * (new.ndim - 1)) for new in here)
+        best = Peaks(*map(np.where, masks, here, best))
     return best
 
 
@@ -97,26 +99,25 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     sensor, measured, beams = target.sensor, ~np.isnan(target.measurements), target.beams
     (expected, slopes), prior = target.expected_and_slopes(states), target.log_prior(states)
     counts = measured.sum(axis=0)[beams]
-    reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
-    usable = np.isfinite(reading) & np.isfinite(expected[:, beams])
+    mean_reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
+    usable = np.isfinite(mean_reading) & np.isfinite(expected[:, beams])
     scale = np.sqrt(sensor.noise.variance(np.where(np.isfinite(expected), expected, 1.0))[:, beams] / counts)
     with np.errstate(invalid="ignore"):
-        deviates = np.where(usable, reading - expected[:, beams], 0.0) / scale
+        deviates = np.where(usable, mean_reading - expected[:, beams], 0.0) / scale
     used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable)[:, None])
     slopes = np.where(used[..., None], slopes / scale[..., None], 0.0)
     information = np.swapaxes(slopes, 1, 2) @ slopes + precision
     back = sensor.space.difference(mean, states)
-    pull = (
-        np.einsum("kbi,kb->ki", slopes, np.where(used, deviates, 0.0)) + (precision @ back[..., None])[..., 0]
-    )
-    logs = prior + sum(sensor.log_density(each, expected) for each in target.measurements)
+    pull = np.einsum("kbi,kb->ki", slopes, np.where(used, deviates, 0.0))
+    pull = pull + (precision @ back[..., None])[..., 0]
+    logs = prior + sum(sensor.log_density(reading, expected) for reading in target.measurements)
     return Peaks(states, logs, _scores(target, expected, prior), information), (information, pull)
 
 
 def _bars(sizes: Array, usable: Array) -> Array:
     """How far off a beam may be and count: 3 standard deviations, or those of the share that must count."""
     ordered = np.sort(np.where(usable, sizes, np.inf), axis=1)
-    place = np.maximum((TRIMMED * usable.sum(axis=1)).astype(int) - 1, 0)
+    place = np.maximum((FITTED_SHARE * usable.sum(axis=1)).astype(int) - 1, 0)
     return np.asarray(np.maximum(3.0, ordered[np.arange(len(sizes)), place]))
 
 
@@ -125,12 +126,7 @@ def _scores(target: Target, expected: Array, prior: Array) -> Array:
     possible = prior > -np.inf
     total = np.where(possible, prior, prior.max(initial=-np.inf, where=possible) - CAP)
     for reading in target.measurements:
-        lost = target.sensor.beam_log_density(reading, reading) - target.sensor.beam_log_density(
-            reading, expected
-        )
+        perfect = target.sensor.beam_log_density(reading, reading)
+        lost = perfect - target.sensor.beam_log_density(reading, expected)
         total = total - np.minimum(np.where(np.isnan(lost), CAP, lost), CAP).sum(-1)
     return np.asarray(total)
-
-
-def _like(mask: BoolArray, array: Array) -> BoolArray:
-    return mask.reshape(-1, *[1] * (array.ndim - 1))

@@ -4,45 +4,51 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray
 from ..compiled import njit, prange
 
-NEGLIGIBLE = 40.0  # nats below the greatest Gaussian at a point at which another is left out
+NEGLIGIBLE_NATS = 40.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
-AT_ONCE = 50_000  # Gaussians at points that are worked out together: what a processor's cache holds
+TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
 
 
-def log_sum(states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray) -> Array:
-    """Log of the sum over k of exp(log_scale_k - d' precision_k d / 2), d = state - centre_k.
+class Gaussians(NamedTuple):
+    """Terms exp(log_scale_k - d' precision_k d / 2) of a sum, d = state - centre_k.
 
-    Args:
-        states: Where, (N, n).
-        centres: (K, n); precision: (K, n, n); log_scale: (K,), not all -inf.
+    Attributes:
+        centres: (K, n).
+        precision: Inverse covariances, (K, n, n).
+        log_scale: Log of weight and normalisation, (K,), not all -inf.
         is_angle: Which components are angles, (n,): differences go the short way round.
-
-    Returns:
-        (N,).
     """
+
+    centres: Array
+    precision: Array
+    log_scale: Array
+    is_angle: BoolArray
+
+
+def log_sum(states: Array, gaussians: Gaussians) -> Array:
+    """Log of the sum of all Gaussians at each state, (N, n) -> (N,)."""
     result = np.empty(len(states))
-    for some, logs in _exponents(states, centres, precision, log_scale, is_angle):
+    for part, logs in _exponents(states, gaussians):
         top = logs.max(axis=1)
         logs -= top[:, None]
         np.maximum(logs, UNDERFLOW, out=logs)
-        result[some] = top + np.log(np.exp(logs, out=logs).sum(axis=1))
+        result[part] = top + np.log(np.exp(logs, out=logs).sum(axis=1))
     return result
 
 
-def log_reached(
-    states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray,
-    ends: Array, starts: Array, fans: Array,
-) -> Array:  # fmt: skip
+def log_reached(states: Array, gaussians: Gaussians, ends: Array, starts: Array, fans: Array) -> Array:
     """The same, over those k alone from whose start no wall is met on the straight way to the end.
 
     Args:
-        states, centres, precision, log_scale, is_angle: As for `log_sum`.
+        states: Where, (N, n).
+        gaussians: The terms.
         ends: Position of each state, (N, 2), m.
         starts: Where the step to each centre began, (K, 2), m.
         fans: Distance to the wall from each start in F directions all round, from +x2 clockwise, (K, F), m.
@@ -52,8 +58,8 @@ def log_reached(
         (N,); -inf where nothing reaches.
     """
     result, closeness = np.empty(len(states)), 1 / fans
-    for some, logs in _exponents(states, centres, precision, log_scale, is_angle):
-        _sum_reached(logs, ends[some], starts, closeness, result[some])
+    for part, logs in _exponents(states, gaussians):
+        _sum_reached(logs, ends[part], starts, closeness, result[part])
     return result
 
 
@@ -64,13 +70,12 @@ def reached(ends: Array, free: BoolArray, starts: Array, fans: Array) -> BoolArr
     return result
 
 
-def _exponents(
-    states: Array, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray
-) -> Iterator[tuple[slice, Array]]:
+def _exponents(states: Array, gaussians: Gaussians) -> Iterator[tuple[slice, Array]]:
     """log_scale_k - d' precision_k d / 2 for some states and all k: which states, and (k, K) for them.
 
     The squares multiplied out are one product of matrices; about the centres' middle little cancels.
     """
+    centres, precision, log_scale, is_angle = gaussians
     rows, columns = np.tril_indices(states.shape[1])
     middle = centres[log_scale.argmax()]
     away, offset = _short_way(states - middle, is_angle), _short_way(centres - middle, is_angle)
@@ -81,14 +86,14 @@ def _exponents(
     powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
     reach = np.abs(offset[:, is_angle]).max(axis=0, initial=0.0)
     round_about = (np.abs(away[:, is_angle]) + reach > TWO_PI / 2).any(axis=1)
-    step = max(1, AT_ONCE // len(centres))
+    step = max(1, TERMS_AT_ONCE // len(centres))
     for first in range(0, len(states), step):
-        some = slice(first, first + step)
-        logs = powers[some] @ weights
-        for place in np.flatnonzero(round_about[some]):
+        part = slice(first, first + step)
+        logs = powers[part] @ weights
+        for place in np.flatnonzero(round_about[part]):
             short = _short_way(states[first + place] - centres, is_angle)
             logs[place] = log_scale - 0.5 * np.einsum("ki,kij,kj->k", short, precision, short)
-        yield some, logs
+        yield part, logs
 
 
 def _short_way(offset: Array, is_angle: BoolArray) -> Array:
@@ -117,7 +122,7 @@ def _sum_reached(logs: Array, ends: Array, starts: Array, closeness: Array, resu
         top, total = -math.inf, 0.0
         for k in range(logs.shape[1]):
             log = logs[place, k]
-            if log < top - NEGLIGIBLE:
+            if log < top - NEGLIGIBLE_NATS:
                 continue
             if not _clear(ends[place, 0] - starts[k, 0], ends[place, 1] - starts[k, 1], closeness[k]):
                 continue
@@ -131,6 +136,7 @@ def _sum_reached(logs: Array, ends: Array, starts: Array, closeness: Array, resu
 
 @njit(cache=True, nogil=True)
 def _reached(ends: Array, free: BoolArray, starts: Array, closeness: Array, result: BoolArray) -> None:
+    """Which free ends can be reached from their start, written in place."""
     for k in range(starts.shape[0]):
         for place in range(ends.shape[1]):
             step1, step2 = ends[k, place, 0] - starts[k, 0], ends[k, place, 1] - starts[k, 1]

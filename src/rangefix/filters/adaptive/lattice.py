@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +28,13 @@ class TooManyCells(ValueError):
 class Lattice:
     """Points origin + basis i for whole numbers i, and the log density at those that matter.
 
-    origin: (n,). basis: One step along each axis in its columns, (n, n).
-    index: (K, n). keys: One number for each index, sorted, (K,). logs: Log densities, (K,).
+    Attributes:
+        space: The state space.
+        origin: (n,).
+        basis: One step along each axis in its columns, (n, n).
+        index: (K, n).
+        keys: One number for each index, sorted, (K,).
+        logs: Log densities, (K,).
     """
 
     space: StateSpace
@@ -76,8 +82,8 @@ class Lattice:
         """What twice the spacing along each axis would cost, (n,): the greatest of three errors.
 
         Of the probability, as a share; of the mean, in standard deviations; of the covariance, in variances,
-        in the direction in which it is greatest. What shows across several axes is counted for that one of
-        them that is worst: halving it is enough.
+        in the direction in which it is greatest: point 5 of docs/theory.md, "Adaptive cells". What shows
+        across several axes is counted for that one of them that is worst: halving it is enough.
         """
         weights = self._weights()
         mean, covariance = self.moments
@@ -85,15 +91,15 @@ class Lattice:
         values, vectors = np.linalg.eigh(covariance)
         white = (self.index - mean) @ (vectors / np.sqrt(np.maximum(values, 1 / 12)))
         odd = self.index % 2
-        found = np.zeros(white.shape[1])
-        for kind in sorted(product((0, 1), repeat=len(found)), key=sum)[1:]:
-            axes = np.flatnonzero(kind)
+        errors = np.zeros(white.shape[1])
+        for subset in sorted(product((0, 1), repeat=len(errors)), key=sum)[1:]:
+            axes = np.flatnonzero(subset)
             signed = weights * (1 - 2 * (odd[:, axes].sum(axis=1) % 2))
             spread = np.linalg.eigvalsh((white * signed[:, None]).T @ white)
             cost = max(abs(signed.sum()), np.linalg.norm(signed @ white), np.abs(spread).max())
-            worst = axes[found[axes].argmax()]
-            found[worst] = max(found[worst], cost)
-        return found
+            worst = axes[errors[axes].argmax()]
+            errors[worst] = max(errors[worst], cost)
+        return errors
 
     @cached_property
     def _box(self) -> tuple[Array, Array]:
@@ -107,18 +113,26 @@ class Lattice:
         return np.asarray(weights / weights.sum())
 
 
+class Limits(NamedTuple):
+    """Where a lattice stops growing.
+
+    Attributes:
+        others: Lattices that count their cells already.
+        level: Log density below which nothing matters.
+        margin: Neighbours of points within so many nats of the greatest density are looked at.
+        most: The most points.
+    """
+
+    others: Sequence[Lattice] = ()
+    level: float = -np.inf
+    margin: float = 0.0
+    most: int = 0
+
+
 def grow(
-    space: StateSpace,
-    log_density: Callable[[Array], Array],
-    origin: Array,
-    basis: Array,
-    start: IntArray,
-    margin: float,
-    most: int,
-    others: Sequence[Lattice] = (),
-    before: Lattice | None = None,
-    level: float = -np.inf,
-) -> Lattice:
+    space: StateSpace, log_density: Callable[[Array], Array], origin: Array, basis: Array, start: IntArray,
+    limits: Limits, before: Lattice | None = None,
+) -> Lattice:  # fmt: skip
     """Points of a lattice from which the density falls off on every side.
 
     Args:
@@ -127,11 +141,8 @@ def grow(
         origin: The lattice's origin, (n,).
         basis: One step along each axis in its columns, (n, n).
         start: Where to begin, (k, n).
-        margin: Neighbours of points within so many nats of the greatest density are looked at.
-        most: The most points.
-        others: Lattices that count their cells already.
+        limits: Where to stop.
         before: Points known already, on the same lattice.
-        level: Log density below which nothing matters.
 
     Raises:
         TooManyCells: If there would be more points than that.
@@ -143,24 +154,26 @@ def grow(
     top = -np.inf if before is None else float(before.logs.max())
     fresh = start
     while True:
-        found, places = np.unique(_keys(fresh), return_index=True)
-        new = ~known.have(found)
-        found, fresh = found[new], fresh[places[new]]
+        keys, places = np.unique(_keys(fresh), return_index=True)
+        new = ~known.have(keys)
+        keys, fresh = keys[new], fresh[places[new]]
         if not len(fresh):
             break
-        known.add(found)
-        if known.count > most:
-            raise TooManyCells(f"the posterior fills more than {most} cells: allow more, or measure more")
+        known.add(keys)
+        if known.count > limits.most:
+            raise TooManyCells(
+                f"the posterior fills more than {limits.most} cells: allow more, or measure more"
+            )
         offset = fresh @ basis.T
         states = space.wrap(origin + offset)
         values = log_density(states)
         taken = (np.abs(offset[:, angle]) > np.pi).any(axis=1)
-        for other in others:
+        for other in limits.others:
             taken |= other.holds(states)
         values[taken] = -np.inf
-        parts.append((fresh, found, values))
+        parts.append((fresh, keys, values))
         top = max(top, float(values.max()))
-        bar = max(level, top - margin)
+        bar = max(limits.level, top - limits.margin)
         if bar == -np.inf:
             break
         fresh = (fresh[values > bar][:, None] + around).reshape(-1, len(origin))
@@ -170,23 +183,18 @@ def grow(
 
 
 def halved(
-    lattice: Lattice, axes: BoolArray, log_density: Callable[[Array], Array],
-    margin: float, most: int, others: Sequence[Lattice], level: float,
-) -> Lattice:  # fmt: skip
+    lattice: Lattice, axes: BoolArray, log_density: Callable[[Array], Array], limits: Limits
+) -> Lattice:
     """The same with half the spacing along some axes."""
-    index = lattice.index * np.where(axes, 2, 1)
-    heavy = index[lattice.logs > max(level, lattice.logs.max() - margin)]
+    finer, logs = np.where(axes, 2, 1), lattice.logs
+    index = lattice.index * finer
+    heavy = index[logs > max(limits.level, logs.max() - limits.margin)]
     steps = np.array(list(product(*[(-1, 0, 1) if axis else (0,) for axis in axes])))
-    keys = _keys(index)
+    keys, basis = _keys(index), lattice.basis / finer
     order = np.argsort(keys)
-    before = Lattice(
-        lattice.space, lattice.origin, lattice.basis / np.where(axes, 2, 1), index[order], keys[order],
-        lattice.logs[order],
-    )  # fmt: skip
+    before = replace(lattice, basis=basis, index=index[order], keys=keys[order], logs=logs[order])
     start = (heavy[:, None] + steps).reshape(-1, len(axes))
-    return grow(
-        lattice.space, log_density, before.origin, before.basis, start, margin, most, others, before, level
-    )
+    return grow(lattice.space, log_density, lattice.origin, basis, start, limits, before)
 
 
 class _Keys:
@@ -197,10 +205,10 @@ class _Keys:
 
     def have(self, keys: IntArray) -> BoolArray:
         """Which of some keys are in the set."""
-        found = np.zeros(len(keys), np.bool_)
+        known = np.zeros(len(keys), np.bool_)
         for table in self.tables:
-            found |= _known(keys, table)
-        return found
+            known |= _known(keys, table)
+        return known
 
     def add(self, keys: IntArray) -> None:
         """Add keys, sorted, that are not in it."""

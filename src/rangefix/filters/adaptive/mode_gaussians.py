@@ -15,24 +15,36 @@ from numpy.random import Generator
 from ...arrays import Array
 from .lattice import Lattice
 
-WIDTH = 0.6  # steps of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
+KERNEL_STEPS = 0.6  # of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
 TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as one; of 2 components, of more
-COARSEST = 1.0  # the same where that leaves too many points
-NARROW = 1 / 3  # of that: where what spreads points besides is narrower, they are taken as one only so far
-MOST_SPREAD = 0.5  # of a variance that kernels may make up
+COARSEST_TOGETHER = 1.0  # the same where that leaves too many points
+NARROW_SHARE = (
+    1 / 3
+)  # of that: where what spreads points besides is narrower, they are taken as one only so far
+MAX_KERNEL_SHARE = 0.5  # of a variance that kernels may make up
 KEPT_PROBABILITY = 1.0 - 1e-5  # share of a mode's probability that is kept
 
 
 class Kernels(NamedTuple):
-    """A density as Gaussians: states (K, n), log weights (K,), covariance (n, n) of each, about its state."""
+    """A density as Gaussians of one covariance.
+
+    Attributes:
+        states: Their means, (K, n).
+        log_weights: (K,).
+        covariance: Of each, (n, n).
+    """
 
     states: Array
     log_weights: Array
     covariance: Array
 
 
-def smoothed(mode: Lattice, noise: Array, together: float = COARSEST, stays: bool = False) -> Kernels:
+def smoothed(
+    mode: Lattice, noise: Array, together: float = COARSEST_TOGETHER, stays: bool = False
+) -> Kernels:
     """A mode as Gaussians with its mean and covariance, no wider than it takes.
+
+    The c'_k and E of docs/theory.md, "Cells of a moving object".
 
     Args:
         mode: The mode.
@@ -46,19 +58,23 @@ def smoothed(mode: Lattice, noise: Array, together: float = COARSEST, stays: boo
     weights = np.exp(mode.logs - mode.logs.max())
     order = np.argsort(-weights, kind="stable")
     held = np.cumsum(weights[order])
-    some = np.sort(order[: 1 + int(np.searchsorted(held, KEPT_PROBABILITY * held[-1]))])
-    index, weights = mode.index[some].astype(float), weights[some] / weights[some].sum()
+    kept = np.sort(order[: 1 + int(np.searchsorted(held, KEPT_PROBABILITY * held[-1]))])
+    index, weights = mode.index[kept].astype(float), weights[kept] / weights[kept].sum()
     mean, spread = _moments(index, weights)
     widest = together * _conditional(spread)
-    blocks = np.maximum(1, np.floor(np.clip(_conditional(noise) / WIDTH, NARROW * widest, widest)))
+    blocks = np.maximum(
+        1, np.floor(np.clip(_conditional(noise) / KERNEL_STEPS, NARROW_SHARE * widest, widest))
+    )
     index, weights = _taken_together(index, weights, blocks)
     between = _moments(index, weights)[1]
     root = np.linalg.cholesky(spread)
     inverse = np.linalg.inv(root)
-    wanted = np.diag(np.maximum((WIDTH * blocks) ** 2 - (0.0 if stays else _conditional(noise) ** 2), 0.0))
+    wanted = np.diag(
+        np.maximum((KERNEL_STEPS * blocks) ** 2 - (0.0 if stays else _conditional(noise) ** 2), 0.0)
+    )
     values, vectors = np.linalg.eigh(inverse @ (spread - between + wanted) @ inverse.T)
     turned = root @ vectors
-    covariance = (turned * np.clip(values, 0.0, MOST_SPREAD)) @ turned.T
+    covariance = (turned * np.clip(values, 0.0, MAX_KERNEL_SHARE)) @ turned.T
     shrink = np.linalg.cholesky(spread - covariance) @ np.linalg.inv(np.linalg.cholesky(between))
     states = mode.space.wrap(mode.origin + (mean + (index - mean) @ shrink.T) @ mode.basis.T)
     return Kernels(states, np.log(weights), mode.basis @ covariance @ mode.basis.T)
@@ -91,11 +107,11 @@ def sample_modes(modes: tuple[Lattice, ...], size: int, rng: Generator) -> Array
     """Draws from a belief on lattices, (size, n), with its mean and covariance."""
     logs = np.array([mode.log_integral for mode in modes])
     counts = rng.multinomial(size, np.exp(logs - np.logaddexp.reduce(logs)))
-    found = []
+    draws = []
     for mode, count in zip(modes, counts, strict=True):
         kernels = smoothed(mode, np.zeros_like(mode.basis))
         places = rng.choice(len(kernels.states), count, p=np.exp(kernels.log_weights))
         values, vectors = np.linalg.eigh(kernels.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0))
-        found.append(kernels.states[places] + rng.standard_normal((count, len(root))) @ root.T)
-    return modes[0].space.wrap(rng.permutation(np.concatenate(found)))
+        draws.append(kernels.states[places] + rng.standard_normal((count, len(root))) @ root.T)
+    return modes[0].space.wrap(rng.permutation(np.concatenate(draws)))

@@ -18,37 +18,37 @@ from ..models import Confined, Stationary
 from ..problem import Motion, RangeMap
 from ..space import StateSpace
 from .gauss_newton import quick_scores
-from .gaussian_sums import log_reached, log_sum, reached
+from .gaussian_sums import Gaussians, log_reached, log_sum, reached
 from .lattice import Lattice, TooManyCells
-from .mode_gaussians import COARSEST, KEPT_PROBABILITY, TOGETHER, Kernels, smoothed
+from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kernels, smoothed
 from .target import Target
 
-MAX_POINTS_MOVED = 20_000  # points that are moved
-BEYOND = 1.7  # times the farthest of those steps: how far walls matter
-LOOKS = 120  # directions in which walls are looked for
+MAX_POINTS_MOVED = 20_000
+WALL_REACH_FACTOR = 1.7  # times the farthest of the steps tried: how far walls matter
+WALL_DIRECTIONS = 120  # in which walls are looked for
 STEP_DRAWS = 128  # steps tried from each point, where walls are near
-GLANCE = 24  # beams that choose among predicted points
-HOPELESS = 100.0  # nats below the best point at which a point is no guess any more
-STUCK = 1e-9  # probability of staying put that is followed
+GUESS_BEAMS = 24  # that choose among predicted points
+HOPELESS_NATS = 100.0  # below the best point at which a point is no guess any more
+MIN_STUCK_PROBABILITY = 1e-9  # of staying put that is followed
 
 
 @dataclass(frozen=True)
 class Part:
     """One mode after the move.
 
-    starts: Where its points were, (K, 2), m. centres: Where they are after a noise-free move, (K, n).
-    likely: Where they are most likely, (K, n): their centres, or before a wall that these lie behind.
-    log_scale: Log of weight and normalisation, (K,). precision: Inverse covariances, (K, n, n).
-    fans: How far walls are from each start in LOOKS directions all round, (K, LOOKS), m; (K, 0) where no wall
-        is near.
-    mean, covariance: Its moments, (n,) and (n, n), walls aside.
+    Attributes:
+        starts: Where its points were, (K, 2), m.
+        gaussians: What became of them: w_k N(x; f(c'_k), F_k E F_k' + Q_k) of docs/theory.md, "Cells of a
+            moving object".
+        likely: Where they are most likely, (K, n): their centres, or before a wall that these lie behind.
+        fans: How far walls are from each start in WALL_DIRECTIONS all round, m; (K, 0) where no wall is near.
+        mean: Its mean, walls aside, (n,).
+        covariance: Its covariance, walls aside, (n, n).
     """
 
     starts: Array
-    centres: Array
+    gaussians: Gaussians
     likely: Array
-    log_scale: Array
-    precision: Array
     fans: Array
     mean: Array
     covariance: Array
@@ -58,7 +58,10 @@ class Part:
 class Predicted:
     """The density after a move: normalised, and 0 where no step leads.
 
-    space: The state space. room: The map, where walls matter. parts: The modes.
+    Attributes:
+        space: The state space.
+        room: The map, where walls matter.
+        parts: The modes.
     """
 
     space: StateSpace
@@ -66,49 +69,47 @@ class Predicted:
     parts: tuple[Part, ...]
 
     def log_density(self, states: Array) -> Array:
-        """(K, n) -> (K,); -inf where no step leads."""
-        logs = np.full(len(states), -np.inf)
-        angles, where = self.space.is_angle, self.space.position_indices
+        """Log density of states, (K, n) -> (K,); -inf where no step leads."""
+        total = np.full(len(states), -np.inf)
+        where = self.space.position_indices
         free: BoolArray | None = None
         for part in self.parts:
             if not part.fans.size:
-                each = log_sum(states, part.centres, part.precision, part.log_scale, angles)
+                logs = log_sum(states, part.gaussians)
             else:
                 if free is None:
                     assert self.room is not None
                     free = self.room.is_free(states[:, where])
-                each = np.full(len(states), -np.inf)
-                each[free] = log_reached(
-                    states[free], part.centres, part.precision, part.log_scale, angles,
-                    np.ascontiguousarray(states[free][:, where]), part.starts, part.fans,
-                )  # fmt: skip
-            logs = np.logaddexp(logs, each)
-        return logs
+                ends = np.ascontiguousarray(states[free][:, where])
+                logs = np.full(len(states), -np.inf)
+                logs[free] = log_reached(states[free], part.gaussians, ends, part.starts, part.fans)
+            total = np.logaddexp(total, logs)
+        return total
 
     def roughly(self, states: Array) -> Array:
         """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""
         means, precisions = self.means_and_precisions()
-        masses = np.array([np.logaddexp.reduce(part.log_scale) for part in self.parts])
-        return log_sum(states, means, precisions, masses, self.space.is_angle)
+        masses = np.array([np.logaddexp.reduce(part.gaussians.log_scale) for part in self.parts])
+        return log_sum(states, Gaussians(means, precisions, masses, self.space.is_angle))
 
     def means_and_precisions(self) -> tuple[Array, Array]:
         """Mean (P, n) and inverse covariance (P, n, n) of each part, walls aside."""
-        covariances = np.stack([part.covariance for part in self.parts])
-        return np.stack([part.mean for part in self.parts]), np.asarray(
-            np.linalg.inv(covariances), dtype=float
-        )
+        precisions = np.linalg.inv(np.stack([part.covariance for part in self.parts]))
+        return np.stack([part.mean for part in self.parts]), np.asarray(precisions, dtype=float)
 
     def middles(self) -> Array:
         """Of each part the likely point that is nearest to its mean, (P, n)."""
-        found = []
+        nearest = []
         for part in self.parts:
             away = self.space.difference(part.likely, part.mean)
-            found.append(part.likely[((away @ np.linalg.inv(part.covariance)) * away).sum(axis=1).argmin()])
-        return np.stack(found)
+            nearest.append(part.likely[((away @ np.linalg.inv(part.covariance)) * away).sum(axis=1).argmin()])
+        return np.stack(nearest)
 
     def scores(self, target: Target) -> list[Array]:
         """How a measurement likes the points of each part, by a few beams: (K,) each, as in `Peaks`."""
-        return [quick_scores(target, part.likely, part.log_scale, GLANCE) for part in self.parts]
+        return [
+            quick_scores(target, part.likely, part.gaussians.log_scale, GUESS_BEAMS) for part in self.parts
+        ]
 
     def guesses(
         self, scores: list[Array], most: int, known: Callable[[Array], BoolArray]
@@ -123,11 +124,11 @@ class Predicted:
         Returns:
             States (K, n), and mean (K, n) and inverse covariance (K, n, n) of the part that each is of.
         """
-        bar = max(score.max(initial=-np.inf) for score in scores) - HOPELESS
+        bar = max(score.max(initial=-np.inf) for score in scores) - HOPELESS_NATS
         chosen = []
         for part, score in zip(self.parts, scores, strict=True):
             new = (score > bar) & ~known(part.likely)
-            states, logs = part.likely[new], part.log_scale[new]
+            states, logs = part.likely[new], part.gaussians.log_scale[new]
             if len(states):
                 weights = np.cumsum(np.exp(logs - logs.max()))
                 places = np.searchsorted(weights, weights[-1] * (np.arange(most // 2) + 0.5) / (most // 2))
@@ -153,14 +154,14 @@ def predict_modes(modes: tuple[Lattice, ...], motion: Motion, control: Array) ->
     total = np.logaddexp.reduce([mode.log_integral for mode in modes])
     shares = [float(mode.log_integral - total) for mode in modes]
     walls = motion if isinstance(motion, Confined) else None
-    for together in (TOGETHER[modes[0].space.size > 2], COARSEST):
+    for together in (TOGETHER[modes[0].space.size > 2], COARSEST_TOGETHER):
         parts = [
             part
             for mode, share in zip(modes, shares, strict=True)
             if share > np.log(1 - KEPT_PROBABILITY)
             for part in _mode_moved(mode, share, motion, control, together)
         ]
-        if sum(len(part.centres) for part in parts) <= MAX_POINTS_MOVED:
+        if sum(len(part.likely) for part in parts) <= MAX_POINTS_MOVED:
             return Predicted(modes[0].space, walls.room if walls else None, tuple(parts))
     raise TooManyCells(
         f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
@@ -179,18 +180,20 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     if not _walls_near(moved, _ends(moved, motion, control, STEP_DRAWS // 16), motion):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
     starts = np.ascontiguousarray(moved.states[:, space.position_indices])
-    looks = TWO_PI / LOOKS * np.arange(LOOKS, dtype=float)
-    fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), looks)
+    directions = TWO_PI / WALL_DIRECTIONS * np.arange(WALL_DIRECTIONS, dtype=float)
+    fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), directions)
     ends = _ends(moved, motion, control, STEP_DRAWS)
     met = reached(ends, motion.room.is_free(ends), starts, fans)
     goes, nearest = met.mean(axis=1), ends[np.arange(len(ends)), met.argmax(axis=1)]
-    with np.errstate(divide="ignore"):
+    with np.errstate(
+        divide="ignore"
+    ):  # (1 - (1 - Z)^k) / Z and (1 - Z)^k of "Motion that keeps out of walls"
         again = -np.expm1(motion.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
         through, stays = weights + np.log(again), weights + motion.tries * np.log1p(-goes)
     parts = []
     if goes.any():
         parts.append(_part(space, moved._replace(log_weights=through), free, control, fans, nearest))
-    if np.exp(stays).sum() > STUCK:
+    if np.exp(stays).sum() > MIN_STUCK_PROBABILITY:
         still = smoothed(mode, noise, together, stays=True)
         parts.append(_part(space, still._replace(log_weights=stays), Stationary(space), control))
     return parts
@@ -208,29 +211,27 @@ def _part(
     fans: Array | None = None, nearest: Array | None = None,
 ) -> Part:  # fmt: skip
     """Gaussians moved; near walls with fans, and the nearest places to the centres that can be reached."""
-    some = kernels.log_weights > -np.inf
-    states, log_weights = kernels.states[some], kernels.log_weights[some]
+    kept = kernels.log_weights > -np.inf
+    states, log_weights = kernels.states[kept], kernels.log_weights[kept]
     centres, covariance = _spread(states, kernels.covariance, motion, control)
     precision = np.asarray(np.linalg.inv(covariance), dtype=float)
     level = -0.5 * (states.shape[1] * np.log(TWO_PI) + np.asarray(np.linalg.slogdet(covariance)[1]))
     weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
     mean, between = space.moments(centres, weights)
     total = between + np.einsum("k,kij->ij", weights, covariance)
-    where = space.position_indices
-    likely = centres
+    where, likely = space.position_indices, centres
     if nearest is not None:
-        away = (nearest[some] - centres[:, where])[..., None]
-        likely = (
-            centres
-            + (covariance[..., where] @ np.linalg.solve(covariance[:, where][..., where], away))[..., 0]
-        )
-    fans = np.empty((len(states), 0)) if fans is None else fans[some]
+        away = (nearest[kept] - centres[:, where])[..., None]
+        gain = covariance[..., where] @ np.linalg.solve(covariance[:, where][..., where], away)
+        likely = centres + gain[..., 0]
+    fans = np.empty((len(states), 0)) if fans is None else fans[kept]
     starts = np.ascontiguousarray(states[:, where])
-    return Part(starts, centres, space.wrap(likely), log_weights + level, precision, fans, mean, total)
+    moved = Gaussians(centres, precision, log_weights + level, space.is_angle)
+    return Part(starts, moved, space.wrap(likely), fans, mean, total)
 
 
 def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tuple[Array, Array]:
-    """Means (K, n) and covariances (K, n, n) of Gaussians after a move."""
+    """Means (K, n) and covariances (K, n, n) of Gaussians after a move: f(c) and F E F' + Q."""
     jacobian = motion.jacobian(states, control)
     covariance = jacobian @ kernel @ np.swapaxes(jacobian, -1, -2) + motion.noise_covariance(states, control)
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
@@ -245,8 +246,10 @@ def _walls_near(kernels: Kernels, ends: Array, motion: Confined) -> bool:
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
     if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
         return True
-    fan = motion.room.ranges(np.append(middle, 0.0), TWO_PI / LOOKS * np.arange(LOOKS, dtype=float))
-    return bool(fan.min() <= BEYOND * radius)
+    fan = motion.room.ranges(
+        np.append(middle, 0.0), TWO_PI / WALL_DIRECTIONS * np.arange(WALL_DIRECTIONS, dtype=float)
+    )
+    return bool(fan.min() <= WALL_REACH_FACTOR * radius)
 
 
 def _ends(kernels: Kernels, motion: Confined, control: Array, count: int) -> Array:

@@ -11,7 +11,6 @@ its own and allows for: `SearchTable.allowance`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,36 +19,37 @@ from numpy.typing import ArrayLike, NDArray
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ..compiled import njit, prange
 from ..problem import Prior, Sensor
-from .target import CAP, room_of
+from .target import CAP
 
-QUANTUM = 0.01  # m; the table's unit of range
-NONE = np.uint16(65535)  # the table's sign for "no wall"
-FARTHEST = 65000  # quanta; walls beyond 650 m count as there
-MISSES = 4  # beams missed altogether that are always allowed for, where any are
-PROBES = 2000  # poses that test the table
-SLIP = 0.002  # share of them that may break the allowance
-BATCH = 4_000_000  # ranges cast at once
+QUANTUM_M = 0.01  # the table's unit of range
+NO_WALL = np.uint16(65535)  # the table's sign for it
+MAX_QUANTA = 65000  # walls beyond 650 m count as there
+MISSED_BEAMS = 4  # missed altogether that are always allowed for, where any are
+PROBE_POSES = 2000  # that test the table
+SLIP_SHARE = 0.002  # of them that may break the allowance
+RANGES_AT_ONCE = 4_000_000  # that are cast
 
 
-@dataclass(frozen=True)
-class SearchTable:
+class SearchTable(NamedTuple):
     """Least and greatest range from each coarse cell in each direction.
 
-    centres: Centres of the cells that hold free space, (C, 2), m.
-    whole: Which of them are whole cells; the others are quarters of cells that walls cut, (C,).
-    index: Which entry holds each quarter of the box's cells, (2 a, 2 b); -1 = none.
-    lower: Lower corner of the box, (2,).
-    headings: Centres of the heading cells, (H,), rad; the known heading alone where it is known.
-    size: Width of a whole cell along x1, x2 and heading, (3,); the last is 0 where the heading is known.
-    columns: The direction in which each beam points at each heading, (H, B).
-    low, high: Least and greatest range, (C, D), in quanta; NONE = no wall.
-    allowance: (a, b): structure that the bounds miss costs no more than a + b j nats over any j beams, but
-        for a share SLIP of poses.
+    Attributes:
+        centres: Centres of the cells that hold free space, (C, 2), m.
+        whole: Which of them are whole cells; the others are quarters of cells that walls cut, (C,).
+        entry_of: Which entry holds each quarter of the box's cells, (2 a, 2 b); -1 = none.
+        lower: Lower corner of the box, (2,).
+        headings: Centres of the heading cells, (H,), rad; the known heading alone where it is known.
+        size: Width of a whole cell along x1, x2 and heading, (3,); the last is 0 where the heading is known.
+        columns: The direction in which each beam points at each heading, (H, B).
+        low: Least range, (C, D), in quanta; NO_WALL = no wall.
+        high: Greatest range likewise.
+        allowance: (a, b): structure that the bounds miss costs no more than a + b j nats over any j beams,
+            but for a share SLIP_SHARE of poses.
     """
 
     centres: Array
     whole: BoolArray
-    index: IntArray
+    entry_of: IntArray
     lower: Array
     headings: Array
     size: Array
@@ -61,8 +61,8 @@ class SearchTable:
     def limit(self, beams: ArrayLike, margin: float) -> Array:
         """By how many nats so many beams may fall short of a perfect fit in a cell that holds the true state.
 
-        Half a chi-square number of as many degrees of freedom, plus 6 of its standard deviations, plus what
-        thin structure costs, plus a margin.
+        The right-hand side of point 2 of docs/theory.md, "Adaptive cells": half a chi-square number, 6 of its
+        standard deviations, what thin structure costs, and a margin.
         """
         beams = np.asarray(beams, dtype=float)
         thin = self.allowance[0] + self.allowance[1] * beams
@@ -112,11 +112,11 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
     centres = lower + size / 2 * (entries.quarter + extent / 2)
     size = np.array([*size, step])
     table = SearchTable(centres, entries.whole, index, lower, headings, size, columns, low, high, (0.0, 0.0))
-    return replace(table, allowance=_allowance(table, sensor, prior))
+    return table._replace(allowance=_allowance(table, sensor, prior))
 
 
 class _Entries(NamedTuple):
-    """Entries of a table: their first quarter cell (C, 2), whether they are whole cells, and their bounds."""
+    """Entries of a table: first quarter cell (C, 2), whether it is a whole cell (C,), bounds (C, D) each."""
 
     quarter: IntArray
     whole: BoolArray
@@ -130,7 +130,7 @@ def _cast(sensor: Sensor, prior: Prior, nodes: list[Array], directions: Array) -
     A cell cut by a thin wall would otherwise see both rooms, which bounds little.
     """
     rows = (len(nodes[0]) - 1) // 2
-    band = max(1, BATCH // (2 * len(nodes[1]) * len(directions)))  # rows of cells cast at once
+    band = max(1, RANGES_AT_ONCE // (2 * len(nodes[1]) * len(directions)))  # rows of cells cast at once
     half = np.array([axis[1] - axis[0] for axis in nodes])
     fine = np.stack(np.meshgrid(*[np.linspace(0, 1, 4)] * 2, indexing="ij"), -1).reshape(-1, 2)
     parts = []
@@ -140,38 +140,24 @@ def _cast(sensor: Sensor, prior: Prior, nodes: list[Array], directions: Array) -
         allowed = _allowed(sensor, prior, points)
         whole = _each_cell(allowed, np.logical_and)
         used = allowed & _near(whole)
-        low, high = (
-            np.full((*used.shape, len(directions)), NONE),
-            np.zeros((*used.shape, len(directions)), np.uint16),
-        )
+        low, high = np.zeros((2, *used.shape, len(directions)), np.uint16)
+        low[:] = NO_WALL
         low[used], high[used] = _quanta(sensor, points[used], directions)
         shift = np.array([2 * first, 0])
         cells = np.argwhere(whole) * 2 + shift
-        parts.append(
-            _Entries(
-                cells,
-                np.ones(len(cells), np.bool_),
-                _each_cell(low, np.minimum)[whole],
-                _each_cell(high, np.maximum)[whole],
-            )
-        )
+        bounds = _each_cell(low, np.minimum)[whole], _each_cell(high, np.maximum)[whole]
+        parts.append(_Entries(cells, np.ones(len(cells), np.bool_), *bounds))
         cut = 2 * np.argwhere(~whole)
         quarters = (cut[:, None] + np.array([(0, 0), (0, 1), (1, 0), (1, 1)])).reshape(-1, 2)
         tried = points[tuple(quarters.T)][:, None] + half * fine
         free = _allowed(sensor, prior, tried)
-        some = free.any(axis=1)
-        quarters, tried, free = quarters[some], tried[some], free[some]
+        kept = free.any(axis=1)
+        quarters, tried, free = quarters[kept], tried[kept], free[kept]
         if len(quarters):
             low, high = _quanta(sensor, tried[free], directions)
             starts = np.concatenate([[0], np.cumsum(free.sum(axis=1))[:-1]])
-            parts.append(
-                _Entries(
-                    quarters + shift,
-                    np.zeros(len(quarters), np.bool_),
-                    np.minimum.reduceat(low, starts),
-                    np.maximum.reduceat(high, starts),
-                )
-            )
+            bounds = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+            parts.append(_Entries(quarters + shift, np.zeros(len(quarters), np.bool_), *bounds))
     entries = _Entries(*(np.concatenate(part) for part in zip(*parts, strict=True)))
     if not len(entries.low):
         raise ValueError("the prior allows no point of its support that was tried")
@@ -191,11 +177,11 @@ def _quanta(
     sensor: Sensor, points: Array, directions: Array
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Ranges from points (N, 2) in directions (D,), a quantum or two less and more, (N, D) each."""
-    ranges = room_of(sensor).ranges(np.column_stack([points, np.zeros(len(points))]), directions) / QUANTUM
+    ranges = sensor.room.ranges(np.column_stack([points, np.zeros(len(points))]), directions) / QUANTUM_M
     none = np.isinf(ranges)
-    ranges = np.clip(np.where(none, 0, ranges), 1, FARTHEST)
+    ranges = np.clip(np.where(none, 0, ranges), 1, MAX_QUANTA)
     low, high = np.floor(ranges) - 1, np.ceil(ranges) + 1
-    return np.where(none, NONE, low).astype(np.uint16), np.where(none, NONE, high).astype(np.uint16)
+    return np.where(none, NO_WALL, low).astype(np.uint16), np.where(none, NO_WALL, high).astype(np.uint16)
 
 
 def _each_cell(nodes: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
@@ -214,11 +200,11 @@ def _allowed(sensor: Sensor, prior: Prior, points: Array) -> BoolArray:
 
 def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float, float]:
     """What structure that the bounds miss costs a beam: from poses drawn with a seed of their own."""
-    states = prior.sample(PROBES, np.random.default_rng(0))
+    states = prior.sample(PROBE_POSES, np.random.default_rng(0))
     poses = sensor.space.poses(states)
     quarter = np.floor((poses[:, :2] - table.lower) / (table.size[:2] / 2)).astype(np.int64)
-    cells = table.index[tuple(np.clip(quarter, 0, np.array(table.index.shape) - 1).T)]
-    headings = np.zeros(PROBES, dtype=np.int64)
+    cells = table.entry_of[tuple(np.clip(quarter, 0, np.array(table.entry_of.shape) - 1).T)]
+    headings = np.zeros(PROBE_POSES, dtype=np.int64)
     if table.size[2]:
         turned = (poses[:, 2] - table.headings[0] + table.size[2] / 2) % TWO_PI
         headings = np.minimum(turned // table.size[2], len(table.headings) - 1).astype(np.int64)
@@ -226,13 +212,13 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
     truth = sensor.expected(states)
     nearest = np.clip(truth, _metres(low), _metres(high))
-    reading = np.where(truth > getattr(sensor, "max_range", np.inf), np.inf, truth)
+    reading = np.where(truth > sensor.max_range, np.inf, truth)
     lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)
-    start = min(MISSES * CAP, float(np.quantile(costs[:, -1], 1 - SLIP)))
+    start = min(MISSED_BEAMS * CAP, float(np.quantile(costs[:, -1], 1 - SLIP_SHARE)))
     slopes = ((costs - start) / np.arange(1, costs.shape[1] + 1)).max(axis=1)
-    return start, max(0.0, float(np.quantile(slopes, 1 - SLIP)))
+    return start, max(0.0, float(np.quantile(slopes, 1 - SLIP_SHARE)))
 
 
 def beam_order(beams: IntArray) -> IntArray:
@@ -242,7 +228,7 @@ def beam_order(beams: IntArray) -> IntArray:
 
 def _metres(quanta: NDArray[np.uint16]) -> Array:
     """Ranges of the table in metres; inf for no wall."""
-    return np.where(quanta == NONE, np.inf, QUANTUM * quanta)
+    return np.where(quanta == NO_WALL, np.inf, QUANTUM_M * quanta)
 
 
 def penalties(table: SearchTable, sensor: Sensor, measurement: Array) -> tuple[NDArray[np.float32], IntArray]:
@@ -252,9 +238,9 @@ def penalties(table: SearchTable, sensor: Sensor, measurement: Array) -> tuple[N
         Penalties (B, Q), capped, for ranges 0, 1, ... quanta and, last, for no wall; and the best range's
         place for each beam, (B,). A beam not measured has penalty 0 throughout.
     """
-    finite = table.high[table.high != NONE]
+    finite = table.high[table.high != NO_WALL]
     count = int(finite.max(initial=1)) + 2
-    ranges = np.append(QUANTUM * np.arange(count), np.inf)
+    ranges = np.append(QUANTUM_M * np.arange(count), np.inf)
     logs = sensor.beam_log_density(
         measurement, np.broadcast_to(ranges[:, None], (count + 1, len(measurement)))
     ).T
@@ -283,16 +269,20 @@ def shortfall_bounds(
     order = beam_order(measured)
     limits = table.limit(np.arange(1, len(order) + 1), margin)
     bounds = np.full((len(table.centres), len(table.headings)), np.inf, dtype=np.float32)
-    _bound(table.low, table.high, table.columns, order, readings, penalty, limits, bounds)
+    _bound(table, order, readings, penalty, limits, bounds)
     return bounds
 
 
 @njit(cache=True, nogil=True, parallel=True)
 def _bound(
-    low: NDArray[np.uint16], high: NDArray[np.uint16], columns: IntArray, order: IntArray,
-    readings: IntArray, penalty: NDArray[np.float32], limits: Array, bounds: NDArray[np.float32],
+    table: SearchTable, order: IntArray, readings: IntArray, penalty: NDArray[np.float32], limits: Array,
+    bounds: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Sum the least penalties of each cell and heading, as long as they stay within the limits."""
+    """Sum the least penalties of each cell and heading, as long as they stay within the limits.
+
+    The s(C) of point 1 of docs/theory.md, "Adaptive cells".
+    """
+    low, high, columns = table.low, table.high, table.columns
     last = penalty.shape[1] - 1
     for cell in prange(low.shape[0]):
         for heading in range(columns.shape[0]):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,9 +18,10 @@ CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 s
 class Target:
     """A prior density times the likelihood of measurements.
 
-    sensor: The rangefinder; it must have its map as `room`.
-    log_prior: Log density of states, (K, n) -> (K,).
-    measurements: (U, B); NaN = beam not measured.
+    Attributes:
+        sensor: The rangefinder.
+        log_prior: Log density of states, (K, n) -> (K,).
+        measurements: (U, B); NaN = beam not measured.
     """
 
     sensor: Sensor
@@ -39,28 +39,23 @@ class Target:
         beams = self.beams
         possible = np.flatnonzero(logs > -np.inf)
         if len(beams):
-            for some in np.array_split(possible, 1 + len(possible) * len(beams) // BATCH):
-                expected = self.expected(states[some], beams)
+            for part in np.array_split(possible, 1 + len(possible) * len(beams) // BATCH):
+                expected = self.expected(states[part], beams)
                 for reading in self.measurements:
-                    logs[some] += self.sensor.log_density(reading, expected)
+                    logs[part] += self.sensor.log_density(reading, expected)
         return logs
 
     def expected(self, states: Array, beams: IntArray | None = None) -> Array:
         """Ranges of the beams that were measured, or of these; (K, B), 0 for the others."""
         beams = self.beams if beams is None else beams
         poses = self.sensor.space.poses(states)
-        return self._among_all(room_of(self.sensor).ranges(poses, self.sensor.bearings[beams]), beams)
+        return self._among_all(self.sensor.room.ranges(poses, self.sensor.bearings[beams]), beams)
 
     def expected_and_slopes(self, states: Array) -> tuple[Array, Array]:
         """The same and the derivatives of the ranges that were measured, (K, k, n)."""
-        room, space, beams = room_of(self.sensor), self.sensor.space, self.beams
-        poses, bearings = space.poses(states), self.sensor.bearings[beams]
-        if hasattr(room, "cast"):
-            hits = room.cast(poses, bearings)
-            ranges, gradients = hits.ranges, hits.gradients
-        else:
-            ranges, gradients = room.ranges(poses, bearings), room.gradients(poses, bearings)
-        return self._among_all(ranges, beams), space.from_pose_gradients(gradients)
+        space, beams = self.sensor.space, self.beams
+        hits = self.sensor.room.cast(space.poses(states), self.sensor.bearings[beams])
+        return self._among_all(hits.ranges, beams), space.from_pose_gradients(hits.gradients)
 
     def _among_all(self, ranges: Array, beams: IntArray) -> Array:
         """Ranges (K, k) of some beams as (K, B), 0 for the others."""
@@ -77,23 +72,10 @@ class Target:
         if len(measured) <= most:
             return self
         beams = measured[np.linspace(0, len(measured) - 1, most).round().astype(int)]
-        some = np.full_like(self.measurements, np.nan)
-        some[:, beams] = self.measurements[:, beams]
-        return Target(self.sensor, self.log_prior, some)
+        measurements = np.full_like(self.measurements, np.nan)
+        measurements[:, beams] = self.measurements[:, beams]
+        return Target(self.sensor, self.log_prior, measurements)
 
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""
         return float(sum(self.sensor.log_density(reading, reading) for reading in self.measurements))
-
-
-def room_of(sensor: Sensor) -> Any:
-    """The map behind a sensor.
-
-    Raises:
-        TypeError: If the sensor does not say.
-    """
-    if not hasattr(sensor, "room"):
-        raise TypeError(
-            "the adaptive point-mass filter casts rays itself: its sensor must have a map as `room`"
-        )
-    return sensor.room

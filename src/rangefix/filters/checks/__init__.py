@@ -18,12 +18,12 @@ from .suite import (
     check_names,
     checks_for,
     conforms,
+    lines_of,
     parametrize_with_checks,
     render,
     run_checks,
+    sum_up,
 )
-from .suite import sum_up as sum_up
-from .suite import told as told
 
 __all__ = [
     "Check",
@@ -32,7 +32,9 @@ __all__ = [
     "check_names",
     "checks_for",
     "conforms",
+    "lines_of",
     "parametrize_with_checks",
     "render",
     "run_checks",
+    "sum_up",
 ]

@@ -54,20 +54,20 @@ class Subject:
 
 @dataclass(frozen=True)
 class Claim:
-    """One thing that every estimator does: its name, what it means, how to mend it, and the test of it."""
+    """One thing that every estimator does: its name, what it means, how to fix it, and the test of it."""
 
     name: str
     meaning: str
-    mend: str
+    fix: str
     test: Callable[[Subject], None]
 
 
-def claim(mend: str) -> Callable[[Callable[[Subject], None]], Claim]:
+def claim(fix: str) -> Callable[[Callable[[Subject], None]], Claim]:
     """Make a claim of a test; the first paragraph of its docstring is what it means."""
 
     def make(test: Callable[[Subject], None]) -> Claim:
         meaning = " ".join((test.__doc__ or "").split("\n\n")[0].split())
-        return Claim(test.__name__, meaning, mend, test)
+        return Claim(test.__name__, meaning, fix, test)
 
     return make
 

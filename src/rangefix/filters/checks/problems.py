@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray
-from ..estimator import Estimate, Estimator
-from ..models import Gaussian, Rangefinder, Stationary
+from ...arrays import TWO_PI, Array, BoolArray
+from ..estimator import Estimate, Estimator, filtered
+from ..models import Gaussian, GaussianPrior, Rangefinder, Stationary
 from ..problem import Motion, Problem
-from ..space import StateSpace, pose_space, position_space
+from ..space import pose_space, position_space
 
 LOWER, UPPER = np.array([-7.0, -4.5]), np.array([5.5, 6.0])  # corners of the hall, m
-REACH = 5.0  # standard deviations to either side that the priors' support holds
 BEARINGS = np.deg2rad([-20.0, 20.0, 100.0, 190.0])
 STDS = np.array([0.2, 0.25, 0.2, 0.3])  # m
 OFFSET = np.array([0.45, -0.3, 0.04])  # of a truth from the prior's mean; m, m, rad
@@ -25,6 +23,14 @@ NOISES = np.array([[0.2, -0.1, 0.15, 0.2], [-0.1, 0.3, 0.2, -0.3]])  # m
 CONTROL = np.array([0.3, -0.2])  # m; an object that stands still ignores it
 MOVE_STD = 0.15  # m, of one move
 SEED = 20_260_101
+
+
+class HallHits(NamedTuple):
+    """What beams meet in the hall; satisfies `Hits`."""
+
+    ranges: Array
+    normals: Array
+    gradients: Array
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,13 @@ class Hall:
         """Lower and upper corner, m."""
         return LOWER.copy(), UPPER.copy()
 
+    @property
+    def segments(self) -> Array:
+        """The four walls, (4, 4) m."""
+        (left, low), (right, high) = LOWER, UPPER
+        corners = np.array([[left, low], [right, low], [right, high], [left, high]])
+        return np.hstack([corners, np.roll(corners, -1, axis=0)])
+
     def is_free(self, points: Array) -> BoolArray:
         """Whether points (..., 2) are in the hall."""
         return np.asarray(((points >= LOWER) & (points <= UPPER)).all(-1), dtype=np.bool_)
@@ -51,13 +64,18 @@ class Hall:
 
     def gradients(self, poses: Array, bearings: Array) -> Array:
         """Derivatives of `ranges` by x1, x2 and heading, (..., B, 3)."""
+        return self.cast(poses, bearings).gradients
+
+    def cast(self, poses: Array, bearings: Array) -> HallHits:
+        """Ranges, normals and gradients at once."""
         ahead, direction = self._walls(poses, bearings)
         side = ahead.argmin(-1)[..., None]
         along = np.take_along_axis(direction, side, -1)
         slope = np.where(np.arange(2) == side, -1.0 / along, 0.0)
         turned = np.stack([direction[..., 1], -direction[..., 0]], -1)
         by_heading = ahead.min(-1) * -np.take_along_axis(turned, side, -1)[..., 0] / along[..., 0]
-        return np.concatenate([slope, by_heading[..., None]], -1)
+        normals = np.where(np.arange(2) == side, -np.sign(direction), 0.0)
+        return HallHits(ahead.min(-1), normals, np.concatenate([slope, by_heading[..., None]], -1))
 
     def _walls(self, poses: Array, bearings: Array) -> tuple[Array, Array]:
         """How far each beam runs to the walls across x1 and across x2, and its direction: (..., B, 2)."""
@@ -69,39 +87,13 @@ class Hall:
 
 
 @dataclass(frozen=True)
-class GaussianPrior:
-    """N(mean, diag(std^2)); the support leaves out 1e-6 of it. Draws have their angles wrapped."""
-
-    space: StateSpace
-    mean: Array
-    std: Array
-
-    @property
-    def covariance(self) -> Array:
-        """diag(std^2), (n, n)."""
-        return np.diag(self.std**2)
-
-    @property
-    def support(self) -> tuple[Array, Array]:
-        """REACH standard deviations to either side of the mean."""
-        return self.mean - REACH * self.std, self.mean + REACH * self.std
-
-    def sample(self, size: int, rng: Generator) -> Array:
-        """Independent draws, (size, n)."""
-        return self.space.wrap(self.mean + self.std * rng.standard_normal((size, self.space.size)))
-
-    def log_density(self, states: ArrayLike) -> Array:
-        """Log density, angles the short way round: (..., n) -> (...)."""
-        scaled = self.space.difference(np.asarray(states, dtype=float), self.mean) / self.std
-        return np.asarray(-0.5 * (scaled**2 + LOG_TWO_PI).sum(-1) - np.log(self.std).sum())
-
-
-@dataclass(frozen=True)
 class Shift:
     """x + control + N(0, MOVE_STD^2), the same along x1 and x2; satisfies `Motion`."""
 
+    is_gaussian: bool = True
+
     def mean(self, states: Array, control: Array) -> Array:
-        """x + control."""
+        """States plus the control."""
         return np.asarray(states + control)
 
     def jacobian(self, states: Array, control: Array) -> Array:
@@ -124,7 +116,7 @@ def position_problem(beams: Sequence[int] = (0, 1, 2, 3)) -> Problem:
         beams: Which of the four beams, and in what order.
     """
     space = position_space()
-    prior = GaussianPrior(space, np.zeros(2), np.array([0.3, 0.3]))
+    prior = GaussianPrior(np.zeros(2), 0.3**2 * np.eye(2), space)
     return _problem(Stationary(space), prior, beams, 0.0)
 
 
@@ -139,7 +131,7 @@ def pose_problem(turn: float = 0.0) -> Problem:
     The hall is met in the same way whatever the turn, so the answers differ by it in the heading alone.
     """
     space = pose_space()
-    prior = GaussianPrior(space, np.array([0.0, 0.0, turn]), np.array([0.3, 0.3, 0.06]))
+    prior = GaussianPrior([0.0, 0.0, turn], np.diag([0.3, 0.3, 0.06]) ** 2, space)
     return _problem(Stationary(space), prior, (0, 1, 2, 3), turn)
 
 
@@ -175,10 +167,9 @@ def answer(
     estimator: Estimator[Any], problem: Problem, measurements: Sequence[Array], rngs: Sequence[Generator]
 ) -> Estimate:
     """The estimate after a predict and an update for each measurement (M, B)."""
-    belief = estimator.init(problem.prior, rngs)
-    for measurement in measurements:
-        belief = estimator.predict(belief, CONTROL.copy(), rngs)
-        belief = estimator.update(belief, measurement.copy(), rngs)
+    controls = [CONTROL.copy() for _ in measurements]
+    copies = [measurement.copy() for measurement in measurements]
+    *_, (_, _, belief) = filtered(estimator, problem.prior, controls, copies, rngs)
     return settled(estimator.estimate(belief), len(rngs))
 
 

@@ -1,15 +1,4 @@
-"""The conformance suite: what every estimator does, as tests that ship with the package.
-
-A plug-in's author runs `run_checks("my-filter")`, or lets pytest run each check by itself:
-
-    from rangefix.filters.checks import parametrize_with_checks
-
-    @parametrize_with_checks(["my-filter", "my_module:MyFilter"])
-    def test_conforms(check):
-        check()
-
-The idea is scikit-learn's estimator checks. Problems are small, seeds fixed; the whole takes seconds.
-"""
+"""Run the checks of an estimator, alone or by pytest, and say what came of them."""
 
 from __future__ import annotations
 
@@ -27,17 +16,6 @@ from .claims import CheckFailure, Claim, Factory, Subject
 if TYPE_CHECKING:
     import pytest
 
-__all__ = [
-    "Check",
-    "CheckFailure",
-    "CheckResult",
-    "check_names",
-    "checks_for",
-    "conforms",
-    "parametrize_with_checks",
-    "render",
-    "run_checks",
-]
 Outcome = Literal["passed", "failed", "expected_failure", "unexpected_pass", "skipped"]
 RAISED = "Look at the line where it is raised."
 BAD: tuple[Outcome, ...] = ("failed", "unexpected_pass")
@@ -70,18 +48,19 @@ CLAIMS: tuple[Claim, ...] = (
 class CheckResult:
     """What came of one check.
 
-    name: The check's name.
-    outcome: "passed", "failed", "expected_failure", "unexpected_pass" (a failure was expected, with a reason,
-        and did not come: the reason is out of date) or "skipped" (does not apply; the detail says why).
-    meaning: What the check claims of every estimator.
-    mend: What to look at when it fails.
-    detail: What was seen, or the reason of a skip or an expected failure; empty for a pass.
+    Attributes:
+        name: The check's name.
+        outcome: "passed", "failed", "expected_failure", "unexpected_pass" (a failure was expected, with a
+            reason, and did not come: the reason is out of date) or "skipped" (does not apply).
+        meaning: What the check claims of every estimator.
+        fix: What to look at when it fails.
+        detail: What was seen, or the reason of a skip or an expected failure; empty for a pass.
     """
 
     name: str
     outcome: Outcome
     meaning: str
-    mend: str
+    fix: str
     detail: str = ""
 
 
@@ -89,9 +68,10 @@ class CheckResult:
 class Check:
     """One check of one estimator: call it to have it raise (as pytest wants), or ask for its result.
 
-    subject: The estimator under test.
-    claim: What is claimed of it.
-    expected: Why it is known to fail, or empty.
+    Attributes:
+        subject: The estimator under test.
+        claim: What is claimed of it.
+        expected: Why it is known to fail, or empty.
     """
 
     subject: Subject
@@ -107,20 +87,20 @@ class Check:
         """Run it.
 
         Raises:
-            CheckFailure: If the estimator does not do what is claimed; it says what was seen and how to mend.
+            CheckFailure: If the estimator does not do what is claimed; with what was seen and how to fix it.
             unittest.SkipTest: If the check does not apply to this estimator (pytest takes that for a skip).
             Exception: Whatever the estimator raises.
         """
         try:
             self.claim.test(self.subject)
         except CheckFailure as failure:
-            text = f"{self.subject.name}: {failure}\nmeaning: {self.claim.meaning}\nmend: {self.claim.mend}"
+            text = f"{self.subject.name}: {failure}\nmeaning: {self.claim.meaning}\nfix: {self.claim.fix}"
             raise CheckFailure(text) from failure.__cause__
 
     def result(self) -> CheckResult:
         """Run it; no failure of the estimator gets out."""
         outcome: Outcome = "expected_failure" if self.expected else "failed"
-        mend = self.claim.mend
+        fix = self.claim.fix
         try:
             self.claim.test(self.subject)
             outcome = "unexpected_pass" if self.expected else "passed"
@@ -132,10 +112,10 @@ class Check:
         except (Exception, SystemExit) as error:
             message = " ".join(str(error).split())
             detail = f"{type(error).__name__}: {message}{plugin_line(error.__traceback__)}"
-            mend = RAISED
+            fix = RAISED
         if outcome == "expected_failure":
             detail = f"{self.expected} ({detail})"
-        return CheckResult(self.name, outcome, self.claim.meaning, mend, detail)
+        return CheckResult(self.name, outcome, self.claim.meaning, fix, detail)
 
 
 def check_names() -> tuple[str, ...]:
@@ -183,7 +163,7 @@ def run_checks(
     for check in others:
         if results[0].outcome == "failed":
             claim = check.claim
-            results.append(CheckResult(claim.name, "skipped", claim.meaning, claim.mend, "it was not built"))
+            results.append(CheckResult(claim.name, "skipped", claim.meaning, claim.fix, "it was not built"))
         else:
             results.append(check.result())
     return results
@@ -195,19 +175,19 @@ def conforms(results: Iterable[CheckResult]) -> bool:
 
 
 def render(results: Sequence[CheckResult]) -> list[str]:
-    """Lines to print: each check; what was seen, what it means and how to mend it where it failed; a sum."""
-    return [*(line for result in results for line in told(result)), sum_up(results)]
+    """Lines to print: each check; what was seen, what it means and how to fix it where it failed; a sum."""
+    return [*(line for result in results for line in lines_of(result)), sum_up(results)]
 
 
-def told(result: CheckResult) -> list[str]:
-    """Lines about one check."""
+def lines_of(result: CheckResult) -> list[str]:
+    """Lines about one check, as `render` prints them."""
     bad = result.outcome in BAD
     word = result.outcome.replace("_", " ")
     lines = [f"{word.upper() if bad else word:17}{result.name}"]
     if result.detail:
         lines.append(f"{'':17}{'seen:  ' if bad else ''}{result.detail}")
     if result.outcome == "failed":
-        lines += [f"{'':17}means: {result.meaning}", f"{'':17}mend:  {result.mend}"]
+        lines += [f"{'':17}means: {result.meaning}", f"{'':17}fix:   {result.fix}"]
     return lines
 
 

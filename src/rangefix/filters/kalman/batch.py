@@ -7,31 +7,45 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import reduce
 
 import numpy as np
+from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
-from ..problem import Prior
+from ..estimator import Estimate
+from ..problem import Prior, Problem
+from ..sampling import gaussian_draws
 from .belief import GaussianBelief
 
 
-def _initial(prior: Prior, runs: int) -> GaussianBelief:
-    size = len(prior.mean)
-    return GaussianBelief(
-        np.broadcast_to(prior.mean, (runs, size)),
-        np.broadcast_to(prior.covariance, (runs, size, size)),
-        np.zeros(runs),
-    )
+class GaussianFilter:
+    """What the Gaussian filters over all runs share: where they begin, and what they say."""
+
+    problem: Problem
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> GaussianBelief:
+        """The prior's mean and covariance, for every run."""
+        runs, size = len(rngs), len(prior.mean)
+        mean = np.broadcast_to(prior.mean, (runs, size))
+        return GaussianBelief(mean, np.broadcast_to(prior.covariance, (runs, size, size)), np.zeros(runs))
+
+    def estimate(self, belief: GaussianBelief) -> Estimate:
+        """Mean (M, n), covariance (M, n, n) and log evidence (M,)."""
+        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Draws from the Gaussian, angles wrapped, (M, size, n)."""
+        return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
 
 
-def _sum(terms: Iterable[Array]) -> Array:
+def sum_terms(terms: Iterable[Array]) -> Array:
     """Sum over the first axis, in order."""
     return reduce(np.add, terms)
 
 
-def _cholesky(matrices: Array) -> tuple[Array, BoolArray]:
+def cholesky(matrices: Array) -> tuple[Array, BoolArray]:
     """Lower roots (k, k, M) of symmetric matrices (k, k, M), and which runs are positive definite."""
     root = np.zeros_like(matrices)
     positive = np.ones(matrices.shape[-1], dtype=np.bool_)
@@ -46,10 +60,12 @@ def _cholesky(matrices: Array) -> tuple[Array, BoolArray]:
     return root, positive
 
 
-def _accepted(belief: GaussianBelief, mean: Array, covariance: Array, log_density: Array) -> GaussianBelief:
+def accept_definite(
+    belief: GaussianBelief, mean: Array, covariance: Array, log_density: Array
+) -> GaussianBelief:
     """The new belief; a run whose new covariance is not positive definite keeps the old one, flagged."""
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    _, fine = _cholesky(np.moveaxis(covariance, 0, -1))
+    _, fine = cholesky(np.moveaxis(covariance, 0, -1))
     fine &= np.isfinite(log_density) & np.isfinite(mean).all(-1)
     if not fine.all():
         mean = np.where(fine[:, None], mean, belief.mean)

@@ -1,4 +1,4 @@
-"""A Gaussian belief, and what options of Kalman filters must be."""
+"""A Gaussian belief, and the options that the Kalman filters here and those of filterpy share."""
 
 from __future__ import annotations
 
@@ -7,31 +7,56 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
+from ..estimator import BriefRepr, Estimate, brief
+from ..problem import Problem
 
 
 @dataclass(frozen=True)
 class GaussianBelief:
-    """Mean (n,), covariance (n, n) and log evidence; all runs at once: (M, n), (M, n, n) and (M,).
+    """Mean, covariance and log evidence of one run, or of all runs at once.
 
     A log evidence of -inf marks a run in which an update left no covariance (not positive definite, or not
     finite): mean and covariance are those from before it.
+
+    Attributes:
+        mean: (n,) or (M, n).
+        covariance: (n, n) or (M, n, n).
+        log_evidence: A number or (M,).
     """
 
     mean: Array
     covariance: Array
     log_evidence: Array
 
-
-def check_iterations(iterations: int) -> None:
-    """Raise ValueError unless there is at least one."""
-    if iterations != int(iterations) or iterations < 1:
-        raise ValueError(f"iterations must be a whole number from 1 on, got {iterations}")
+    def __repr__(self) -> str:
+        return brief(self, Estimate(self.mean, self.covariance))
 
 
-def check_sigma_points(size: int, alpha: float, beta: float, kappa: float | None) -> None:
-    """Raise ValueError unless the sigma points of n = size components can be placed."""
-    options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
-    if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
-        raise ValueError(
-            f"sigma points need alpha > 0, finite beta and kappa > -{size}, got {alpha}, {beta}, {kappa}"
-        )
+@dataclass(frozen=True, repr=False)
+class LinearisedOptions(BriefRepr):
+    """The options of an extended Kalman filter: see `ExtendedKalmanFilter`."""
+
+    problem: Problem
+    iterations: int = 1
+
+    def __post_init__(self) -> None:
+        if self.iterations != int(self.iterations) or self.iterations < 1:
+            raise ValueError(f"iterations must be a whole number from 1 on, got {self.iterations}")
+
+
+@dataclass(frozen=True, repr=False)
+class SigmaPointOptions(BriefRepr):
+    """The options of an unscented Kalman filter: see `UnscentedKalmanFilter`."""
+
+    problem: Problem
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float | None = None
+
+    def __post_init__(self) -> None:
+        alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
+        options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
+        if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
+            raise ValueError(
+                f"sigma points need alpha > 0, finite beta and kappa > -{size}, got {alpha}, {beta}, {kappa}"
+            )

@@ -12,21 +12,27 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import Estimate
+from ..estimator import BriefRepr, Estimate, Image
+from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 
 
-@dataclass(frozen=True)
-class EnsembleBelief:
-    """Members of equal weight (M, N, n), and log evidence (M,)."""
+@dataclass(frozen=True, repr=False)
+class EnsembleBelief(BriefRepr):
+    """Members of equal weight, and what the readings said.
+
+    Attributes:
+        members: (M, N, n).
+        log_evidence: (M,).
+    """
 
     members: Array
     log_evidence: Array
 
 
-@dataclass(frozen=True)
-class EnsembleKalmanFilter:
+@dataclass(frozen=True, repr=False)
+class EnsembleKalmanFilter(BriefRepr):
     """The Kalman gain from sample covariances, applied to every member with a perturbed reading of its own.
 
     A beam that was not measured, has no return, or has none for some member, is left out.
@@ -77,6 +83,11 @@ class EnsembleKalmanFilter:
         drawn = weighted_draws(belief.members, weights, size, rngs)
         wider = np.sqrt(self.members / (self.members - 1))
         return space.wrap(mean + wider * space.difference(drawn, mean))
+
+    def density(self, belief: EnsembleBelief, run: int) -> Image:
+        """Draws from a run's belief counted in pixels, for pictures."""
+        alone = EnsembleBelief(belief.members[[run]], belief.log_evidence[[run]])
+        return image_of_points(self.sample(alone, IMAGE_DRAWS, [image_rng()])[0], self.problem)
 
     def _update_run(self, members: Array, reading: Array, rng: Generator) -> tuple[Array, float]:
         """One run's members (N, n) after its reading (B,), and log N(innovation; 0, S)."""

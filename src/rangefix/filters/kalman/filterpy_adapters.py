@@ -17,31 +17,34 @@ from ...arrays import LOG_TWO_PI, Array
 from ..estimator import Estimate
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .belief import GaussianBelief, check_iterations, check_sigma_points
+from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions
 
 
-@dataclass(frozen=True)
-class FilterpyExtendedKalmanFilter:
-    """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
-
-    Args:
-        problem: What may be known.
-        iterations: How often the measurement is linearised: 1 is the plain filter; each further time is at
-            the mean that the time before gave (a Gauss-Newton step towards the most probable state).
-
-    Raises:
-        ValueError: If there is not at least one iteration.
-    """
+class OneRunFilter:
+    """What the Gaussian filters of one run share: where they begin, and what they say."""
 
     problem: Problem
-    iterations: int = 1
-
-    def __post_init__(self) -> None:
-        check_iterations(self.iterations)
 
     def init(self, prior: Prior, rng: Generator) -> GaussianBelief:
         """The prior's mean and covariance."""
         return GaussianBelief(prior.mean, prior.covariance, np.zeros(()))
+
+    def estimate(self, belief: GaussianBelief) -> Estimate:
+        """Mean (n,), covariance (n, n) and log evidence."""
+        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
+
+    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
+        """Draws from the Gaussian, angles wrapped, (size, n)."""
+        moments = belief.mean[None], belief.covariance[None]
+        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
+
+
+@dataclass(frozen=True, repr=False)
+class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
+    """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
+
+    Its options are those of `ExtendedKalmanFilter`.
+    """
 
     def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
         """Mean through the motion, covariance through its Jacobian; control (k,)."""
@@ -76,49 +79,13 @@ class FilterpyExtendedKalmanFilter:
             result = _checked(belief, point, ekf.P, ekf.y, ekf.S)
         return result
 
-    def estimate(self, belief: GaussianBelief) -> Estimate:
-        """Mean (n,), covariance (n, n) and log evidence."""
-        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
 
-    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
-        """Draws from the Gaussian, angles wrapped, (size, n)."""
-        moments = belief.mean[None], belief.covariance[None]
-        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
-
-
-@dataclass(frozen=True)
-class FilterpyUnscentedKalmanFilter:
+@dataclass(frozen=True, repr=False)
+class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
     """The unscented Kalman filter (filterpy; Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
 
-    Sigma points lie alpha sqrt(n + kappa) standard deviations from the mean: sqrt(2) by default, for any n,
-    which is well inside the support of a uniform prior (its edge is at sqrt(3)), yet as wide as the belief.
-    The alpha = 1e-3 often quoted puts them so close to the mean that the filter sees second differences of
-    the ranges there: where the prior is a whole room, a picture of one spot, multiplied by 10^6.
-
-    While beta >= alpha^2 no update can leave a covariance that is not positive definite, for the spread of
-    the expected ranges z_k is sum_k>0 w_k d_k d_k' + (beta - alpha^2) c c' with d_k = z_k - z_0, c = sum w d.
-
-    Args:
-        problem: What may be known.
-        alpha: Spread of the sigma points, > 0.
-        beta: Weight added to the centre's deviation; 2 suits a Gaussian.
-        kappa: Second spread; n + kappa must be positive. 2 - n unless given.
-
-    Raises:
-        ValueError: If an option is out of its range.
+    Its options are those of `UnscentedKalmanFilter`.
     """
-
-    problem: Problem
-    alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float | None = None
-
-    def __post_init__(self) -> None:
-        check_sigma_points(self.problem.space.size, self.alpha, self.beta, self.kappa)
-
-    def init(self, prior: Prior, rng: Generator) -> GaussianBelief:
-        """The prior's mean and covariance."""
-        return GaussianBelief(prior.mean, prior.covariance, np.zeros(()))
 
     def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
         """Sigma points through the motion; control (k,)."""
@@ -145,15 +112,6 @@ class FilterpyUnscentedKalmanFilter:
         centre = _mean_about_first(np.where(used, expected, 0.0), ukf.Wm)
         ukf.update(measurement[used], np.diag(sensor.noise.variance(centre)[used]), hx=lambda _: next(rows))
         return _checked(belief, space.wrap(ukf.x), ukf.P, ukf.y, ukf.S)
-
-    def estimate(self, belief: GaussianBelief) -> Estimate:
-        """Mean (n,), covariance (n, n) and log evidence."""
-        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
-
-    def sample(self, belief: GaussianBelief, size: int, rng: Generator) -> Array:
-        """Draws from the Gaussian, angles wrapped, (size, n)."""
-        moments = belief.mean[None], belief.covariance[None]
-        return np.asarray(gaussian_draws(*moments, size, self.problem.space, [rng])[0])
 
     def _unscented(self, belief: GaussianBelief, beams: int) -> Any:
         from filterpy.kalman import MerweScaledSigmaPoints

@@ -9,18 +9,22 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray
-from ..estimator import Estimate
-from ..problem import Prior, Problem
-from ..sampling import gaussian_draws
-from .batch import _accepted, _cholesky, _initial, _sum
-from .belief import GaussianBelief, check_sigma_points
+from ..problem import Problem
+from .batch import GaussianFilter, accept_definite, cholesky, sum_terms
+from .belief import GaussianBelief, SigmaPointOptions
 
 
-@dataclass(frozen=True)
-class UnscentedKalmanFilter:
+@dataclass(frozen=True, repr=False)
+class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
     """The unscented Kalman filter (Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
 
-    For the options and why the sigma points lie where they do, see `kalman.UnscentedKalmanFilter`.
+    Sigma points lie alpha sqrt(n + kappa) standard deviations from the mean: sqrt(2) by default, for any n,
+    which is well inside the support of a uniform prior (its edge is at sqrt(3)), yet as wide as the belief.
+    The alpha = 1e-3 often quoted puts them so close to the mean that the filter sees second differences of
+    the ranges there: where the prior is a whole room, a picture of one spot, multiplied by 10^6.
+
+    While beta >= alpha^2 no update can leave a covariance that is not positive definite, for the spread of
+    the expected ranges z_k is sum_k>0 w_k d_k d_k' + (beta - alpha^2) c c' with d_k = z_k - z_0, c = sum w d.
 
     Args:
         problem: What may be known.
@@ -32,18 +36,6 @@ class UnscentedKalmanFilter:
         ValueError: If an option is out of its range.
     """
 
-    problem: Problem
-    alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float | None = None
-
-    def __post_init__(self) -> None:
-        check_sigma_points(self.problem.space.size, self.alpha, self.beta, self.kappa)
-
-    def init(self, prior: Prior, rngs: Sequence[Generator]) -> GaussianBelief:
-        """The prior's mean and covariance, for every run."""
-        return _initial(prior, len(rngs))
-
     def predict(self, belief: GaussianBelief, control: Array, rngs: Sequence[Generator]) -> GaussianBelief:
         """Sigma points through the motion; control (k,) shared, or (M, k)."""
         motion, space = self.problem.motion, self.problem.space
@@ -52,7 +44,7 @@ class UnscentedKalmanFilter:
         moved = points + space.difference(motion.mean(points, control), points)
         shift, spread = self._moments(np.moveaxis(moved[1:] - moved[0], 1, -1))
         covariance = np.moveaxis(spread, -1, 0) + motion.noise_covariance(belief.mean, control)
-        return _accepted(belief, space.wrap(moved[0] + shift.T), covariance, np.zeros(len(covariance)))
+        return accept_definite(belief, space.wrap(moved[0] + shift.T), covariance, np.zeros(len(covariance)))
 
     def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
         """Condition on measurements (M, B) in metres; NaN = not measured, inf = no return: both left out.
@@ -71,17 +63,9 @@ class UnscentedKalmanFilter:
         beams = np.arange(len(shift))
         spread[beams, beams] += np.where(used, sensor.noise.variance(centre), 1.0).T
         pairs = zip(off, np.moveaxis(arms, 1, -1), strict=True)
-        cross = self._weight * _sum(z[:, None] * x for z, x in pairs)
+        cross = self._weight * sum_terms(z[:, None] * x for z, x in pairs)
         step, covariance, log_density = _jointly(belief, cross, spread, innovation.T, used.T)
-        return _accepted(belief, space.wrap(belief.mean + step.T), covariance, log_density)
-
-    def estimate(self, belief: GaussianBelief) -> Estimate:
-        """Mean (M, n), covariance (M, n, n) and log evidence (M,)."""
-        return Estimate(belief.mean, belief.covariance, belief.log_evidence)
-
-    def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
-        """Draws from the Gaussian, angles wrapped, (M, size, n)."""
-        return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
+        return accept_definite(belief, space.wrap(belief.mean + step.T), covariance, log_density)
 
     @property
     def _reach(self) -> float:
@@ -96,14 +80,14 @@ class UnscentedKalmanFilter:
 
     def _arms(self, belief: GaussianBelief) -> Array:
         """The sigma points but the central one, as seen from the mean: (2 n, M, n)."""
-        root, _ = _cholesky(np.moveaxis(belief.covariance, 0, -1))
+        root, _ = cholesky(np.moveaxis(belief.covariance, 0, -1))
         arms = np.sqrt(self._reach) * root.transpose(1, 2, 0)
         return np.concatenate([arms, -arms])
 
     def _moments(self, off: Array) -> tuple[Array, Array]:
         """Mean (b, M) and covariance (b, b, M) of values given as seen from the central one, (2 n, b, M)."""
-        mean = self._weight * _sum(off)
-        spread = self._weight * _sum(z[:, None] * z for z in off)
+        mean = self._weight * sum_terms(off)
+        spread = self._weight * sum_terms(z[:, None] * z for z in off)
         return mean, spread + (self.beta - self.alpha**2) * mean[:, None] * mean
 
 
@@ -117,18 +101,18 @@ def _jointly(
 ) -> tuple[Array, Array, Array]:
     """Condition on readings by their joint covariance; beams not used have no cross and unit spread.
 
-    cross (B, n, M), spread (B, B, M), innovation and used (B, M). Returns as `_beam_by_beam` does.
+    cross (B, n, M), spread (B, B, M), innovation and used (B, M). Returns as `extended._beam_by_beam` does.
     """
-    root, positive = _cholesky(spread)
+    root, positive = cholesky(spread)
     white = np.concatenate([cross, innovation[:, None]], axis=1)
     for beam in range(len(white)):
         for before in range(beam):
             white[beam] -= root[beam, before] * white[before]
         white[beam] /= root[beam, beam]
     gain, rest = white[:, :-1], white[:, -1]
-    lost = _sum(g[:, None] * g for g in gain)
-    step = _sum(g * y for g, y in zip(gain, rest, strict=True))
+    lost = sum_terms(g[:, None] * g for g in gain)
+    step = sum_terms(g * y for g, y in zip(gain, rest, strict=True))
     diagonal = np.stack([root[beam, beam] for beam in range(len(root))])
-    log_density = -0.5 * (_sum(rest**2) + used.sum(0) * LOG_TWO_PI) - _sum(np.log(diagonal))
+    log_density = -0.5 * (sum_terms(rest**2) + used.sum(0) * LOG_TWO_PI) - sum_terms(np.log(diagonal))
     covariance = belief.covariance - np.moveaxis(lost, -1, 0)
     return step, covariance, np.where(positive, log_density, -np.inf)

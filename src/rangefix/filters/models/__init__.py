@@ -1,6 +1,5 @@
 """What the world does: motions, sensors, noise and priors."""
 
-from ...arrays import LOG_TWO_PI
 from .beam_noise import BeamMixture, Quantised
 from .confined import Confined, in_line_of_sight, sample_runs
 from .gaussian_prior import GaussianPrior
@@ -13,7 +12,6 @@ from .rangefinder import Rangefinder, sweep
 from .uniform_prior import Uniform
 
 __all__ = [
-    "LOG_TWO_PI",
     "BeamMixture",
     "Confined",
     "ConstantVelocity",

@@ -55,8 +55,8 @@ class BeamMixture:
                 "the weights hit, short, max and random must be at least zero and sum to one, "
                 f"got {weights.tolist()}"
             )
-        for name in ("std", "rate", "max_range"):
-            if not 0 < (value := getattr(self, name)) < np.inf:
+        for name, value in (("std", self.std), ("rate", self.rate), ("max_range", self.max_range)):
+            if not 0 < value < np.inf:
                 raise ValueError(f"{name} of a beam mixture must be positive and finite, got {value!r}")
 
     def log_density(self, measurement: ArrayLike, expected: ArrayLike) -> Array:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray
-from ..problem import Motion, RangeMap
+from ...arrays import Array, BoolArray, IntArray
+from ..problem import CanSampleRuns, Motion, RangeMap
 from ..space import StateSpace
-from .motion import RandomWalk
-from .odometry import Odometry
 
 AHEAD = np.zeros(1)
 
@@ -48,6 +45,7 @@ class Confined:
     room: RangeMap
     space: StateSpace
     tries: int = 10
+    is_gaussian = False
 
     def __post_init__(self) -> None:
         if self.tries < 1:
@@ -58,7 +56,7 @@ class Confined:
         return self.motion.mean(states, control)
 
     def jacobian(self, states: Array, control: Array) -> Array:
-        """d mean / d state without walls, (..., n, n)."""
+        """Derivatives of `mean` by the state without walls, (..., n, n)."""
         return self.motion.jacobian(states, control)
 
     def noise_covariance(self, states: Array, control: Array) -> Array:
@@ -71,34 +69,34 @@ class Confined:
         shape = np.broadcast_shapes(states.shape[:-1], control.shape[:-1])
         starts = np.broadcast_to(states, (*shape, states.shape[-1])).reshape(-1, states.shape[-1])
         controls = np.broadcast_to(control, (*shape, control.shape[-1])).reshape(len(starts), -1)
+        ends = self._tried(starts, lambda left: self.motion.sample(starts[left], controls[left], rng))
+        return ends.reshape(*shape, -1)
+
+    def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
+        """One step of M runs, run m drawn from rngs[m] alone, their walls checked at once, (M, n)."""
+
+        def draw(left: IntArray) -> Array:
+            return sample_runs(self.motion, states[left], control[left], [rngs[int(run)] for run in left])
+
+        return self._tried(states, draw)
+
+    def _tried(self, starts: Array, draw: Callable[[IntArray], Array]) -> Array:
+        """Ends of the steps from starts (N, n); `draw` draws steps of the rows that it is given."""
         ends = starts.copy()
         left = np.arange(len(starts))
         for _ in range(self.tries):
-            drawn = self.motion.sample(starts[left], controls[left], rng)
+            drawn = draw(left)
             open_ = self.allows(starts[left], drawn)
             ends[left[open_]] = drawn[open_]
             left = left[~open_]
             if not left.size:
                 break
-        return ends.reshape(*shape, -1)
+        return ends
 
     def allows(self, starts: Array, ends: Array) -> BoolArray:
         """Whether steps end in free space and meet no wall on the way: (..., n), (..., n) -> (...)."""
         where = self.space.position_indices
         return in_line_of_sight(self.room, np.asarray(starts)[..., where], np.asarray(ends)[..., where])
-
-
-@dataclass(frozen=True)
-class GeneratorPerRun:
-    """Draws for many runs at once: row m of what is drawn comes from rngs[m] alone."""
-
-    rngs: Sequence[Generator]
-
-    def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Standard normal numbers, (M, ...)."""
-        if len(size) == 1:
-            return np.array([rng.standard_normal() for rng in self.rngs])
-        return np.stack([rng.standard_normal(size[1:]) for rng in self.rngs])
 
 
 def in_line_of_sight(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
@@ -118,7 +116,7 @@ def sample_runs(motion: Motion, states: Array, control: Array, rngs: Sequence[Ge
     """One step of M runs, run m drawn from rngs[m] alone: as `motion.sample` run by run, but faster.
 
     Args:
-        motion: The motion; `Confined` ones have their walls checked for all runs at once.
+        motion: The motion.
         states: (M, n).
         control: (k,) shared by the runs, or (M, k).
         rngs: One for each run.
@@ -128,18 +126,6 @@ def sample_runs(motion: Motion, states: Array, control: Array, rngs: Sequence[Ge
     """
     states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
     controls = np.broadcast_to(control, (len(states), control.shape[-1]))
-    if type(motion) in (Odometry, RandomWalk):  # they draw one normal number after the other for each state
-        return motion.sample(states, controls, cast(Generator, GeneratorPerRun(rngs)))
-    if not isinstance(motion, Confined):
-        return np.stack([motion.sample(*each) for each in zip(states, controls, rngs, strict=True)])
-    ends = states.copy()
-    left = np.arange(len(states))
-    for _ in range(motion.tries):
-        some = [rngs[int(run)] for run in left]
-        drawn = sample_runs(motion.motion, states[left], controls[left], some)
-        open_ = motion.allows(states[left], drawn)
-        ends[left[open_]] = drawn[open_]
-        left = left[~open_]
-        if not left.size:
-            break
-    return ends
+    if isinstance(motion, CanSampleRuns):
+        return motion.sample_runs(states, controls, rngs)
+    return np.stack([motion.sample(*run) for run in zip(states, controls, rngs, strict=True)])

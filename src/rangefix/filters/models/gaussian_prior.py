@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, wrap
+from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
-from .uniform_prior import BATCHES, lattice
+from .uniform_prior import LATTICE, draw_free
 
 REACH = 6.0  # standard deviations that `support` covers: all but 2e-9 of each component
 MIN_FREE_PROBABILITY = 1e-4  # of the probability must be in free space
 CIRCLE = 20_001  # points where the moments of a wide heading are summed
 
 
-@dataclass(frozen=True, init=False, eq=False)
 class GaussianPrior:
     """N(mean, covariance) over the components; a heading is wrapped onto the circle, walls cut it off.
 
@@ -28,8 +28,9 @@ class GaussianPrior:
     deviations; what lies beyond is less than 2e-9 for each component.
 
     Args:
-        mean: Mean before cutting off, (n,); m, rad, m/s.
-        covariance: Covariance likewise, (n, n), symmetric and positive definite.
+        mean: Mean before cutting off, (n,); m, rad, m/s; kept as `peak`.
+        covariance: Covariance likewise, (n, n), symmetric and positive definite; its Cholesky factor is kept
+            as `root`.
         space: The state space.
         room: A map whose walls cut the prior off, or None.
 
@@ -37,15 +38,6 @@ class GaussianPrior:
         ValueError: If a shape does not fit, the covariance is not symmetric and positive definite, or less
             than 1e-4 of the probability is in free space.
     """
-
-    space: StateSpace
-    room: RangeMap | None
-    peak: Array
-    root: Array
-    log_free: float
-    mean: Array = field(repr=False)
-    covariance: Array = field(repr=False)
-    support: tuple[Array, Array] = field(repr=False)
 
     def __init__(
         self, mean: ArrayLike, covariance: ArrayLike, space: StateSpace, room: RangeMap | None = None
@@ -63,31 +55,25 @@ class GaussianPrior:
             root = np.linalg.cholesky(spread)
         except np.linalg.LinAlgError:
             raise ValueError("the prior's covariance must be symmetric and positive definite") from None
-        peak = space.wrap(peak)
+        self.space, self.room, self.root, self.log_free = space, room, root, 0.0
+        self.peak = peak = space.wrap(peak)
         reach = REACH * np.sqrt(np.diagonal(spread))
         reach[space.is_angle] = np.minimum(reach[space.is_angle], np.pi)
         lower, upper = peak - reach, peak + reach
-        log_free = 0.0
         middle, scatter = peak, spread
         if room is not None:
             where = space.position_indices
             lower[where] = np.maximum(lower[where], room.bounds[0])
             upper[where] = np.minimum(upper[where], room.bounds[1])
             free, middle, scatter = _cut_off(peak, spread, where, room, lower[where], upper[where])
-            log_free = float(np.log(free))
-        scatter = _wrapped(scatter, np.flatnonzero(space.is_angle).tolist())
-        parts = {
-            "space": space,
-            "room": room,
-            "peak": peak,
-            "root": root,
-            "log_free": log_free,
-            "mean": space.wrap(middle),
-            "covariance": scatter,
-            "support": (lower, upper),
-        }
-        for name, value in parts.items():
-            object.__setattr__(self, name, value)
+            self.log_free = float(np.log(free))
+        self.mean = space.wrap(middle)
+        self.covariance = _wrapped(scatter, np.flatnonzero(space.is_angle).tolist())
+        self.support = (lower, upper)
+
+    def __repr__(self) -> str:
+        walls = "" if self.room is None else f", cut off by {self.room!r}"
+        return f"GaussianPrior({law_in_words(self.space.names, self.peak, self.root @ self.root.T)}{walls})"
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws, those in walls drawn again, (size, n).
@@ -95,15 +81,11 @@ class GaussianPrior:
         Raises:
             ValueError: If free space is not found.
         """
-        states = np.empty((0, self.space.size))
-        for _ in range(BATCHES):
-            drawn = self.peak + rng.standard_normal((max(size, 16), self.space.size)) @ self.root.T
-            if self.room is not None:
-                drawn = drawn[np.asarray(self.room.is_free(drawn[:, self.space.position_indices]))]
-            states = np.concatenate([states, drawn])
-            if len(states) >= size:
-                return self.space.wrap(states[:size])
-        raise ValueError(f"found {len(states)} of {size} points in free space: give the prior a wider spread")
+
+        def draw(count: int) -> Array:
+            return np.asarray(self.peak + rng.standard_normal((count, self.space.size)) @ self.root.T)
+
+        return draw_free(draw, size, self.room, self.space, "give the prior a wider spread")
 
     def log_density(self, states: Array) -> Array:
         """Log density, summed over the turns that lead to a heading; -inf in walls: (..., n) -> (...)."""
@@ -123,6 +105,12 @@ class GaussianPrior:
         return np.asarray(logs)
 
 
+def law_in_words(names: Sequence[str], mean: Array, covariance: Array) -> str:
+    """The mean and standard deviation of each component."""
+    parts = zip(names, mean, np.sqrt(np.diagonal(covariance)), strict=True)
+    return ", ".join(f"{name} {middle:.3g} +- {std:.3g}" for name, middle, std in parts)
+
+
 def _cut_off(
     peak: Array, spread: Array, where: list[int], room: RangeMap, lower: Array, upper: Array
 ) -> tuple[float, Array, Array]:
@@ -132,12 +120,13 @@ def _cut_off(
     """
     free = 0.0
     if (upper > lower).all():
-        centres, step = lattice(lower, upper)
+        raster = Raster.over(lower, upper, LATTICE)
+        centres = raster.centres.reshape(-1, 2)
         centres = centres[np.asarray(room.is_free(centres))]
         block = spread[np.ix_(where, where)]
         deviation = centres - peak[where]
         logs = -0.5 * np.einsum("ni,ij,nj->n", deviation, np.linalg.inv(block), deviation)
-        weights = np.exp(logs) * step.prod() / (TWO_PI * np.sqrt(np.linalg.det(block)))
+        weights = np.exp(logs) * np.prod(raster.step) / (TWO_PI * np.sqrt(np.linalg.det(block)))
         free = float(weights.sum())
     if free < MIN_FREE_PROBABILITY:
         raise ValueError(f"only {free:.1g} of the prior's probability is in free space")

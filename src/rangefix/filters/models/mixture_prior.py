@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
@@ -13,6 +14,7 @@ from ...arrays import TWO_PI, Array
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
+MAX_SHOWN = 4  # parts that are printed
 SHARE_DRAWS = 1 << 16  # for the moments of mixtures with a heading
 
 
@@ -34,24 +36,35 @@ class Mixture:
 
     priors: Sequence[SpacedPrior]
     weights: ArrayLike | None = None
-    shares: Array = field(init=False, repr=False, compare=False)
-    mean: Array = field(init=False, repr=False, compare=False)
-    covariance: Array = field(init=False, repr=False, compare=False)
-    support: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        parts = [f"{share:.3g} of {prior!r}" for share, prior in zip(self.shares, self.priors, strict=True)]
+        more = [f"and {len(parts) - MAX_SHOWN} more"] if len(parts) > MAX_SHOWN else []
+        return "Mixture(" + ",\n    ".join(parts[:MAX_SHOWN] + more) + ")"
 
     def __post_init__(self) -> None:
-        priors = tuple(self.priors)
+        priors = self.priors
         if not priors or any(prior.space != priors[0].space for prior in priors):
             raise ValueError("a mixture needs priors, one or more, all over the same space")
-        shares = np.ones(len(priors)) if self.weights is None else np.array(self.weights, dtype=float)
-        if shares.shape != (len(priors),) or not (np.isfinite(shares).all() and (shares > 0).all()):
+        weights = np.ones(len(priors)) if self.weights is None else np.array(self.weights, dtype=float)
+        if weights.shape != (len(priors),) or not (np.isfinite(weights).all() and (weights > 0).all()):
             raise ValueError(f"{len(priors)} priors need as many positive weights, got {self.weights!r}")
-        object.__setattr__(self, "priors", priors)
-        object.__setattr__(self, "shares", shares / shares.sum())
-        mean, covariance = self._moments()
-        parts = {"mean": mean, "covariance": covariance, "support": self._support()}
-        for name, value in parts.items():
-            object.__setattr__(self, name, value)
+
+    @cached_property
+    def shares(self) -> Array:
+        """The weights divided by their sum."""
+        weights = np.ones(len(self.priors)) if self.weights is None else np.array(self.weights, dtype=float)
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def mean(self) -> Array:
+        """Mean over the parts, (n,)."""
+        return self._moments[0]
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance over the parts and within them, (n, n)."""
+        return self._moments[1]
 
     @property
     def space(self) -> StateSpace:
@@ -63,9 +76,9 @@ class Mixture:
         chosen = rng.choice(len(self.priors), size=size, p=self.shares)
         states = np.empty((size, self.space.size))
         for place, prior in enumerate(self.priors):
-            mine = chosen == place
-            if mine.any():
-                states[mine] = prior.sample(int(mine.sum()), rng)
+            drawn = chosen == place
+            if drawn.any():
+                states[drawn] = prior.sample(int(drawn.sum()), rng)
         return states
 
     def log_density(self, states: Array) -> Array:
@@ -75,6 +88,7 @@ class Mixture:
             np.logaddexp.reduce([np.log(share) + prior.log_density(states) for share, prior in parts], axis=0)
         )
 
+    @cached_property
     def _moments(self) -> tuple[Array, Array]:
         if self.space.is_angle.any():
             states = self.sample(SHARE_DRAWS, np.random.default_rng(0))
@@ -85,8 +99,9 @@ class Mixture:
         within = np.tensordot(self.shares, np.stack([prior.covariance for prior in self.priors]), 1)
         return mean, within + (away * self.shares[:, None]).T @ away
 
-    def _support(self) -> tuple[Array, Array]:
-        """The box around all boxes; along a circle no longer than the circle."""
+    @cached_property
+    def support(self) -> tuple[Array, Array]:
+        """Corners of the box around all boxes, each (n,); along a circle no longer than the circle."""
         lowers, uppers = (np.stack(ends) for ends in zip(*(p.support for p in self.priors), strict=True))
         angle = self.space.is_angle
         middles = 0.5 * (lowers + uppers)

@@ -7,13 +7,17 @@ odometry.py, walls are in confined.py.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import Array
+from ..sampling import GeneratorPerRun
 from ..space import StateSpace
 
 
@@ -22,6 +26,7 @@ class Stationary:
     """The object stays where it is; the control is ignored."""
 
     space: StateSpace
+    is_gaussian = True
 
     def mean(self, states: Array, control: Array) -> Array:
         """The same states, (..., n)."""
@@ -29,12 +34,11 @@ class Stationary:
 
     def jacobian(self, states: Array, control: Array) -> Array:
         """The identity, (..., n, n)."""
-        size = self.space.size
-        return np.broadcast_to(np.eye(size), (*np.shape(states)[:-1], size, size))
+        return _for_each(np.eye(self.space.size), states)
 
     def noise_covariance(self, states: Array, control: Array) -> Array:
         """Zero, (..., n, n)."""
-        return np.zeros((*np.shape(states)[:-1], self.space.size, self.space.size))
+        return _for_each(np.zeros((self.space.size, self.space.size)), states)
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The same states; nothing is drawn."""
@@ -56,10 +60,15 @@ class RandomWalk:
 
     space: StateSpace
     std: ArrayLike
-    stds: Array = field(init=False, repr=False, compare=False)
+    is_gaussian = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stds", step_stds("a random walk", self.std, self.space.names))
+        _ = self.stds  # refuses what does not fit
+
+    @cached_property
+    def stds(self) -> Array:
+        """Standard deviation of each component's step, (n,)."""
+        return step_stds("a random walk", self.std, self.space.names)
 
     def mean(self, states: Array, control: Array) -> Array:
         """The same states, (..., n)."""
@@ -67,18 +76,20 @@ class RandomWalk:
 
     def jacobian(self, states: Array, control: Array) -> Array:
         """The identity, (..., n, n)."""
-        size = self.space.size
-        return np.broadcast_to(np.eye(size), (*np.shape(states)[:-1], size, size))
+        return _for_each(np.eye(self.space.size), states)
 
     def noise_covariance(self, states: Array, control: Array) -> Array:
         """std^2 on the diagonal, (..., n, n)."""
-        size = self.space.size
-        return np.broadcast_to(np.diag(self.stds**2), (*np.shape(states)[:-1], size, size))
+        return _for_each(np.diag(self.stds**2), states)
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The states after one step each, (..., n)."""
         states = np.asarray(states, dtype=float)
         return self.space.wrap(states + self.stds * rng.standard_normal(states.shape))
+
+    def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
+        """One step of M runs, run m drawn from rngs[m] alone, (M, n)."""
+        return self.sample(states, control, cast(Generator, GeneratorPerRun(rngs)))
 
 
 @dataclass(frozen=True)
@@ -103,28 +114,45 @@ class ConstantVelocity:
     space: StateSpace
     step: float
     intensity: float
-    transition: Array = field(init=False, repr=False, compare=False)
-    covariance: Array = field(init=False, repr=False, compare=False)
-    root: Array = field(init=False, repr=False, compare=False)
+    is_gaussian = True
 
     def __post_init__(self) -> None:
-        names = self.space.names
-        if not {"v1", "v2"} <= set(names):
-            raise ValueError(f"constant velocity needs v1 and v2 among the state names, got {names}")
+        if not {"v1", "v2"} <= set(self.space.names):
+            raise ValueError(
+                f"constant velocity needs v1 and v2 among the state names, got {self.space.names}"
+            )
         if not (0 < self.step < np.inf and 0 <= self.intensity < np.inf):
             raise ValueError(
                 f"need a step > 0 s and an intensity >= 0 m^2/s^3, got {self.step} and {self.intensity}"
             )
-        dt = self.step
-        transition, root = np.eye(len(names)), np.zeros((len(names), len(names)))
-        for axis in "12":
-            x, v = names.index("x" + axis), names.index("v" + axis)
-            transition[x, v] = dt
-            # the Cholesky factor of the covariance above: [[a, 0], [3 a / 2 / dt, sqrt(q dt) / 2]]
+
+    @cached_property
+    def transition(self) -> Array:
+        """The matrix F of the mean x' = F x, (n, n)."""
+        transition = np.eye(self.space.size)
+        for x, v in self._axes:
+            transition[x, v] = self.step
+        return transition
+
+    @cached_property
+    def root(self) -> Array:
+        """The Cholesky factor of the covariance, [[a, 0], [3 a / 2 / dt, sqrt(q dt) / 2]] for each axis."""
+        root, dt = np.zeros((self.space.size, self.space.size)), self.step
+        for x, v in self._axes:
             root[x, x] = np.sqrt(self.intensity * dt**3 / 3)
             root[v, x], root[v, v] = 1.5 * root[x, x] / dt, 0.5 * np.sqrt(self.intensity * dt)
-        for name, value in (("transition", transition), ("root", root), ("covariance", root @ root.T)):
-            object.__setattr__(self, name, value)
+        return root
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the noise of a step, (n, n)."""
+        return np.asarray(self.root @ self.root.T)
+
+    @property
+    def _axes(self) -> list[tuple[int, int]]:
+        """Where a position and its velocity stand among the components."""
+        index = self.space.names.index
+        return [(index("x" + axis), index("v" + axis)) for axis in "12"]
 
     def mean(self, states: Array, control: Array) -> Array:
         """Positions moved by velocity times dt, (..., n)."""
@@ -132,11 +160,11 @@ class ConstantVelocity:
 
     def jacobian(self, states: Array, control: Array) -> Array:
         """The transition matrix, (..., n, n)."""
-        return np.broadcast_to(self.transition, (*np.shape(states)[:-1], *self.transition.shape))
+        return _for_each(self.transition, states)
 
     def noise_covariance(self, states: Array, control: Array) -> Array:
         """The covariance above, (..., n, n)."""
-        return np.broadcast_to(self.covariance, (*np.shape(states)[:-1], *self.covariance.shape))
+        return _for_each(self.covariance, states)
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The states after one step each, (..., n)."""
@@ -159,3 +187,8 @@ def step_stds(what: str, std: ArrayLike, names: tuple[str, ...]) -> Array:
     stds = np.broadcast_to(stds, (len(names),)).copy()
     stds.setflags(write=False)
     return stds
+
+
+def _for_each(matrix: Array, states: Array) -> Array:
+    """The same matrix for each state: (n, n), (..., n) -> (..., n, n)."""
+    return np.broadcast_to(matrix, (*np.shape(states)[:-1], *matrix.shape))

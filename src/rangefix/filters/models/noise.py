@@ -8,14 +8,16 @@ may come out negative, and its density says how often.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array
+from ...arrays import LOG_TWO_PI, Array, short_repr
 from ..problem import Noise
 
 UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
@@ -26,7 +28,6 @@ class CumulativeNoise(Noise, Protocol):
 
     def log_below(self, limit: Array, expected: Array) -> Array:
         """Log probability of a finite reading up to each limit given each expected range, elementwise."""
-        ...
 
 
 def per_beam(name: str, value: ArrayLike, zero: bool = False) -> Array:
@@ -58,8 +59,50 @@ def log_normal_below(deviates: Array) -> Array:
     return np.asarray(log_ndtr(deviates), dtype=float)
 
 
-@dataclass(frozen=True)
-class Gaussian:
+class ScaledNoise(ABC):
+    """Reading = expected range + scale t, with t of one law and scales of beams or of expected ranges."""
+
+    __repr__ = short_repr
+
+    @abstractmethod
+    def _scale(self, expected: Array) -> Array:
+        """Scales for expected ranges, m, broadcasting with them."""
+
+    def _log_below(self, deviates: Array) -> Array:
+        """Log probability that t is below each deviate; accurate in the far tails."""
+        return log_normal_below(deviates)
+
+    def _draws(self, shape: tuple[int, ...], rng: Generator) -> Array:
+        """Independent draws of t."""
+        return rng.standard_normal(shape)
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)), elementwise; nats."""
+        stds = self._scale(expected)
+        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TWO_PI) - np.log(stds)
+
+    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading above the limit, or of none."""
+        return self._log_below(-self._deviates(limit, expected))
+
+    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        """Log probability of a reading up to the limit."""
+        return self._log_below(self._deviates(limit, expected))
+
+    def _deviates(self, limit: ArrayLike, expected: ArrayLike) -> Array:
+        return deviate(limit, expected, self._scale(np.asarray(expected, dtype=float)))
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, m; inf where no wall is expected."""
+        return expected + self._scale(expected) * self._draws(np.shape(expected), rng)
+
+    def variance(self, expected: Array) -> Array:
+        """Scale^2 for each expected range, m^2."""
+        return np.broadcast_to(self._scale(expected) ** 2, np.shape(expected))
+
+
+@dataclass(frozen=True, repr=False)
+class Gaussian(ScaledNoise):
     """Reading = expected range + N(0, std^2).
 
     Args:
@@ -70,34 +113,21 @@ class Gaussian:
     """
 
     std: ArrayLike
-    stds: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stds", per_beam("noise std", self.std))
+        _ = self.stds  # refuses what does not fit
 
-    def log_density(self, measurement: Array, expected: Array) -> Array:
-        """-1/2 ((y - rho) / std)^2 - log(std sqrt(2 pi)), elementwise; nats."""
-        return -0.5 * (((measurement - expected) / self.stds) ** 2 + LOG_TWO_PI) - np.log(self.stds)
+    @cached_property
+    def stds(self) -> Array:
+        """The standard deviations, m, () or (B,)."""
+        return per_beam("noise std", self.std)
 
-    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none: log Phi((rho - limit) / std)."""
-        return log_normal_below(-deviate(limit, expected, self.stds))
-
-    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading up to the limit."""
-        return log_normal_below(deviate(limit, expected, self.stds))
-
-    def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self.stds * rng.standard_normal(np.shape(expected))
-
-    def variance(self, expected: Array) -> Array:
-        """std^2 for each expected range, m^2."""
-        return np.broadcast_to(self.stds**2, np.shape(expected))
+    def _scale(self, expected: Array) -> Array:
+        return self.stds
 
 
-@dataclass(frozen=True)
-class RangeProportional:
+@dataclass(frozen=True, repr=False)
+class RangeProportional(ScaledNoise):
     """Reading = expected range + N(0, (a + b |range|)^2): most data sheets of laser scanners.
 
     Args:
@@ -110,42 +140,23 @@ class RangeProportional:
 
     a: ArrayLike
     b: ArrayLike
-    at_zero: Array = field(init=False, repr=False, compare=False)
-    growth: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at_zero", per_beam("noise std a", self.a))
-        object.__setattr__(self, "growth", per_beam("growth b of the noise std", self.b, zero=True))
+        _ = self._line  # refuses what does not fit
 
-    def stds(self, expected: ArrayLike) -> Array:
-        """a + b |rho| for each expected range, m; a where no wall is expected."""
-        expected = np.asarray(expected, dtype=float)
-        return self.at_zero + self.growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
+    @cached_property
+    def _line(self) -> tuple[Array, Array]:
+        """Both a and b, () or (B,) each."""
+        return per_beam("noise std a", self.a), per_beam("growth b of the noise std", self.b, zero=True)
 
-    def log_density(self, measurement: Array, expected: Array) -> Array:
-        """-1/2 ((y - rho) / s)^2 - log(s sqrt(2 pi)) with s = a + b |rho|, elementwise; nats."""
-        stds = self.stds(expected)
-        return -0.5 * (((measurement - expected) / stds) ** 2 + LOG_TWO_PI) - np.log(stds)
-
-    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none."""
-        return log_normal_below(-deviate(limit, expected, self.stds(expected)))
-
-    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading up to the limit."""
-        return log_normal_below(deviate(limit, expected, self.stds(expected)))
-
-    def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self.stds(expected) * rng.standard_normal(np.shape(expected))
-
-    def variance(self, expected: Array) -> Array:
-        """(a + b |rho|)^2 for each expected range, m^2."""
-        return self.stds(expected) ** 2
+    def _scale(self, expected: Array) -> Array:
+        """Standard deviations a + b |rho|; a where no wall is expected."""
+        at_zero, growth = self._line
+        return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
 
 
-@dataclass(frozen=True)
-class StudentT:
+@dataclass(frozen=True, repr=False)
+class StudentT(ScaledNoise):
     """Reading = expected range + scale t, with t of Student's distribution: outliers without a second model.
 
     Args:
@@ -159,12 +170,16 @@ class StudentT:
 
     scale: ArrayLike
     dof: float
-    scales: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scales", per_beam("noise scale", self.scale))
+        _ = self.scales  # refuses what does not fit
         if not 0 < self.dof < np.inf:
             raise ValueError(f"degrees of freedom must be positive and finite, got {self.dof!r}")
+
+    @cached_property
+    def scales(self) -> Array:
+        """The scales, m, () or (B,)."""
+        return per_beam("noise scale", self.scale)
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-(dof + 1)/2 log(1 + t^2 / dof) - log(scale sqrt(dof) B(dof / 2, 1 / 2)), elementwise; nats."""
@@ -174,17 +189,14 @@ class StudentT:
         level = np.log(self.scales) + 0.5 * np.log(self.dof) + betaln(0.5 * self.dof, 0.5)
         return np.asarray(-0.5 * (self.dof + 1) * np.log1p(t * (t / self.dof)) - level)
 
-    def log_above(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading above the limit, or of none."""
-        return _log_student_below(-deviate(limit, expected, self.scales), self.dof)
+    def _scale(self, expected: Array) -> Array:
+        return self.scales
 
-    def log_below(self, limit: ArrayLike, expected: ArrayLike) -> Array:
-        """Log probability of a reading up to the limit."""
-        return _log_student_below(deviate(limit, expected, self.scales), self.dof)
+    def _log_below(self, deviates: Array) -> Array:
+        return _log_student_below(deviates, self.dof)
 
-    def sample(self, expected: Array, rng: Generator) -> Array:
-        """One reading for each expected range, m; inf where no wall is expected."""
-        return expected + self.scales * rng.standard_t(self.dof, np.shape(expected))
+    def _draws(self, shape: tuple[int, ...], rng: Generator) -> Array:
+        return rng.standard_t(self.dof, shape)
 
     def variance(self, expected: Array) -> Array:
         """scale^2 dof / (dof - 2) for each expected range, m^2.

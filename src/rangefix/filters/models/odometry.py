@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import Array, wrap
+from ..sampling import GeneratorPerRun
 from ..space import StateSpace
 from .motion import step_stds
 
@@ -50,7 +54,7 @@ class Odometry:
     space: StateSpace
     alphas: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     floor: ArrayLike = 0.0
-    floors: Array = field(init=False, repr=False, compare=False)
+    is_gaussian = True
 
     def __post_init__(self) -> None:
         if "heading" not in self.space.names:
@@ -58,9 +62,12 @@ class Odometry:
         alphas = np.array(self.alphas, dtype=float)
         if alphas.shape != (4,) or not (np.isfinite(alphas).all() and (alphas >= 0).all()):
             raise ValueError(f"odometry needs four alphas, at least zero and finite, got {self.alphas!r}")
-        object.__setattr__(self, "alphas", tuple(alphas.tolist()))
-        floors = step_stds("odometry's floor", self.floor, ("forward", "right", "turn"))
-        object.__setattr__(self, "floors", floors)
+        _ = self.floors  # refuses what does not fit
+
+    @cached_property
+    def floors(self) -> Array:
+        """Standard deviations added to every step: forward, right, turn, (3,)."""
+        return step_stds("odometry's floor", self.floor, ("forward", "right", "turn"))
 
     @property
     def _places(self) -> list[int]:
@@ -69,10 +76,17 @@ class Odometry:
 
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move, (..., n), headings wrapped; control (3,) or (..., 3)."""
-        return self._moved(states, control)
+        states, control = _pair(states, control)
+        one, two, heading = self._places
+        moved = np.array(states)
+        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
+        moved[..., one] += step1
+        moved[..., two] += step2
+        moved[..., heading] = wrap(states[..., heading] + control[..., 2])
+        return moved
 
     def jacobian(self, states: Array, control: Array) -> Array:
-        """d mean / d state, (..., n, n): the displacement turns with the heading."""
+        """Derivatives of `mean` by the state, (..., n, n): the displacement turns with the heading."""
         states, control = _pair(states, control)
         one, two, heading = self._places
         result = np.zeros((*states.shape[:-1], self.space.size, self.space.size))
@@ -104,7 +118,11 @@ class Odometry:
             draws = rng.standard_normal(states.shape[:-1])
             for column, part in enumerate(error):
                 noisy[..., column] += draws * part
-        return self._moved(states, noisy)
+        return self.mean(states, noisy)
+
+    def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
+        """One move of M runs, run m drawn from rngs[m] alone, (M, n)."""
+        return self.sample(states, control, cast(Generator, GeneratorPerRun(rngs)))
 
     def body_covariance(self, control: Array) -> Array:
         """Covariance of the noise of (forward, right, turn), (..., 3) -> (..., 3, 3)."""
@@ -117,7 +135,7 @@ class Odometry:
 
     def _errors(self, control: Array) -> list[tuple[Array, Array, Array]]:
         """The independent errors, one standard deviation of each as (forward, right, turn), (...) each."""
-        a1, a2, a3, a4 = self.alphas
+        a1, a2, a3, a4 = map(float, self.alphas)
         forward, right, turn = np.moveaxis(control, -1, 0)
         trans = np.hypot(forward, right)
         first = np.where(trans < ON_THE_SPOT, 0.0, np.arctan2(right, forward))
@@ -139,16 +157,6 @@ class Odometry:
             parts[place] = zero + floor
             errors.append((parts[0], parts[1], parts[2]))
         return [error for error in errors if any(np.any(part) for part in error)]
-
-    def _moved(self, states: Array, control: Array) -> Array:
-        states, control = _pair(states, control)
-        one, two, heading = self._places
-        moved = np.array(states)
-        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
-        moved[..., one] += step1
-        moved[..., two] += step2
-        moved[..., heading] = wrap(states[..., heading] + control[..., 2])
-        return moved
 
 
 def _least_turn(angle: Array) -> Array:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, wrap
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
 from .noise import Gaussian
@@ -67,7 +68,7 @@ class Rangefinder:
     blind_sector: float = 0.0
     max_range: float = np.inf
     max_incidence: float = RIGHT_ANGLE
-    blind: BoolArray = field(init=False, repr=False, compare=False)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         bearings = np.array(self.bearings, dtype=float)
@@ -87,18 +88,22 @@ class Rangefinder:
             raise ValueError(f"the noise does not fit {bearings.size} beams: {error}") from None
         if shape != bearings.shape:
             raise ValueError(f"the noise is for {shape[-1]} beams, the rangefinder has {bearings.size}")
-        blind = np.abs(wrap(bearings - np.pi)) < self.blind_sector / 2 * (1 - 1e-12)
-        if blind.all():
+        bearings.setflags(write=False)
+        object.__setattr__(self, "bearings", bearings)  # a copy that nobody can change
+        if self.blind.all():
             raise ValueError("every beam lies in the blind sector")
-        for name, value in (("bearings", bearings), ("blind", blind)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+
+    @cached_property
+    def blind(self) -> BoolArray:
+        """Which beams lie in the blind sector, (B,)."""
+        return np.asarray(np.abs(wrap(self.bearings - np.pi)) < self.blind_sector / 2 * (1 - 1e-12))
 
     @property
-    def is_plain_gaussian(self) -> bool:
-        """Whether readings are the map's ranges plus Gaussian noise, with no limit of range or incidence."""
-        limited = np.isfinite(self.max_range) or self.max_incidence < RIGHT_ANGLE
-        return type(self.noise) is Gaussian and not limited
+    def gaussian_stds(self) -> Array | None:
+        """Standard deviations, m, (B,), where noise is Gaussian and no range or incidence is limited."""
+        if type(self.noise) is Gaussian and np.isinf(self.max_range) and self.max_incidence == RIGHT_ANGLE:
+            return np.broadcast_to(self.noise.stds, self.bearings.shape)
+        return None
 
     def expected(self, states: ArrayLike) -> Array:
         """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or grazes it."""
@@ -109,7 +114,7 @@ class Rangefinder:
         return ranges
 
     def jacobian(self, states: Array) -> Array:
-        """d expected / d state: (..., n) -> (..., B, n); 0 where a beam meets no wall or grazes it."""
+        """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where it is inf."""
         gradients = self.room.gradients(self.space.poses(states), self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)

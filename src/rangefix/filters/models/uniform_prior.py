@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, wrap
+from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
 
@@ -37,50 +40,74 @@ class Uniform:
     lower: ArrayLike | None = None
     upper: ArrayLike | None = None
     headings: tuple[float, float] | None = None
-    support: tuple[Array, Array] = field(init=False, repr=False, compare=False)
-    area: float = field(init=False, repr=False, compare=False)
-    mean: Array = field(init=False, repr=False, compare=False)
-    covariance: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if extra := set(self.space.names) - {"x1", "x2", "heading"}:
             raise ValueError(f"a uniform prior covers x1, x2 and heading, not {', '.join(sorted(extra))}")
-        lower, upper = (np.array(corner, dtype=float) for corner in self.room.bounds)
-        lower = lower if self.lower is None else np.array(self.lower, dtype=float)
-        upper = upper if self.upper is None else np.array(self.upper, dtype=float)
+        lower, upper = self._box
         if lower.shape != (2,) or upper.shape != (2,) or not (upper > lower).all():
             raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {lower} and {upper}")
-        centres, step = lattice(lower, upper)
+        if not self._place[0]:
+            raise ValueError(f"the prior has no free space in the box from {lower} to {upper}")
+        if self.headings is not None:
+            if not self.space.is_angle.any():
+                raise ValueError(
+                    "the heading is known: an arc of headings needs a space with one, pose_space()"
+                )
+            check_arc(*self.headings, "headings need")
+
+    @cached_property
+    def _box(self) -> tuple[Array, Array]:
+        """Corners of the box, m, (2,) each."""
+        given = zip((self.lower, self.upper), self.room.bounds, strict=True)
+        lower, upper = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
+        return lower, upper
+
+    @cached_property
+    def _place(self) -> tuple[float, Array, Array]:
+        """Free area of the box, m^2, and mean (2,) and covariance (2, 2) of a point there."""
+        raster = Raster.over(*self._box, LATTICE)
+        centres, step = raster.centres.reshape(-1, 2), np.asarray(raster.step)
         inside = centres[self.room.is_free(centres)]
         if not len(inside):
-            raise ValueError(f"the prior has no free space in the box from {lower} to {upper}")
-        low, high = self._arc()
-        mean, covariance = np.zeros(self.space.size), np.eye(self.space.size) * (high - low) ** 2 / 12
-        mean[self.space.is_angle] = wrap(np.array(0.5 * (low + high))) if high - low < TWO_PI else 0.0
-        where = self.space.position_indices
-        mean[where] = inside.mean(0)
+            return 0.0, np.zeros(2), np.zeros((2, 2))
         spread = np.cov(inside.T, bias=True) + np.diag(step**2 / 12)  # the spread within a cell
-        covariance[np.ix_(where, where)] = spread
-        corners = [np.full(self.space.size, low), np.full(self.space.size, high)]
-        corners[0][where], corners[1][where] = lower, upper
-        parts = {
-            "support": (corners[0], corners[1]),
-            "area": len(inside) * float(step.prod()),
-            "mean": mean,
-            "covariance": covariance,
-        }
-        for name, value in parts.items():
-            object.__setattr__(self, name, value)
+        return len(inside) * float(step.prod()), inside.mean(0), spread
 
+    @property
     def _arc(self) -> tuple[float, float]:
-        if self.headings is None:
-            return 0.0, TWO_PI
-        if not self.space.is_angle.any():
-            raise ValueError("the heading is known: an arc of headings needs a space with one, pose_space()")
-        low, high = (float(end) for end in self.headings)
-        if not (np.isfinite(low) and low < high <= low + TWO_PI * (1 + 1e-12)):
-            raise ValueError(f"headings need low < high <= low + 2 pi, got {low} and {high} rad")
+        """Ends of the arc of headings, rad; the whole circle unless given."""
+        low, high = (0.0, TWO_PI) if self.headings is None else map(float, self.headings)
         return low, min(high, low + TWO_PI)
+
+    @property
+    def area(self) -> float:
+        """Free area of the box, m^2."""
+        return self._place[0]
+
+    @cached_property
+    def support(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box with the ends of the arc, each (n,)."""
+        corners = np.repeat(np.array(self._arc)[:, None], self.space.size, axis=1)
+        corners[:, self.space.position_indices] = self._box
+        return corners[0], corners[1]
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean of the free space and of the arc, (n,)."""
+        low, high = self._arc
+        mean = np.zeros(self.space.size)
+        mean[self.space.is_angle] = wrap(np.array(0.5 * (low + high))) if high - low < TWO_PI else 0.0
+        mean[self.space.position_indices] = self._place[1]
+        return mean
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the free space and of the arc, (n, n)."""
+        low, high = self._arc
+        covariance, where = np.eye(self.space.size) * (high - low) ** 2 / 12, self.space.position_indices
+        covariance[np.ix_(where, where)] = self._place[2]
+        return covariance
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws by rejection, (size, n).
@@ -89,14 +116,11 @@ class Uniform:
             ValueError: If the free space is too small a part of the box to be found.
         """
         lower, upper = self.support
-        states = np.empty((0, self.space.size))
-        for _ in range(BATCHES):
-            candidates = lower + (upper - lower) * rng.random((max(size, 16), self.space.size))
-            free = self.room.is_free(candidates[:, self.space.position_indices])
-            states = np.concatenate([states, candidates[free]])
-            if len(states) >= size:
-                return self.space.wrap(states[:size])
-        raise ValueError(f"found {len(states)} of {size} points in free space: give the prior a smaller box")
+
+        def draw(count: int) -> Array:
+            return lower + (upper - lower) * rng.random((count, self.space.size))
+
+        return draw_free(draw, size, self.room, self.space, "give the prior a smaller box")
 
     def log_density(self, states: Array) -> Array:
         """-log(area) [- log(arc)] in the free space of box and arc, else -inf: (..., n) -> (...)."""
@@ -115,10 +139,37 @@ class Uniform:
         return np.where(inside, -level, -np.inf)
 
 
-def lattice(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Centres (N, 2) and sizes (2,) of cells that fill a box, LATTICE of them along its longer side."""
-    size = upper - lower
-    counts = np.maximum(1, np.round(LATTICE * size / size.max())).astype(int)
-    step = size / counts
-    axes = [low + h * (np.arange(count) + 0.5) for low, h, count in zip(lower, step, counts, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2), step
+def draw_free(
+    draw: Callable[[int], Array], size: int, room: RangeMap | None, space: StateSpace, advice: str
+) -> Array:
+    """Draws in free space, (size, n): those in walls are drawn again.
+
+    Args:
+        draw: Gives so many draws, walls or not, (count, n).
+        size: How many are wanted.
+        room: The map, or None where there are no walls.
+        space: The state space.
+        advice: What to do where free space is not found.
+
+    Raises:
+        ValueError: If it is not found.
+    """
+    states = np.empty((0, space.size))
+    for _ in range(BATCHES):
+        drawn = draw(max(size, 16))
+        if room is not None:
+            drawn = drawn[np.asarray(room.is_free(drawn[:, space.position_indices]))]
+        states = np.concatenate([states, drawn])
+        if len(states) >= size:
+            return space.wrap(states[:size])
+    raise ValueError(f"found {len(states)} of {size} points in free space: {advice}")
+
+
+def check_arc(low: float, high: float, who: str) -> None:
+    """Refuse an arc of headings that is empty, more than a turn or not finite.
+
+    Raises:
+        ValueError: If it is; the message begins with who needs another.
+    """
+    if not (np.isfinite(low) and low < high <= low + TWO_PI * (1 + 1e-12)):
+        raise ValueError(f"{who} low < high <= low + 2 pi, got {float(low)} and {float(high)} rad")

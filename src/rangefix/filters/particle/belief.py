@@ -8,22 +8,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array, BoolArray
+from ..estimator import BriefRepr
 from ..problem import Prior
 
 
-@dataclass(frozen=True)
-class ParticleBelief:
+@dataclass(frozen=True, repr=False)
+class ParticleBelief(BriefRepr):
     """Weighted points.
 
-    states: (M, N, n).
-    log_weights: Normalised, (M, N).
-    log_evidence: Of all measurements, (M,); -inf where one was impossible for every particle, which then
-        left that run's particles as they were.
-    prior: Where the particles came from.
-    standing: Which runs have not moved since then, (M,).
-    readings: Their measurements since then, or since the last move, (M, B) each; NaN where a run ignored one.
-    starts: Where each particle was before the last move, (M, N, n); None before the first.
-    controls: Of the last move, (M, k).
+    Attributes:
+        states: (M, N, n).
+        log_weights: Normalised, (M, N).
+        log_evidence: Of all measurements, (M,); -inf where one was impossible for every particle, which then
+            left that run's particles as they were.
+        prior: Where the particles came from.
+        standing: Which runs have not moved since then, (M,).
+        readings: Measurements since then, or since the last move, (M, B) each; NaN where a run ignored one.
+        starts: Where each particle was before the last move, (M, N, n); None before the first.
+        controls: Of the last move, (M, k).
     """
 
     states: Array

@@ -16,30 +16,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..estimator import Estimate
+from ..estimator import BriefRepr, Estimate, Image
+from ..images import image_of_points
 from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
-from .metropolis import Posterior, covariance_root, kernel_step, metropolis, reject_crossings, separate_copies
+from .metropolis import (
+    Posterior,
+    covariance_root,
+    kernel_step,
+    metropolis,
+    metropolis_steps,
+    reject_crossings,
+    separate_copies,
+)
 from .resampling import SCHEMES
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
-MIN_EFFECTIVE = (
-    100  # effective particles: with fewer, the covariance of an object that moves is not to be trusted
-)
+MIN_EFFECTIVE = 100  # particles; with fewer, the covariance of an object that moves is not to be trusted
 Target = Posterior | LastStep
 
 
-@dataclass(frozen=True)
-class ParticleFilter:
+@dataclass(frozen=True, repr=False)
+class ParticleFilter(BriefRepr):
     """Particles weighted by the likelihood.
 
     Args:
@@ -162,6 +170,10 @@ class ParticleFilter:
         """Particles drawn by their weights, (M, size, n): where few have all the weight, copies of those."""
         return weighted_draws(belief.states, exp_of(belief.log_weights), size, rngs)
 
+    def density(self, belief: ParticleBelief, run: int) -> Image:
+        """A run's weighted particles counted in pixels, for pictures."""
+        return image_of_points(belief.states[run], self.problem, belief.log_weights[run])
+
     def effective_particles(self, belief: ParticleBelief) -> Array:
         """Effective number of particles 1 / sum w^2 (Kong, Liu and Wong, 1994), (M,)."""
         return np.array([effective_number(log_weights) for log_weights in belief.log_weights])
@@ -248,7 +260,8 @@ class ParticleFilter:
         logs = np.repeat(known, counts), np.repeat(fresh, counts)
         if isinstance(target, LastStep):
             target = target.of(ancestors)
-            moved, log_density = target.renewed(copies, logs, power, self.moves, rng)
+            propose = partial(target.propose, rng=rng)
+            moved, log_density = metropolis_steps(copies, logs, target, propose, power, self.moves, rng)
             weights = exp_of(equal(self.particles))
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
             if spread is not moved:
@@ -258,4 +271,4 @@ class ParticleFilter:
         _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
         spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
         root = covariance_root(covariance + spacing)
-        return *metropolis(copies, logs, target, power, root, space, self.moves, rng), target
+        return *metropolis(copies, logs, target, power, root, self.moves, rng), target

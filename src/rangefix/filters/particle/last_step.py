@@ -19,22 +19,24 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
-from ..models import Confined, ConstantVelocity, Odometry, RandomWalk
+from ..models import Confined
 from ..problem import Motion, Problem
 from ..space import StateSpace
 
-SMALLEST = 0.05  # share of the noise that a proposal draws anew, at least
-TURNS_LITTLE = 0.5  # rad; noise of a heading that is not felt to be on a circle
+MIN_FRESH_SHARE = 0.05  # of the noise that a proposal draws anew
+SMALL_TURN_STD = 0.5  # rad; noise of a heading that is not felt to be on a circle
 
 
 @dataclass(frozen=True)
 class LastStep:
     """What is known of where a step ended: its law from each start, times the likelihood of readings since.
 
-    starts: Where each particle was before the step, (N, n).
-    control: Of the step, (k,).
-    readings: Measurements taken in since, (B,) each.
-    fresh: The one that is to be taken in, (B,).
+    Attributes:
+        problem: What may be known.
+        starts: Where each particle was before the step, (N, n).
+        control: Of the step, (k,).
+        readings: Measurements taken in since, (B,) each.
+        fresh: The one that is to be taken in, (B,).
     """
 
     problem: Problem
@@ -56,35 +58,7 @@ class LastStep:
             known += sensor.log_density(reading, expected)
         return known, sensor.log_density(self.fresh, expected)
 
-    def renewed(
-        self, states: Array, log_densities: tuple[Array, Array], power: float, steps: int, rng: Generator
-    ) -> tuple[Array, Array]:
-        """Metropolis steps that leave the law times the likelihoods as they are.
-
-        Args:
-            states: Where particles are, (N, n), one for each start.
-            log_densities: What `log_densities` says there, (N,) each.
-            power: The fresh measurement counts with its likelihood to this power, in [0, 1].
-            steps: How many.
-            rng: Draws what the motion draws, and 3 N numbers more for each step.
-
-        Returns:
-            Where they are then, (N, n), and the log density of the fresh measurement there, (N,).
-        """
-        known, fresh = log_densities
-        for _ in range(steps):
-            proposal = self._proposal(states, rng)
-            known_there, fresh_there = self.log_densities(proposal)
-            with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
-                gain = known_there - known
-                if power > 0:
-                    gain += power * (fresh_there - fresh)
-                accepted = -rng.standard_exponential(len(states)) < gain
-            states = np.where(accepted[:, None], proposal, states)
-            known, fresh = np.where(accepted, known_there, known), np.where(accepted, fresh_there, fresh)
-        return states, fresh
-
-    def _proposal(self, states: Array, rng: Generator) -> Array:
+    def propose(self, states: Array, rng: Generator) -> Array:
         """Half of the steps drawn anew, half changed in part; the state as it is where a wall is met."""
         motion, space = self.problem.motion, self.problem.space
         free = motion.motion if isinstance(motion, Confined) else motion
@@ -102,10 +76,10 @@ class LastStep:
 
     def _is_gaussian(self, free: Motion) -> bool:
         """Whether the noise is Gaussian, and that of a heading far from going round."""
-        if not isinstance(free, RandomWalk | ConstantVelocity | Odometry):
+        if not free.is_gaussian:
             return False
         variances = np.diagonal(free.noise_covariance(self.starts[0], self.control))
-        return bool((variances[self.problem.space.is_angle] <= TURNS_LITTLE**2).all())
+        return bool((variances[self.problem.space.is_angle] <= SMALL_TURN_STD**2).all())
 
 
 def _partly(
@@ -113,6 +87,6 @@ def _partly(
 ) -> Array:
     """Steps from starts to states with a part of their Gaussian noise drawn anew, (N, n)."""
     mean = free.mean(starts, control)
-    share = SMALLEST ** rng.random((len(starts), 1))
+    share = MIN_FRESH_SHARE ** rng.random((len(starts), 1))
     noise = space.difference(free.sample(starts, control, rng), mean)
     return space.wrap(mean + np.sqrt(1.0 - share**2) * space.difference(states, mean) + share * noise)

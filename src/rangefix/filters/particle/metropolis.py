@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -13,17 +14,28 @@ from ..models import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
 
-MOVED_PER_BLOCK = 1 << 14  # points at a time: what is worked out in between stays in the cache
-ALIKE = 64  # points in fewer places than that are spread
-SMALLEST, LARGEST = 0.02, 1.7  # Metropolis steps, in units of the cloud's spread
+POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
+MIN_PLACES = 64  # points in fewer places than that are spread
+MIN_STEP, MAX_STEP = 0.02, 1.7  # of Metropolis steps, in units of the cloud's spread
+
+
+class MetropolisTarget(Protocol):
+    """What Metropolis steps leave as it is."""
+
+    def log_densities(self, states: Array) -> tuple[Array, Array]:
+        """Unnormalised log density without the fresh measurement, and that one's log density: (N,) each."""
+        ...
 
 
 @dataclass(frozen=True)
 class Posterior:
     """What is known of an object that has stood still: the prior times the likelihood of its readings.
 
-    readings: Measurements taken in already, (B,) each.
-    fresh: The one that is to be taken in, (B,); kept apart so that it can come in by stages.
+    Attributes:
+        prior: Where the object was before any reading.
+        sensor: The rangefinder.
+        readings: Measurements taken in already, (B,) each.
+        fresh: The one that is to be taken in, (B,); kept apart so that it can come in by stages.
     """
 
     prior: Prior
@@ -45,52 +57,60 @@ class Posterior:
         return known, fresh
 
 
-def metropolis(
-    states: Array,
-    log_densities: tuple[Array, Array],
-    posterior: Posterior,
-    power: float,
-    root: Array,
-    space: StateSpace,
-    steps: int,
-    rng: Generator,
-) -> tuple[Array, Array]:
-    """Random walks that leave the posterior as it is (Metropolis et al., 1953).
-
-    The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide.
+def metropolis_steps(
+    states: Array, log_densities: tuple[Array, Array], target: MetropolisTarget,
+    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Metropolis steps: proposals are taken or not, so that the target stays as it is.
 
     Args:
         states: Where they start, (N, n).
-        log_densities: What `Posterior.log_densities` says there, (N,) each.
-        posterior: What they leave invariant, with the fresh measurement's likelihood to the `power`.
+        log_densities: What `target.log_densities` says there, (N,) each.
+        target: What they leave invariant, with the fresh measurement's likelihood to the `power`.
+        propose: Where to go from states, (N, n) -> (N, n); reversible for what the log densities leave out.
         power: In [0, 1].
-        root: A root of the steps' covariance, (n, n).
-        space: The state space.
         steps: How many.
-        rng: Draws N (n + 2) numbers for each step.
+        rng: Draws N numbers for each step, after the proposal.
 
     Returns:
         Where they end, (N, n), and the log density of the fresh measurement there, (N,).
     """
+    known, fresh = log_densities
+    for _ in range(steps):
+        proposal = propose(states)
+        known_there, fresh_there = target.log_densities(proposal)
+        with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
+            gain = known_there - known
+            if power > 0:
+                gain += power * (fresh_there - fresh)
+            accepted = -rng.standard_exponential(len(states)) < gain
+        states = np.where(accepted[:, None], proposal, states)
+        known, fresh = np.where(accepted, known_there, known), np.where(accepted, fresh_there, fresh)
+    return states, fresh
+
+
+def metropolis(
+    states: Array, log_densities: tuple[Array, Array], posterior: Posterior, power: float, root: Array,
+    steps: int, rng: Generator,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Random walks that leave the posterior as it is (Metropolis et al., 1953): see `metropolis_steps`.
+
+    The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide. The
+    steps' covariance has the `root` (n, n).
+    """
+
+    def walk(here: Array) -> Array:
+        scale = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(len(here)))
+        step = (rng.standard_normal(here.shape) @ root.T) * scale[:, None]
+        return posterior.sensor.space.wrap(here + step)
+
     ends, log_fresh = np.empty_like(states), np.empty(len(states))
-    for start in range(0, len(states), MOVED_PER_BLOCK):
-        part = slice(start, start + MOVED_PER_BLOCK)
-        here = states[part]
-        known, fresh = log_densities[0][part], log_densities[1][part]
-        for _ in range(steps):
-            scale = SMALLEST * np.exp(np.log(LARGEST / SMALLEST) * rng.random(len(here)))
-            step = (rng.standard_normal(here.shape) @ root.T) * scale[:, None]
-            proposal = space.wrap(here + step)
-            known_there, fresh_there = posterior.log_densities(proposal)
-            with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
-                gain = known_there - known
-                if power > 0:
-                    gain += power * (fresh_there - fresh)
-                accepted = -rng.standard_exponential(len(here)) < gain
-            here = np.where(accepted[:, None], proposal, here)
-            known = np.where(accepted, known_there, known)
-            fresh = np.where(accepted, fresh_there, fresh)
-        ends[part], log_fresh[part] = here, fresh
+    for start in range(0, len(states), POINTS_PER_BLOCK):
+        part = slice(start, start + POINTS_PER_BLOCK)
+        known, fresh = log_densities
+        ends[part], log_fresh[part] = metropolis_steps(
+            states[part], (known[part], fresh[part]), posterior, walk, power, steps, rng
+        )
     return ends, log_fresh
 
 
@@ -124,8 +144,7 @@ def best_width(size: int, components: int) -> float:
 def covariance_root(covariance: Array) -> Array:
     """R with R R' = covariance, for any symmetric matrix without negative eigenvalues: (n, n) -> (n, n)."""
     values, vectors = np.linalg.eigh(covariance)
-    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def separate_copies(
@@ -145,7 +164,7 @@ def separate_copies(
         rng: Draws N n numbers if anything is to be done.
     """
     places = min(len(np.unique(column)) for column in states.T)
-    if places >= min(ALIKE, len(states) // 2):
+    if places >= min(MIN_PLACES, len(states) // 2):
         return states, starts
     space, sensor = problem.space, problem.sensor
     _, covariance = space.moments(states, weights)
@@ -155,13 +174,7 @@ def separate_copies(
 
 
 def reject_crossings(sensor: Sensor, start: Array, end: Array) -> Array:
-    """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n).
-
-    A sensor that has no map, as `room`, knows of no walls.
-    """
-    room = getattr(sensor, "room", None)
-    if room is None:
-        return end
+    """The ends, but the starts where there is a wall between or the end is not free: (N, n) -> (N, n)."""
     where = sensor.space.position_indices
-    clear = in_line_of_sight(room, start[:, where], end[:, where])
+    clear = in_line_of_sight(sensor.room, start[:, where], end[:, where])
     return np.where(clear[:, None], end, start)

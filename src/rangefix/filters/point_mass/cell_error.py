@@ -16,15 +16,16 @@ import numpy as np
 from ...arrays import Array
 from ..compiled import njit
 
-FLAT = 1e-2  # least curvature, 1 / cells^2: a deviation of ten cells has no error
-LARGE_UNRESOLVED_SHARE = (
-    0.01  # share of the variance that is missed: from there on the sum's own variance is luck
-)
+MIN_CURVATURE = 1e-2  # 1 / cells^2: a deviation of ten cells has no error
+LARGE_UNRESOLVED_SHARE = 0.01  # of the variance; where so much is missed the sum's own variance is luck
 
 
 @njit(cache=True, nogil=True)
 def unresolved_variance(variance: float) -> float:
-    """T(s): see above. Below 1 / (2 pi^2) it is 1/12 - s + pi^2 s^2 / 3 to 1e-8."""
+    """Mean squared error of the mean of a lattice sum, T(s) above, for a Gaussian of this variance.
+
+    Below 1 / (2 pi^2) it is 1/12 - s + pi^2 s^2 / 3 to 1e-8.
+    """
     x = 2.0 * math.pi**2 * variance
     if x < 1.0:
         return 1.0 / 12.0 - variance + math.pi**2 * variance**2 / 3.0
@@ -44,7 +45,7 @@ def _reduce(metric: Array, basis: Array) -> None:
         changed, rounds = False, rounds + 1
         for i in range(size):
             for j in range(size):
-                if i != j and metric[j, j] > FLAT and abs(metric[i, j]) > 0.5000001 * metric[j, j]:
+                if i != j and metric[j, j] > MIN_CURVATURE and abs(metric[i, j]) > 0.5000001 * metric[j, j]:
                     turns = np.round(metric[i, j] / metric[j, j])
                     basis[i] -= turns * basis[j]
                     metric[i] -= turns * metric[j]
@@ -60,7 +61,7 @@ def unresolved_covariance(information: Array, spread: Array, error: Array) -> No
     variance, too: there the sum may see one cell or two, as it happens.
 
     Args:
-        information: The Gaussian's inverse covariance, (n, n); no direction is taken for flatter than FLAT.
+        information: The Gaussian's inverse covariance, (n, n); none is taken for flatter than MIN_CURVATURE.
         spread: The sum's own covariance about this place, (n, n).
         error: The result, (n, n).
     """
@@ -91,7 +92,7 @@ def _orthogonalise(metric: Array, basis: Array) -> Array:
         for i in range(size):
             if variance[i] == 0.0 and (flattest < 0 or metric[i, i] < metric[flattest, flattest]):
                 flattest = i
-        pivot = max(metric[flattest, flattest], FLAT)
+        pivot = max(metric[flattest, flattest], MIN_CURVATURE)
         variance[flattest] = 1.0 / pivot
         for i in range(size):
             if variance[i] == 0.0:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from ...arrays import Array, BoolArray
-from ..models import Rangefinder
 from ..problem import Sensor
 from .cell_error import add_unresolved
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid
-from .mode_shape import lattice_errors, no_picks
+from .mode_shape import lattice_errors
+from .records import CellMass, CellTable, Moments, Readings, SharedRanges
 from .turning_kernels import HEADINGS_PER_BLOCK
 from .turning_ranges import cast_turning, directions
 
@@ -29,21 +30,11 @@ class CellRanges(Protocol):
         """Greatest log mass of each block of cells, (M, G) -> (M, ...)."""
         ...
 
-    def moments(
-        self, readings: Array, precisions: Array, log_mass: Array, top: Array, mean: Array, covariance: Array
-    ) -> Array:
+    def moments(self, readings: Readings, mass: CellMass) -> Moments:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
-        The covariance has what cells wider than the posterior miss: see `neighbourhood`.
-
-        Args:
-            readings, precisions: (M, B); inf = no return; a beam of precision 0 is not looked at.
-            log_mass: Log weights before the readings, (1 or M, G).
-            top: What `top` makes of them.
-            mean, covariance: Written to, (M, n) and (M, n, n), but for runs in which no cell is possible.
-
-        Returns:
-            Log of the sums of weights, (M,); -inf where no cell is possible.
+        The covariance has what cells wider than the posterior miss: see `mode_shape`. The mass is that of
+        each cell, (1 or M, G), and what `top` makes of it.
         """
         ...
 
@@ -56,18 +47,26 @@ class CellRanges(Protocol):
 class RangesByCell:
     """Ranges kept for each cell.
 
-    grid: The cells.
-    ranges: (G, B), m.
-    is_angle: Of the components, (n,).
+    Attributes:
+        grid: The cells.
+        ranges: What each expects, (G, B), m.
+        is_angle: Which components are angles, (n,).
     """
 
     grid: Grid
     ranges: Array
     is_angle: BoolArray
-    bounds: tuple[Array, Array] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "bounds", block_bounds(self.ranges))
+    @cached_property
+    def table(self) -> CellTable:
+        """The ranges with their bounds in blocks."""
+        return CellTable(self.ranges, *block_bounds(self.ranges), self.grid.centres, self.is_angle)
+
+    @cached_property
+    def shared(self) -> SharedRanges:
+        """The ranges as if they were shared by headings, of which there is one."""
+        kinds = np.arange(self.ranges.shape[1])
+        return SharedRanges(kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
 
     def expected(self, first: int, last: int) -> Array:
         """See `CellRanges`."""
@@ -77,21 +76,14 @@ class RangesByCell:
         """See `CellRanges`."""
         return block_bounds(log_mass.T)[1].T.copy()
 
-    def moments(
-        self, readings: Array, precisions: Array, log_mass: Array, top: Array, mean: Array, covariance: Array
-    ) -> Array:
+    def moments(self, readings: Readings, mass: CellMass) -> Moments:
         """See `CellRanges`."""
-        log_sums, picks = np.empty(len(readings)), no_picks(len(readings))
-        gaussian_moments(
-            readings, precisions, self.ranges, *self.bounds, log_mass, top, self.grid.centres, self.is_angle,
-            mean, covariance, log_sums, picks,
-        )  # fmt: skip
-        kinds = np.arange(self.ranges.shape[1])
-        table = (kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
-        error = lattice_errors(self.grid, picks, readings, precisions, log_mass, table, log_sums)
-        covariance[log_sums == -np.inf] = 0.0
-        add_unresolved(covariance, error)
-        return log_sums
+        sums = Moments.blank(len(readings.values), len(self.is_angle))
+        gaussian_moments(readings, self.table, mass, sums)
+        error = lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
+        sums.covariances[sums.log_sums == -np.inf] = 0.0
+        add_unresolved(sums.covariances, error)
+        return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
         """See `CellRanges`."""
@@ -117,13 +109,13 @@ def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
         ValueError: If they would take more.
     """
     beams = len(sensor.bearings)
-    if grid.turns > 1 and isinstance(sensor, Rangefinder):
-        found = directions(sensor.bearings, grid.centres[0, 2], grid.step[2], grid.turns)
-        kinds, period = found.angles.shape
+    if grid.turns > 1:
+        shared = directions(sensor.bearings, grid.centres[0, 2], grid.step[2], grid.turns)
+        kinds, period = shared.angles.shape
         places = len(grid.centres) // grid.turns
-        shared = f"{places} places in {kinds * period} directions"
-        _check_memory(8.0 * places * kinds * (period + HEADINGS_PER_BLOCK), memory, shared)
-        return cast_turning(grid, sensor, found)
+        need = 8.0 * places * kinds * (period + HEADINGS_PER_BLOCK)
+        _check_memory(need, memory, f"{places} places in {kinds * period} directions")
+        return cast_turning(grid, sensor, shared)
     _check_memory(8.0 * len(grid.centres) * beams, memory, f"{len(grid.centres)} cells with {beams} beams")
     ranges = np.ascontiguousarray(sensor.expected(grid.centres))
     return RangesByCell(grid, ranges, sensor.space.is_angle)

@@ -3,36 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import Estimate
-from ..models import Gaussian, Stationary
+from ..estimator import BriefRepr, Estimate, Image
+from ..images import image_of_cells
+from ..models import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
+from .records import CellMass, Readings
 
-SLAB = 1 << 20  # log densities worked out at once where noise is not Gaussian
+DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
-@dataclass(frozen=True)
-class PointMassBelief:
+@dataclass(frozen=True, repr=False)
+class PointMassBelief(BriefRepr):
     """Cell probabilities, kept as what they were before the readings and what the readings said.
 
     Readings of a beam with Gaussian noise enter a static object's posterior through their number and mean
     alone, so no (M, G) array is kept for them; other noise goes into log_mass at once.
 
-    log_mass: Log probability of each cell before the readings below, (1, G) shared by the runs, or (M, G).
-    top_mass: The greatest of it in each block of cells, (1 or M, ...).
-    counts: How many readings of each beam, (M, B).
-    readings: Their mean, (M, B), m; inf = no return.
-    log_scale: Log of what the readings' densities have in common over all cells, (M,).
-    estimate: What it all comes down to.
+    Attributes:
+        log_mass: Log probability of each cell before the readings, (1, G) shared by the runs, or (M, G).
+        top_mass: The greatest of it in each block of cells, (1 or M, ...).
+        counts: How many readings of each beam, (M, B).
+        readings: Their mean, (M, B), m; inf = no return.
+        log_scale: Log of what the readings' densities have in common over all cells, (M,).
+        estimate: What it all comes down to.
     """
 
     log_mass: Array
@@ -43,14 +47,14 @@ class PointMassBelief:
     estimate: Estimate
 
 
-@dataclass(frozen=True)
-class PointMassFilter:
+@dataclass(frozen=True, repr=False)
+class PointMassFilter(BriefRepr):
     """The exact posterior, up to cell size, for an object that stays where it is.
 
     Weights are worked out at cell centres. A posterior narrower than a cell would then claim a spread near
     zero, while the centre it reports is off by up to half a cell or, where components are correlated, by
     several. So the covariance is raised by the mean squared error of lattice sums, found mode by mode from
-    the weights about a few heavy cells (`neighbourhood`, docs/decisions/0002-cell-width.md). Where cells are
+    the weights about a few heavy cells (`mode_shape`, docs/decisions/0002-cell-width.md). Where cells are
     at most 1.8 deviations wide in every direction nothing is added.
 
     What is not raised is doubt about which mode is right. A mode is weighed by its best cell, and with sharp
@@ -74,15 +78,21 @@ class PointMassFilter:
     heading_cell: float | None = None
     most_cells: int = 20_000_000
     memory_gb: float = 4.0
-    grid: Grid = field(init=False, repr=False, compare=False)
-    cells: CellRanges = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
-        grid = build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
-        object.__setattr__(self, "grid", grid)
-        object.__setattr__(self, "cells", cast_cells(grid, self.problem.sensor, 1e9 * self.memory_gb))
+        self.cells  # noqa: B018 (refuses what does not fit, and is cast before the first update)
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The cells that the prior allows."""
+        return build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
+
+    @cached_property
+    def cells(self) -> CellRanges:
+        """The ranges that the cells expect."""
+        return cast_cells(self.grid, self.problem.sensor, 1e9 * self.memory_gb)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> PointMassBelief:
         """The prior's probability of each cell, the same for all runs.
@@ -100,11 +110,11 @@ class PointMassFilter:
             log_mass = log_mass - np.logaddexp.reduce(log_mass)
         blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
         log_mass, none = log_mass[None], np.zeros((1, beams))
-        one = PointMassBelief(log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank)
-        prior_moments = self._finish(one, None).estimate  # the same for all runs: worked out once
+        first = PointMassBelief(log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank)
+        prior_moments = self._finish(first, None).estimate  # the same for all runs: worked out once
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in prior_moments))
         counts, readings = np.zeros((2, runs, beams))
-        return PointMassBelief(log_mass, one.top_mass, counts, readings, np.zeros(runs), shared)
+        return PointMassBelief(log_mass, first.top_mass, counts, readings, np.zeros(runs), shared)
 
     def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
@@ -121,7 +131,7 @@ class PointMassFilter:
         measurement = np.asarray(measurement, dtype=float)
         if measurement.shape != belief.counts.shape:
             raise ValueError(f"need a measurement of shape {belief.counts.shape}, got {measurement.shape}")
-        if self._gaussian is not None:
+        if self.problem.sensor.gaussian_stds is not None:
             return self._finish(self._with_readings(belief, measurement), belief)
         return self._finish(self._with_densities(belief, measurement), belief)
 
@@ -151,6 +161,11 @@ class PointMassFilter:
                 draws[run] = cell_draws(grid.centres, logs, grid.step, claim, size, space, rng)
         return draws
 
+    def density(self, belief: PointMassBelief, run: int) -> Image:
+        """The probabilities of a run's cells, for pictures."""
+        masses = self.grid.image(self.posterior(belief)[run])
+        return image_of_cells(masses, self.grid.lower, self.grid.step, self.problem.space)
+
     def _log_weights(self, belief: PointMassBelief, run: int) -> Array:
         """Log probability of each cell in one run, not normalised, (G,)."""
         log_mass: Array = belief.log_mass[run if len(belief.log_mass) > 1 else 0]
@@ -170,17 +185,8 @@ class PointMassFilter:
     @property
     def _precision(self) -> Array:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
-        beams = len(self.problem.sensor.bearings)
-        if self._gaussian is None:
-            return np.zeros(beams)
-        return np.broadcast_to(1 / self._gaussian.stds**2, (beams,))
-
-    @property
-    def _gaussian(self) -> Gaussian | None:
-        """The sensor's noise where it is Gaussian and there is no more to the sensor, else None."""
-        sensor = self.problem.sensor
-        noise, plain = sensor.noise, getattr(sensor, "is_plain_gaussian", False)
-        return noise if plain and isinstance(noise, Gaussian) else None
+        stds = self.problem.sensor.gaussian_stds
+        return np.zeros(len(self.problem.sensor.bearings)) if stds is None else 1 / stds**2
 
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""
@@ -203,28 +209,22 @@ class PointMassFilter:
         """Any noise: the log density of the measurement at every cell goes into the cells' log mass."""
         (runs, beams), cells = measurement.shape, len(self.grid.centres)
         log_mass = np.broadcast_to(belief.log_mass, (runs, cells)).copy()
-        some = max(1, min(cells, SLAB // beams))
-        size = max(1, SLAB // (some * beams))
-        for first in range(0, cells, some):
-            expected = self.cells.expected(first, min(first + some, cells))
-            for start in range(0, runs, size):
-                part = slice(start, start + size)
+        width = max(1, min(cells, DENSITIES_AT_ONCE // beams))
+        height = max(1, DENSITIES_AT_ONCE // (width * beams))
+        for first in range(0, cells, width):
+            expected = self.cells.expected(first, min(first + width, cells))
+            for start in range(0, runs, height):
+                part = slice(start, start + height)
                 density = self.problem.sensor.log_density(measurement[part, None, :], expected)
-                log_mass[part, first : first + some] += density
+                log_mass[part, first : first + width] += density
         return replace(belief, log_mass=log_mass, top_mass=self.cells.top(log_mass))
 
     def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
         """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
-        runs, size = len(belief.counts), self.problem.space.size
-        mean = np.zeros((runs, size)) if before is None else before.estimate.mean.copy()
-        covariance = np.zeros((runs, size, size)) if before is None else before.estimate.covariance.copy()
-        raw = np.empty_like(covariance)
-        log_sum = self.cells.moments(
-            belief.readings, belief.counts * self._precision, belief.log_mass, belief.top_mass, mean, raw
-        )
-        log_evidence = belief.log_scale + log_sum
-        possible = log_evidence > -np.inf
-        covariance[possible] = raw[possible]
+        readings = Readings(belief.readings, belief.counts * self._precision)
+        sums = self.cells.moments(readings, CellMass(belief.log_mass, belief.top_mass))
+        mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
         if before is not None:
-            mean[~possible] = before.estimate.mean[~possible]
+            lost = log_evidence == -np.inf
+            mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))

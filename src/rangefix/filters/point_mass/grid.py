@@ -12,9 +12,9 @@ from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior
 from ..space import StateSpace
 
-TILE = 8  # cells along a side of the tiles in which cells are stored, so that neighbours lie together
-SPOT_TILE = 4  # the same for places, where all headings of a place are stored together
-CHUNK = 1 << 18  # cells whose prior is asked for at once
+CELLS_PER_TILE_SIDE = 8  # cells are stored tile by tile, so that neighbours lie together
+PLACES_PER_TILE_SIDE = 4  # the same for places, where all headings of a place are stored together
+CELLS_AT_ONCE = 1 << 18  # whose prior is asked for
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,14 @@ class Grid:
     Where the last of three components is the heading, the tiles are of places, all headings of a place lie in
     a row, and those that the prior does not allow have a log mass of -inf.
 
-    shape: Cells along each axis, n numbers, the whole box counted.
-    lower: Lower corner of the box, (n,).
-    step: Cell size along each axis, (n,); m, or rad for an angle.
-    index: Place of each allowed cell in the box, row-major, (G,).
-    centres: Their centres, (G, n).
-    log_mass: Their log prior probabilities, (G,), which sum to one.
-    turns: How many cells in a row are the headings of one place; 1 where the heading is known.
+    Attributes:
+        shape: Cells along each axis, n numbers, the whole box counted.
+        lower: Lower corner of the box, (n,).
+        step: Cell size along each axis, (n,); m, or rad for an angle.
+        index: Place of each allowed cell in the box, row-major, (G,).
+        centres: Their centres, (G, n).
+        log_mass: Their log prior probabilities, (G,), which sum to one.
+        turns: How many cells in a row are the headings of one place; 1 where the heading is known.
     """
 
     shape: tuple[int, ...]
@@ -95,12 +96,12 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> G
     shape = tuple(int(count) for count in counts)
     step = (upper - lower) / counts
     turns = shape[-1] if space.names[-1] == "heading" and space.size == 3 else 1
-    places = _tiled(shape[:-1], SPOT_TILE) if turns > 1 else _tiled(shape, TILE)
+    places = _tiled(shape[:-1], PLACES_PER_TILE_SIDE) if turns > 1 else _tiled(shape, CELLS_PER_TILE_SIDE)
     row = np.arange(turns)
     index = np.empty((len(places), turns), np.int64)
     centres = np.empty((len(places), turns, space.size))
     log_mass = np.empty((len(places), turns))
-    count, size = 0, max(1, CHUNK // turns)
+    count, size = 0, max(1, CELLS_AT_ONCE // turns)
     for start in range(0, len(places), size):
         cells = places[start : start + size, None] * turns + row
         numbers = np.stack(np.unravel_index(cells.ravel(), shape), -1)  # numpy 2.4 errs on long columns

@@ -1,29 +1,51 @@
 """Compiled loops over places and headings whose expected ranges share one table of directions.
 
-A block is a run of SPOT neighbouring places and RUN neighbouring headings. The least and the greatest range
-in it bound the likelihood of all its cells, and most blocks are passed over after a few beams. Only cells
-whose weight is below exp(-MARGIN) of the heaviest one are left out: G of them hold less than G exp(-MARGIN)
-of the probability, 1e-19 for ten million.
-
-Beams here are those that were measured, in an order that mixes them, as four arrays: `reading` (m; inf = no
-return), `weight` (half the precision, 1/m^2), `kind` and `shift`, as in `turning_ranges.TurningRanges`.
+A block is PLACES_PER_BLOCK neighbouring places and HEADINGS_PER_BLOCK neighbouring headings. The least and
+the greatest range in it bound the likelihood of all its cells, and most blocks are passed over after a few
+beams (docs/decisions/0003-full-scans.md). Only cells whose weight is below exp(-NEGLIGIBLE_NATS) of the
+heaviest one are left out: ten million of them hold less than 1e-19 of the probability.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import Array, IntArray
 from ..compiled import njit, prange
-from .mode_shape import choose_probe_cells
+from .mode_shape import MeasuredBeams, choose_probe_cells, measured_beams
+from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 
-PLACES_PER_BLOCK = 16  # places in a block
-HEADINGS_PER_BLOCK = 8  # headings in a block: as many float64 as the widest registers hold
-EARLY = 16  # beams by which all blocks are compared before the first cell is looked at
-STRIDE = 8  # beams between two looks at whether a cell is out already
-MARGIN = 60.0
+PLACES_PER_BLOCK = 16
+HEADINGS_PER_BLOCK = 8  # as many float64 as the widest registers hold
+FIRST_BEAMS = 16  # beams by which all blocks are compared before the first cell is looked at
+BEAMS_PER_CHECK = 8  # beams between two looks at whether a cell is out already
+
+
+class DirectionBlocks(NamedTuple):
+    """Bounds of the ranges in blocks of cells, and where the cells are.
+
+    Attributes:
+        low: Least range of a block of places in HEADINGS_PER_BLOCK directions from i times that + l on, m,
+            (P, R, l, i).
+        high: The greatest likewise.
+        places: In the order of the state's components, (C, 2).
+        headings: In rad, (H,).
+    """
+
+    low: Array
+    high: Array
+    places: Array
+    headings: Array
+
+
+class Chosen(NamedTuple):
+    """Cells that matter and their log weights, as many of each as there are cells; the first few are used."""
+
+    cells: IntArray
+    logs: Array
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -35,42 +57,37 @@ def _gap(reading: float, low: float, high: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _compare(
-    early: int,
-    reading: Array,
-    weight: Array,
-    kind: IntArray,
-    shift: IntArray,
-    low: Array,
-    high: Array,
-    bounds: Array,
-) -> None:
+def _compare(early: int, beams: MeasuredBeams, blocks: DirectionBlocks, bounds: Array) -> None:
     """Take from each block's greatest log mass (P, K), in place, what the first few beams take at least."""
-    for spot in range(bounds.shape[0]):
+    readings, weights, kind, shift = beams
+    low, high = blocks.low, blocks.high
+    for row in range(bounds.shape[0]):
         for beam in range(early):
             turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
-            least = low[spot, kind[beam], lane, turn : turn + bounds.shape[1]]
-            most = high[spot, kind[beam], lane, turn : turn + bounds.shape[1]]
-            if math.isinf(reading[beam]):
-                for run in range(bounds.shape[1]):
-                    if not math.isinf(most[run]):
-                        bounds[spot, run] = -math.inf
+            least = low[row, kind[beam], lane, turn : turn + bounds.shape[1]]
+            most = high[row, kind[beam], lane, turn : turn + bounds.shape[1]]
+            reading, weight = readings[beam], weights[beam]
+            if math.isinf(reading):
+                for column in range(bounds.shape[1]):
+                    if not math.isinf(most[column]):
+                        bounds[row, column] = -math.inf
             else:
-                for run in range(bounds.shape[1]):  # `_gap`, without a branch
-                    above, below = least[run] - reading[beam], reading[beam] - most[run]
+                for column in range(bounds.shape[1]):  # `_gap`, without a branch
+                    above, below = least[column] - reading, reading - most[column]
                     gap = above if above > below else below
-                    bounds[spot, run] -= weight[beam] * (gap if gap > 0.0 else 0.0) ** 2
+                    bounds[row, column] -= weight * (gap if gap > 0.0 else 0.0) ** 2
 
 
 @njit(cache=True, nogil=True)
 def _bound(
-    log: float, bar: float, early: int, spot: int, run: int, reading: Array, weight: Array, kind: IntArray,
-    shift: IntArray, low: Array, high: Array,
-) -> float:  # fmt: skip
+    log: float, bar: float, early: int, row: int, column: int, beams: MeasuredBeams, blocks: DirectionBlocks
+) -> float:
     """The same for one block and the other beams; stops below the bar."""
+    reading, weight, kind, shift = beams
+    low, high = blocks.low, blocks.high
     for beam in range(early, reading.size):
         turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
-        least, most = low[spot, kind[beam], lane, turn + run], high[spot, kind[beam], lane, turn + run]
+        least, most = low[row, kind[beam], lane, turn + column], high[row, kind[beam], lane, turn + column]
         log -= weight[beam] * _gap(reading[beam], least, most) ** 2
         if log <= bar:
             break
@@ -90,20 +107,18 @@ def _add_misfits(reading: float, weight: float, expected: Array, misfits: Array)
 
 
 @njit(cache=True, nogil=True)
-def _cells(
-    spot: int, run: int, reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array,
-    log_mass: Array, chosen: IntArray, logs: Array, count: int, best: float,
+def _append_block(
+    block: tuple[int, int], beams: MeasuredBeams, ranges: SharedRanges, log_mass: Array, chosen: Chosen,
+    count: int, best: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block that matter; returns the new count and best log weight."""
-    headings, period, heading = (
-        log_mass.shape[1],
-        table.shape[2] - HEADINGS_PER_BLOCK + 1,
-        HEADINGS_PER_BLOCK * run,
-    )
+    first, heading = PLACES_PER_BLOCK * block[0], HEADINGS_PER_BLOCK * block[1]
+    reading, weight, kind, shift = beams
+    table, period, headings = ranges.ranges, ranges.period, log_mass.shape[1]
     misfits = np.empty(HEADINGS_PER_BLOCK)
-    for place in range(PLACES_PER_BLOCK * spot, min(PLACES_PER_BLOCK * (spot + 1), len(table))):
+    for place in range(first, min(first + PLACES_PER_BLOCK, len(table))):
         masses = log_mass[place, heading : heading + HEADINGS_PER_BLOCK]
-        room = masses.max() - best + MARGIN
+        room = masses.max() - best + NEGLIGIBLE_NATS
         misfits[:] = 0.0
         for beam in range(reading.size):
             column = heading + shift[beam]
@@ -111,13 +126,12 @@ def _cells(
                 column -= period
             expected = table[place, kind[beam], column : column + HEADINGS_PER_BLOCK]
             _add_misfits(reading[beam], weight[beam], expected, misfits)
-            if beam % STRIDE == STRIDE - 1 and misfits.min() >= room:
+            if beam % BEAMS_PER_CHECK == BEAMS_PER_CHECK - 1 and misfits.min() >= room:
                 break
         for lane in range(masses.size):
             log = masses[lane] - misfits[lane]
-            if log > best - MARGIN:
-                chosen[count] = place * headings + heading + lane
-                logs[count] = log
+            if log > best - NEGLIGIBLE_NATS:
+                chosen.cells[count], chosen.logs[count] = place * headings + heading + lane, log
                 count += 1
                 best = max(best, log)
     return count, best
@@ -125,70 +139,54 @@ def _cells(
 
 @njit(cache=True, nogil=True)
 def _select(
-    reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array, low: Array, high: Array,
-    log_mass: Array, most: float, bounds: Array, chosen: IntArray, logs: Array,
+    beams: MeasuredBeams, ranges: SharedRanges, blocks: DirectionBlocks, log_mass: Array, bounds: Array,
+    most: float, chosen: Chosen,
 ) -> tuple[int, float]:  # fmt: skip
     """Find the cells that matter and their log weights; `bounds` starts as the blocks' greatest log mass.
 
     Returns:
         Their number and the greatest log weight; or -1 as number if more than `most` blocks are left.
     """
-    early = min(EARLY, reading.size)
-    _compare(early, reading, weight, kind, shift, low, high, bounds)
-    count, best = 0, -math.inf
-    for beams in (early, reading.size):  # the best block by few beams, then by all, sets the bar
-        spot, run = divmod(bounds.argmax(), bounds.shape[1])
-        if bounds[spot, run] == -math.inf:
+    count, best, size = 0, -math.inf, beams.reading.size
+    early = min(FIRST_BEAMS, size)
+    _compare(early, beams, blocks, bounds)
+    for compared in (early, size):  # the best block by few beams, then by all, sets the bar
+        row, column = divmod(bounds.argmax(), bounds.shape[1])
+        if bounds[row, column] == -math.inf:
             return 0, -math.inf
-        _, best = _cells(spot, run, reading, weight, kind, shift, table, log_mass, chosen, logs, 0, best)
-        if beams == reading.size:
+        _, best = _append_block((row, column), beams, ranges, log_mass, chosen, 0, best)
+        if compared == size:
             break
-        left = 0
-        for spot, run in np.ndindex(bounds.shape):
-            if bounds[spot, run] > best - MARGIN:
-                bounds[spot, run] = _bound(
-                    bounds[spot, run],
-                    best - MARGIN,
-                    early,
-                    spot,
-                    run,
-                    reading,
-                    weight,
-                    kind,
-                    shift,
-                    low,
-                    high,
-                )
-                left += bounds[spot, run] > best - MARGIN
+        left, bar = 0, best - NEGLIGIBLE_NATS
+        for row, column in np.ndindex(bounds.shape):
+            if bounds[row, column] > bar:
+                bounds[row, column] = _bound(bounds[row, column], bar, early, row, column, beams, blocks)
+                left += bounds[row, column] > bar
         if left > most:
             return -1, best
-    for spot, run in np.ndindex(bounds.shape):
-        if bounds[spot, run] > best - MARGIN:
-            count, best = _cells(
-                spot, run, reading, weight, kind, shift, table, log_mass, chosen, logs, count, best
-            )
+    for row, column in np.ndindex(bounds.shape):
+        if bounds[row, column] > best - NEGLIGIBLE_NATS:
+            count, best = _append_block((row, column), beams, ranges, log_mass, chosen, count, best)
     return count, best
 
 
 @njit(cache=True, nogil=True)
 def sum_up(
-    chosen: IntArray, logs: Array, best: float, places: Array, headings: Array, mean: Array,
-    covariance: Array, picks: IntArray,
-) -> float:  # fmt: skip
-    """Mean (3,) and covariance (3, 3) of the chosen cells, and picks spread evenly over them, in place.
+    cells: IntArray, logs: Array, best: float, blocks: DirectionBlocks, out: Moments, run: int
+) -> None:
+    """Write the moments of a run's chosen cells; the logs become weights over the greatest one.
 
-    Returns the log of the sum of weights; the logs become weights over the greatest one.
-
-    Sums are kept by heading, so that sines are needed once a heading and not once a cell; places are taken
-    from that of the first cell, so that large coordinates cost no digits.
+    The sums of docs/theory.md, "Point masses" and "Moments of a heading". They are kept by heading, so that
+    sines are needed once a heading and not once a cell; places are taken from that of the first cell, so that
+    large coordinates cost no digits.
     """
-    size = headings.size
-    sums = np.zeros((size, 3))  # of weights, and of weights times places
+    places, headings = blocks.places, blocks.headings
+    sums = np.zeros((headings.size, 3))  # of weights, and of weights times places
     squares = np.zeros(3)
-    origin = places[chosen[0] // size]
-    for k in range(chosen.size):
+    origin = places[cells[0] // headings.size]
+    for k in range(cells.size):
         weight = logs[k] = math.exp(logs[k] - best)
-        place, heading = divmod(chosen[k], size)
+        place, heading = divmod(cells[k], headings.size)
         x = places[place, 0] - origin[0]
         y = places[place, 1] - origin[1]
         sums[heading, 0] += weight
@@ -198,9 +196,10 @@ def sum_up(
         squares[1] += weight * x * y
         squares[2] += weight * y * y
     total = sums[:, 0].sum()
-    choose_probe_cells(chosen, logs, total, picks)
+    choose_probe_cells(cells, logs, total, out.probe_cells[run])
     x, y = sums[:, 1].sum() / total, sums[:, 2].sum() / total
     turn = math.atan2((sums[:, 0] * np.sin(headings)).sum(), (sums[:, 0] * np.cos(headings)).sum())
+    mean, covariance = out.means[run], out.covariances[run]
     mean[0], mean[1], mean[2] = origin[0] + x, origin[1] + y, turn
     away = (headings - turn + math.pi) % (2.0 * math.pi) - math.pi
     covariance[0, 0] = squares[0] / total - x * x
@@ -209,55 +208,47 @@ def sum_up(
     covariance[0, 2] = covariance[2, 0] = (away * (sums[:, 1] - x * sums[:, 0])).sum() / total
     covariance[1, 2] = covariance[2, 1] = (away * (sums[:, 2] - y * sums[:, 0])).sum() / total
     covariance[2, 2] = (away**2 * sums[:, 0]).sum() / total
-    return best + math.log(total)
+    out.log_sums[run] = best + math.log(total)
+
+
+@njit(cache=True, nogil=True)
+def _run_moments(
+    run: int, beams: MeasuredBeams, ranges: SharedRanges, blocks: DirectionBlocks, mass: CellMass,
+    most: float, out: Moments,
+) -> None:  # fmt: skip
+    """The moments of one run."""
+    row, size = run % len(mass.logs), blocks.places.shape[0] * blocks.headings.size
+    chosen = Chosen(np.empty(size, np.int64), np.empty(size))
+    count, best = _select(beams, ranges, blocks, mass.logs[row], mass.tops[row].copy(), most, chosen)
+    if count > 0:
+        sum_up(chosen.cells[:count], chosen.logs[:count], best, blocks, out, run)
+    else:
+        out.log_sums[run] = -math.inf if count == 0 else math.nan
 
 
 @njit(cache=True, nogil=True, parallel=True)
 def scan_moments(
-    readings: Array, precisions: Array, order: IntArray, kinds: IntArray, shifts: IntArray, table: Array,
-    low: Array, high: Array, log_mass: Array, top_mass: Array, most: Array, places: Array, headings: Array,
-    means: Array, covariances: Array, log_sums: Array, picks: IntArray,
+    readings: Readings, order: IntArray, ranges: SharedRanges, blocks: DirectionBlocks, mass: CellMass,
+    most: Array, out: Moments,
 ) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
 
-    Args:
-        readings, precisions: (M, B); a beam of precision 0 is not looked at.
-        order: The beams in the order in which they are looked at, (B,).
-        kinds, shifts, table, low, high: As in `turning_ranges.TurningRanges`.
-        log_mass, top_mass: Log weights before the readings, (1 or M, C, H), and their block maxima.
-        most: The most blocks to look into, (M,).
-        places, headings: (C, 2), (H,).
-        means, covariances, log_sums: Results, (M, 3), (M, 3, 3), (M,). Where no cell is possible the log sum
-            is -inf, where more blocks than `most` are left NaN, and the other two are left as they were.
-        picks: Cells spread evenly over the belief, (M, K); not written where the log sum is no number.
+    The log weights of docs/theory.md, "Point masses". Only the log sum is written where no cell is possible,
+    and where more blocks than `most` (M,) are left: NaN. Beams are compared in the `order` given, (B,).
     """
-    for run in prange(len(readings)):
-        row = run % len(log_mass)
-        beams = order[precisions[run][order] > 0]
-        chosen = np.empty(places.shape[0] * headings.size, np.int64)
-        logs = np.empty(chosen.size)
-        count, best = _select(
-            readings[run][beams], 0.5 * precisions[run][beams], kinds[beams], shifts[beams], table, low, high,
-            log_mass[row], most[run], top_mass[row].copy(), chosen, logs,
-        )  # fmt: skip
-        if count > 0:
-            log_sums[run] = sum_up(
-                chosen[:count], logs[:count], best, places, headings, means[run], covariances[run], picks[run]
-            )
-        else:
-            log_sums[run] = -math.inf if count == 0 else math.nan
+    for run in prange(len(readings.values)):  # numba drops what a parallel loop itself writes to a record
+        _run_moments(run, measured_beams(readings, ranges, run, order), ranges, blocks, mass, most[run], out)
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def scan_misfits(
-    reading: Array, weight: Array, kind: IntArray, shift: IntArray, table: Array, misfits: Array
-) -> None:
+def scan_misfits(beams: MeasuredBeams, ranges: SharedRanges, misfits: Array) -> None:
     """Sum_j weight_j (reading_j - range_j)^2 for all cells, written in place, (C, H)."""
-    headings, period = misfits.shape[1], table.shape[2] - HEADINGS_PER_BLOCK + 1
+    reading, weight, kind, shift = beams
+    table, period = ranges.ranges, ranges.period
     for place in prange(len(table)):
         misfits[place] = 0.0
         for beam in range(reading.size):
-            turn = min(headings, period - shift[beam])  # headings before the directions start again
+            turn = min(misfits.shape[1], period - shift[beam])  # headings before the directions start again
             row = table[place, kind[beam]]
             _add_misfits(reading[beam], weight[beam], row[shift[beam] :], misfits[place, :turn])
             _add_misfits(reading[beam], weight[beam], row, misfits[place, turn:])

@@ -1,109 +1,129 @@
-"""Maps from files by type: triangle meshes that Open3D reads, and floor plans in TOML or JSON.
-
-The keys of a floor plan, in metres: either `width` and `length` of a rectangular room, or `outer`, the
-corners [x1, x2] of the outline, with optional `holes`, a list of such outlines, and `walls`, a list of
-[x1a, x2a, x1b, x2b].
-"""
+"""Maps by name: files of any type that is read, rooms in words, and the tables of a study."""
 
 from __future__ import annotations
 
-import json
-import tomllib
+import os
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from ...extensions import extensions
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
-from ..mesh_files import MESHES, PathLike, existing, one_line
+from ..mesh_files import MESHES, PathLike, existing
 from ..rectangle import RectangularRoom
+from .plan_files import PLANS, plan_of, read_plan
 
-PLANS = (".toml", ".json")
-ROOM, PLAN = {"width", "length"}, {"outer", "holes", "walls"}
+GROUP = "rangefix.maps"  # entry points: sections of a study that build maps, see `evaluation/study/sections`
 
 
-def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:
-    """The map in a file, by its suffix.
+class Reader(NamedTuple):
+    """How files of one kind of map are read.
+
+    Attributes:
+        suffixes: Of the files.
+        read: Makes the map of a path and the options.
+        options: What else it takes; lengths in metres.
+        needs: An option that must be given, and what it is.
+    """
+
+    suffixes: tuple[str, ...]
+    read: Callable[..., RectangularRoom | FloorPlan | MeshRoom]
+    options: tuple[str, ...] = ()
+    needs: tuple[str, str] | None = None
+
+
+HEIGHT = ("sensor_height", "the rangefinder's height z in metres")
+READERS = {  # by the kind that a study calls such a map
+    "mesh": Reader(MESHES, MeshRoom.load, ("reachable_from", "resolution", "sensor_height"), HEIGHT),
+    "floor-plan": Reader(PLANS, read_plan),
+}
+
+
+def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **options: Any) -> Any:
+    """A map from a file, from the size of a room, or from the keys that a study has in [map].
 
     Args:
-        path: A mesh (.ply, .obj, .stl, .off, .gltf, .glb) or a floor plan (.toml, .json).
-        **options: For a mesh `sensor_height`, `reachable_from`, `resolution`; none for a plan.
+        source: The path of a mesh (.ply, .obj, .stl, .off, .gltf, .glb) or a floor plan (.toml, .json); a
+            rectangular room as "room:WIDTHxLENGTH" in metres; or a table such as {"kind": "rectangle",
+            "width_m": 4.0, "length_m": 6.0} or {"path": "plan.toml"}.
+        folder: Where a path in a table counts from.
+        **options: For a mesh `sensor_height`, `reachable_from`, `resolution`; none for others.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        MapError: If the suffix is unknown, the file is empty or broken, an option is missing or unknown, or
-            the map cannot be; one line that names the file.
+        MapError: If the kind or suffix is unknown, the file is empty or broken, an option is missing or
+            unknown, or the map cannot be; one line that names the file.
     """
-    path = existing(path)
-    suffix = path.suffix.lower()
-    allowed = {"sensor_height", "reachable_from", "resolution"} if suffix in MESHES else set()
-    if suffix not in (*MESHES, *PLANS):
-        raise MapError(f"{path}: no map of type {suffix or 'without suffix'!r}; there are {_listed()}")
-    if unknown := sorted(set(options) - allowed):
-        takes = f"takes {', '.join(sorted(allowed))}" if allowed else "takes none"
-        raise MapError(f"{path}: unknown option {', '.join(unknown)}; a {suffix} map {takes}")
-    if suffix in MESHES:
-        if "sensor_height" not in options:
-            raise MapError(f"{path}: a mesh needs sensor_height, the rangefinder's height z in metres")
-        return MeshRoom.load(path, **options)
-    return _read_plan(path)
+    table = dict(source) if isinstance(source, Mapping) else map_table(source)
+    kind, path = table.pop("kind", None), table.get("path")
+    if path is not None:
+        path = existing(Path(folder) / path)
+        kind = kind or kind_of(path)
+    if kind not in (None, "rectangle", *READERS) and kind in extensions(GROUP):
+        section: Any = extensions(GROUP)[kind]
+        return section.model_validate({"kind": kind, **table, **options}).build(Path(folder))
+    options |= {key.removesuffix("_m"): value for key, value in table.items() if key != "path"}
+    if path is None and kind in (None, "rectangle", "floor-plan"):
+        return plan_of(options)
+    if path is None or kind not in READERS:
+        raise MapError(f"no map of kind {kind!r} without a file of it; there are rectangle, floor-plan")
+    return _read(path, kind, options)
 
 
-def save(room: RectangularRoom | FloorPlan, path: PathLike) -> None:
-    """Write a room or floor plan to a .toml or .json file that `load` reads back equal.
+def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:
+    """The map in a file, by its suffix: see `open_map`.
 
     Raises:
-        MapError: If the suffix is another, or the map is no room or plan.
+        FileNotFoundError: If there is no such file.
+        MapError: If there is no map in it, or an option does not fit.
     """
-    path = Path(path)
-    if isinstance(room, RectangularRoom):
-        content: dict[str, Any] = {"width": room.width, "length": room.length}
-    elif isinstance(room, FloorPlan):
-        content = {"outer": room.outer, "holes": room.holes, "walls": room.walls}
-    else:
-        raise MapError(f"{path}: only rooms and floor plans are written, not a {type(room).__name__}")
-    if path.suffix.lower() not in PLANS:
-        raise MapError(f"{path}: floor plans are written as {' or '.join(PLANS)}")
-    if path.suffix.lower() == ".toml":  # numbers and lists of them read the same in TOML and JSON
-        text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in content.items())
-    else:
-        text = json.dumps(content, indent=1) + "\n"
-    path.write_text(text, encoding="utf-8")
+    room: RectangularRoom | FloorPlan | MeshRoom = open_map({"path": path}, **options)
+    return room
 
 
-def _read_plan(path: Path) -> RectangularRoom | FloorPlan:
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
-    except (ValueError, RecursionError) as error:  # of decoding, of TOML and of JSON alike
-        raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({one_line(error)})") from error
-    keys = set(content) if isinstance(content, dict) else set()
-    try:
-        if keys == ROOM:
-            return RectangularRoom(**content)
-        if "outer" in keys and keys <= PLAN:
-            return FloorPlan(**content)
-    except (MapError, TypeError) as error:
-        raise MapError(f"{path}: {one_line(error)}") from error
-    expected = "a floor plan has `outer` with optional `holes` and `walls`, a room has `width` and `length`"
-    raise MapError(f"{path}: {expected}; found {', '.join(sorted(keys)) or 'none of them'}")
-
-
-def _listed() -> str:
-    return ", ".join((*MESHES, *PLANS))
-
-
-def open_map(name: str, sensor_height: float | None = None) -> Any:
-    """A map from a file, or a rectangular room from "room:WIDTHxLENGTH" in metres.
+def map_table(name: PathLike) -> dict[str, Any]:
+    """What a study would have in [map] for a map named by its path or as "room:WIDTHxLENGTH".
 
     Raises:
-        ValueError: If there is no such map.
+        MapError: If the size of a room is not two numbers.
     """
-    kind, _, size = name.partition(":")
-    if kind == "room":
-        try:
-            width, length = (float(side) for side in size.lower().split("x"))
-        except ValueError:
-            raise ValueError(f"a room is given as room:WIDTHxLENGTH in metres, got {name!r}") from None
-        return RectangularRoom(width=width, length=length)
-    return load(name, **({} if sensor_height is None else {"sensor_height": sensor_height}))
+    text = os.fspath(name)
+    if not text.startswith("room:"):
+        return {"path": text}
+    try:
+        width, length = (float(side) for side in text.removeprefix("room:").lower().split("x"))
+    except ValueError:
+        raise MapError(f"a room is given as room:WIDTHxLENGTH in metres, got {text!r}") from None
+    return {"kind": "rectangle", "width_m": width, "length_m": length}
+
+
+def kind_of(path: PathLike) -> str:
+    """The kind of map that is read from files of that suffix.
+
+    Raises:
+        MapError: If there is none.
+    """
+    suffix = Path(path).suffix.lower()
+    suffixes = {kind: reader.suffixes for kind, reader in READERS.items()}
+    if not any(suffix in known for known in suffixes.values()):
+        suffixes |= {kind: getattr(section, "suffixes", ()) for kind, section in extensions(GROUP).items()}
+    for kind, known in suffixes.items():
+        if suffix in known:
+            return kind
+    listed = ", ".join(suffix for known in suffixes.values() for suffix in known)
+    raise MapError(f"{path}: no map of type {suffix or 'without suffix'!r}; there are {listed}")
+
+
+def _read(path: Path, kind: str, options: Mapping[str, Any]) -> RectangularRoom | FloorPlan | MeshRoom:
+    """The map in a file that is read as a map of that kind."""
+    reader, suffix = READERS[kind], path.suffix.lower()
+    if suffix not in reader.suffixes:
+        raise MapError(f"{path}: no {kind} of type {suffix!r}; there are {', '.join(reader.suffixes)}")
+    if unknown := sorted(options.keys() - reader.options):
+        takes = ", ".join(reader.options) or "none"
+        raise MapError(f"{path}: unknown option {', '.join(unknown)}; a {suffix} map takes {takes}")
+    if reader.needs and reader.needs[0] not in options:
+        raise MapError(f"{path}: a {kind} needs {reader.needs[0]}, {reader.needs[1]}")
+    return reader.read(path, **options)

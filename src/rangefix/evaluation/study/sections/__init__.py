@@ -3,25 +3,21 @@
 from .base import Misfit, Section
 from .drives import Drive
 from .estimators import EstimatorSection
-from .map import FloorPlanMap, MeshMap, RectangleMap
-from .motion import AnyMotion, ConstantVelocityMotion, OdometryMotion, RandomWalkMotion, StationaryMotion
-from .prior import AnyPrior, CentredPrior, MixturePrior, UniformPrior
+from .map import AnyMap, MapSection, RectangleMap
+from .motion import AnyMotion, MotionSection, StationaryMotion, WalledMotion
+from .prior import AnyPrior, UniformPrior
 from .sensor import SensorSection
 from .state import StateSection, TruthSection
 
 __all__ = [
+    "AnyMap",
     "AnyMotion",
     "AnyPrior",
-    "CentredPrior",
-    "ConstantVelocityMotion",
     "Drive",
     "EstimatorSection",
-    "FloorPlanMap",
-    "MeshMap",
+    "MapSection",
     "Misfit",
-    "MixturePrior",
-    "OdometryMotion",
-    "RandomWalkMotion",
+    "MotionSection",
     "RectangleMap",
     "Section",
     "SensorSection",
@@ -29,4 +25,5 @@ __all__ = [
     "StationaryMotion",
     "TruthSection",
     "UniformPrior",
+    "WalledMotion",
 ]

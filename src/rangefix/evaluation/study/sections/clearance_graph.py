@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ....arrays import TWO_PI, Array, BoolArray, IntArray
 from ....filters import RangeMap, in_line_of_sight
+from ....raster import Raster
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -22,18 +23,17 @@ MOST_CELLS = 2_000_000
 class ClearanceGraph:
     """Places that keep clear of walls.
 
-    room: The map.
-    lower: Lower corner of the lattice, m, (2,).
-    cell: Distance between neighbours, m.
-    places: Number of the place in each cell, -1 where there is none, (I, J).
-    centres: x1, x2 of the places, m, (N, 2).
-    graph: Distances between neighbours, straight and diagonal, m, (N, N).
-    areas: Number of the connected area of each place, (N,).
+    Attributes:
+        room: The map.
+        raster: The cells whose centres may be places.
+        places: Number of the place in each cell, -1 where there is none, (I, J).
+        centres: x1, x2 of the places, m, (N, 2).
+        graph: Distances between neighbours, straight and diagonal, m, (N, N).
+        areas: Number of the connected area of each place, (N,).
     """
 
     room: RangeMap
-    lower: Array
-    cell: float
+    raster: Raster
     places: IntArray
     centres: Array
     graph: csr_array[np.float64]
@@ -53,8 +53,8 @@ class ClearanceGraph:
         shape = np.maximum(1, np.floor((upper - lower) / cell)).astype(int)
         if shape.prod() > MOST_CELLS:
             raise ValueError(f"a clearance of {clearance} m makes {shape.prod()} cells: take a larger one")
-        corner = lower + 0.5 * (upper - lower - cell * shape)
-        centres = corner + cell * (np.indices(tuple(shape)).reshape(2, -1).T + 0.5)
+        raster = Raster(lower + 0.5 * (upper - lower - cell * shape), cell, tuple(shape.tolist()))
+        centres = raster.centres.reshape(-1, 2)
         clear = np.asarray(room.is_free(centres), dtype=np.bool_)
         poses = np.column_stack([centres[clear], np.zeros(clear.sum())])
         bearings = np.linspace(0, TWO_PI, BEARINGS, endpoint=False, dtype=np.float64)
@@ -64,16 +64,16 @@ class ClearanceGraph:
             clear[clear] = np.asarray(room.is_free(centres[clear, None] + part * ring)).all(axis=1)
         if not clear.any():
             raise ValueError(f"no place is {clearance} m from all walls: take a smaller clearance")
-        places = np.where(clear, np.cumsum(clear) - 1, -1).reshape(tuple(shape))
+        places = np.where(clear, np.cumsum(clear) - 1, -1).reshape(raster.shape)
         graph = _graph(room, places, centres[clear])
         areas = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-        return cls(room, corner, cell, places, centres[clear], graph, areas)
+        return cls(room, raster, places, centres[clear], graph, areas)
 
     def nearest(self, point: ArrayLike) -> int:
         """The place nearest to a point that is in the same cell or next to it."""
         away = np.hypot(*(self.centres - np.asarray(point, dtype=float)).T)
         place = int(np.argmin(away))
-        if away[place] > 1.5 * self.cell:
+        if away[place] > 1.5 * self.raster.step:
             raise ValueError(f"the start {np.asarray(point).tolist()} does not keep clear of walls")
         return place
 
@@ -105,11 +105,10 @@ class ClearanceGraph:
     def _sees(self, start: Array, ends: Array) -> BoolArray:
         """Whether straight ways to the ends stay on the lattice's places, (E, 2) -> (E,)."""
         longest = np.hypot(*(ends - start).T).max()
-        along = np.linspace(0, 1, int(np.ceil(2 * longest / self.cell)) + 1)[:, None, None]
+        along = np.linspace(0, 1, int(np.ceil(2 * longest / self.raster.step)) + 1)[:, None, None]
         points = start + along * (ends - start)
-        cells = np.floor((points - self.lower) / self.cell).astype(int)
-        cells = np.clip(cells, 0, np.array(self.places.shape) - 1)
-        kept = (self.places[cells[..., 0], cells[..., 1]] >= 0).all(0)
+        cells = np.clip(self.raster.index(points), 0, np.array(self.places.shape) - 1)
+        kept = np.asarray((self.places[cells[..., 0], cells[..., 1]] >= 0).all(0))
         kept[kept] = np.asarray(self.room.is_free(points[:, kept])).all(0)
         return np.asarray(kept & in_line_of_sight(self.room, start, ends))
 
@@ -118,15 +117,14 @@ def _graph(room: RangeMap, places: IntArray, centres: Array) -> csr_array[np.flo
     """Distances between neighbouring places, each pair once."""
     from scipy.sparse import coo_array
 
-    one, two = [], []
+    pairs = []
     high, wide = places.shape
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         first = places[: high - down, max(0, -right) : wide - max(0, right)].ravel()
         second = places[down:, max(0, right) : wide + min(0, right)].ravel()
         both = (first >= 0) & (second >= 0)
-        one.append(first[both])
-        two.append(second[both])
-    rows, columns = np.concatenate(one), np.concatenate(two)
+        pairs.append((first[both], second[both]))
+    rows, columns = (np.concatenate(places) for places in zip(*pairs, strict=True))
     free = room.is_free(0.5 * (centres[rows] + centres[columns]))  # a gap may lie between
     rows, columns = rows[free], columns[free]
     lengths = np.hypot(*(centres[rows] - centres[columns]).T)

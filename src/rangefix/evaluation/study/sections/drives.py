@@ -28,8 +28,9 @@ TURN_A_STEP = float(np.deg2rad(45.0))
 class Drive:
     """A planned drive.
 
-    states: Poses that it passes without noise, x1, x2 (m) and heading (rad), (T + 1, 3).
-    controls: Forward, right (m) and turn (rad) from each to the next, (T, 3), as `Odometry` takes them.
+    Attributes:
+        states: Poses that it passes without noise, x1, x2 (m) and heading (rad), (T + 1, 3).
+        controls: Forward, right (m) and turn (rad) from each to the next, (T, 3), as `Odometry` takes them.
     """
 
     states: Array

@@ -51,12 +51,12 @@ class EstimatorSection(Section):
         """The estimators that it describes, labelled by the options in which they differ."""
         values = [value if isinstance(value, list) else [value] for value in self.options.values()]
         grids = [name for name, value in zip(self.options, values, strict=True) if len(value) > 1]
-        found = []
+        variants = []
         for chosen in product(*values):
             given = dict(zip(self.options, chosen, strict=True))
             label = " ".join([self.title, *(f"{name}={_shown(given[name])}" for name in grids)])
-            found.append(Variant(label, self.name, dict(_converted(*each) for each in given.items())))
-        return found
+            variants.append(Variant(label, self.name, dict(_converted(*option) for option in given.items())))
+        return variants
 
 
 def _shown(value: Any) -> str:

@@ -3,48 +3,61 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ....filters import RangeMap
-from .base import Point, Positive, Section
+from ....maps import open_map
+from .base import Misfit, Point, Positive, Section
+
+CORNERS = "corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
 
 
-class RectangleMap(Section):
+class MapSection(Section):
+    """A map, written down or in a file.
+
+    Attributes:
+        suffixes: Of the files that it reads, for a map of another package: by them `--map FILE`, and a `path`
+            without a kind, find it.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = ()
+
+    def build(self, folder: Path) -> RangeMap:
+        """The map; paths count from the folder."""
+        built: RangeMap = open_map(self.model_dump(exclude_none=True), folder)
+        return built
+
+
+class RectangleMap(MapSection):
     """A rectangular room with its lower left corner at (0, 0)."""
 
     kind: Literal["rectangle"] = "rectangle"
     width_m: Positive = Field(description="size along x1, for example width_m = 4.0")
     length_m: Positive = Field(description="size along x2, for example length_m = 6.0")
 
-    def build(self, folder: Path) -> RangeMap:
-        """The room."""
-        from ....maps import RectangularRoom
 
-        return RectangularRoom(width=self.width_m, length=self.length_m)
+class FloorPlanMap(MapSection):
+    """An outline with holes and inner walls, here or in a file."""
 
-
-class FloorPlanMap(Section):
-    """An outline with holes and inner walls."""
-
+    alternatives: ClassVar = (frozenset({"path", "outer_m", "holes_m", "walls_m"}),)
     kind: Literal["floor-plan"]
-    outer_m: list[Point] = Field(
-        min_length=3, description="corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
-    )
-    holes_m: list[Annotated[list[Point], Field(min_length=3)]] = Field(default_factory=list)
-    walls_m: list[Annotated[list[float], Field(min_length=4, max_length=4)]] = Field(default_factory=list)
+    path: str | None = Field(default=None, min_length=1, description="a .toml or .json file")
+    outer_m: list[Point] | None = Field(default=None, min_length=3, description=CORNERS)
+    holes_m: list[Annotated[list[Point], Field(min_length=3)]] | None = None
+    walls_m: list[Annotated[list[float], Field(min_length=4, max_length=4)]] | None = None
 
-    def build(self, folder: Path) -> RangeMap:
-        """The floor plan."""
-        from ....maps import FloorPlan
+    @model_validator(mode="after")
+    def _one_way(self) -> FloorPlanMap:
+        if self.path is None and self.outer_m is None:
+            raise Misfit("outer_m", f"is missing ({CORNERS}; or the path of a floor plan file)")
+        if self.path is not None and (twice := self.model_fields_set & {"outer_m", "holes_m", "walls_m"}):
+            raise Misfit(min(twice), "stands in the file that path names: leave one of them out")
+        return self
 
-        holes = [np.array(hole) for hole in self.holes_m]
-        return FloorPlan(np.array(self.outer_m), holes, np.array(self.walls_m).reshape(-1, 4))
 
-
-class MeshMap(Section):
+class MeshMap(MapSection):
     """A triangle mesh, cut at the height of the rangefinder."""
 
     kind: Literal["mesh"]
@@ -55,13 +68,5 @@ class MeshMap(Section):
     reachable_from_m: Point | None = None
     resolution_m: Positive = 0.05
 
-    def build(self, folder: Path) -> RangeMap:
-        """The mesh; its path counts from the study's folder."""
-        from ....maps import MeshRoom
 
-        return MeshRoom.load(
-            folder / self.path,
-            sensor_height=self.sensor_height_m,
-            reachable_from=self.reachable_from_m,
-            resolution=self.resolution_m,
-        )
+AnyMap = Annotated[RectangleMap | FloorPlanMap | MeshMap, Field(discriminator="kind")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -22,9 +22,35 @@ from .base import Misfit, NotNegative, Point, Positive, Section
 from .drives import Drive, random_drive, waypoint_drive
 
 MoreThanNone = Annotated[int, Field(ge=1)]
+Steps = Annotated[MoreThanNone, Field(description="moves, a measurement after each, for example steps = 20")]
 
 
-class StationaryMotion(Section):
+class MotionSection(Section):
+    """How the object moves; one measurement follows each step.
+
+    Attributes:
+        driven: Whether controls move it, so that it cannot be assumed where there are none.
+    """
+
+    fixed: ClassVar[frozenset[str]] = frozenset({"steps"})
+    driven: ClassVar[bool] = False
+    kind: str
+    steps: int | None = None
+
+    def build(self, room: RangeMap, space: StateSpace) -> Motion:
+        """The motion in a map."""
+        raise NotImplementedError
+
+    def drive(self, room: RangeMap) -> Drive | None:
+        """The drive, where there is one."""
+        return None
+
+    def controls(self, drive: Drive | None) -> Array | None:
+        """Controls between the measurements, (T - 1, k); None where there is one measurement only."""
+        return np.zeros((self.steps, 0)) if self.steps else None
+
+
+class StationaryMotion(MotionSection):
     """The object stays where it is; `steps` are further measurements from there."""
 
     kind: Literal["stationary"] = "stationary"
@@ -34,16 +60,8 @@ class StationaryMotion(Section):
         """The motion in a map."""
         return Stationary(space)
 
-    def drive(self, room: RangeMap) -> Drive | None:
-        """No drive."""
-        return None
 
-    def controls(self, drive: Drive | None) -> Array | None:
-        """Controls between the measurements, (T - 1, k); None where there is one measurement only."""
-        return np.zeros((self.steps, 0)) if self.steps else None
-
-
-class WalledMotion(Section):
+class WalledMotion(MotionSection):
     """A motion that walls stop, unless told otherwise."""
 
     confined: bool = Field(default=True, description="whether steps into or through walls are drawn again")
@@ -58,25 +76,12 @@ class WalledMotion(Section):
         """The motion without walls."""
         raise NotImplementedError
 
-    def drive(self, room: RangeMap) -> Drive | None:
-        """The drive, where there is one."""
-        return None
 
-
-class Undriven(WalledMotion):
-    """A motion that needs no controls."""
-
-    steps: MoreThanNone = Field(description="moves, a measurement after each, for example steps = 20")
-
-    def controls(self, drive: Drive | None) -> Array | None:
-        """Controls between the measurements, without content, (T - 1, 0)."""
-        return np.zeros((self.steps, 0))
-
-
-class RandomWalkMotion(Undriven):
+class RandomWalkMotion(WalledMotion):
     """Independent Gaussian steps of every component."""
 
     kind: Literal["random-walk"]
+    steps: Steps
     std_m: NotNegative | Annotated[list[NotNegative], Field(min_length=2, max_length=2)] = Field(
         description="standard deviation of a step along x1 and x2, for example std_m = 0.1"
     )
@@ -85,23 +90,24 @@ class RandomWalkMotion(Undriven):
 
     def free(self, space: StateSpace) -> RandomWalk:
         """The motion without walls."""
-        one, two = np.broadcast_to(self.std_m, (2,)).tolist()
+        along_x1, along_x2 = np.broadcast_to(self.std_m, (2,)).tolist()
         speed = self.velocity_std_m_per_s
         turn = float(np.deg2rad(self.heading_std_deg))
-        stds = {"x1": one, "x2": two, "heading": turn, "v1": speed, "v2": speed}
-        for key, name, mend in (
+        stds = {"x1": along_x1, "x2": along_x2, "heading": turn, "v1": speed, "v2": speed}
+        for key, name, fix in (
             ("heading_std_deg", "heading", 'heading = "unknown"'),
             ("velocity_std_m_per_s", "v1", "velocities = true"),
         ):
             if stds[name] and name not in space.names:
-                raise Misfit(key, f"needs {mend} in [state]")
+                raise Misfit(key, f"needs {fix} in [state]")
         return RandomWalk(space, [stds[name] for name in space.names])
 
 
-class ConstantVelocityMotion(Undriven):
+class ConstantVelocityMotion(WalledMotion):
     """Velocities that drift under white noise acceleration."""
 
     kind: Literal["constant-velocity"]
+    steps: Steps
     step_s: Positive = Field(description="time between measurements, for example step_s = 0.5")
     intensity_m2_per_s3: NotNegative = Field(
         description="density of the acceleration's noise, for example intensity_m2_per_s3 = 0.01"
@@ -117,6 +123,10 @@ class ConstantVelocityMotion(Undriven):
 class OdometryMotion(WalledMotion):
     """A drive by controls in the body frame, noisy with displacement and turn."""
 
+    fixed: ClassVar[frozenset[str]] = frozenset(
+        {"steps", "waypoints_m", "step_m", "turn_deg", "clearance_m", "start_m", "drive_seed"}
+    )
+    driven: ClassVar[bool] = True
     kind: Literal["odometry"]
     alphas: Annotated[list[NotNegative], Field(min_length=4, max_length=4)] = Field(
         default=[0.0, 0.0, 0.0, 0.0],
@@ -156,10 +166,8 @@ class OdometryMotion(WalledMotion):
         if "heading" not in space.names:
             raise Misfit("kind", 'odometry needs an unknown heading: write heading = "unknown" in [state]')
         forward, right = np.broadcast_to(self.floor_m, (2,)).tolist()
-        one, two, three, four = self.alphas
-        return Odometry(
-            space, (one, two, three, four), floor=[forward, right, float(np.deg2rad(self.floor_deg))]
-        )
+        a1, a2, a3, a4 = self.alphas
+        return Odometry(space, (a1, a2, a3, a4), floor=[forward, right, float(np.deg2rad(self.floor_deg))])
 
     def drive(self, room: RangeMap) -> Drive:
         """The drive, planned through free space."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ from ....filters import (
     position_space,
 )
 from ....filters.problem import SpacedPrior
+from ....raster import Raster
 from .base import Misfit, Point, Positive, Section
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
@@ -83,8 +84,11 @@ class PriorSection(Section):
             ValueError: If the prior is not sound.
         """
         unknown, moving = "heading" in space.names, "v1" in space.names
-        self.refuse("heading", unknown, 'is for an unknown heading: write heading = "unknown" in [state]')
-        self.refuse("velocity", moving, "is for velocities: write velocities = true in [state]")
+        for key in (key for key, value in self if value is not None):
+            if key.startswith("heading") and not unknown:
+                raise Misfit(key, 'is for an unknown heading: write heading = "unknown" in [state]')
+            if key.startswith("velocity") and not moving:
+                raise Misfit(key, "is for velocities: write velocities = true in [state]")
         if unknown:
             prior = self.with_heading(room, start)
         else:
@@ -94,16 +98,6 @@ class PriorSection(Section):
         if self.velocity_std_m_per_s is None:
             raise Misfit("velocity_std_m_per_s", "is missing: for example velocity_std_m_per_s = 0.5")
         return WithVelocity(prior, space, self.velocity_std_m_per_s, self.velocity_m_per_s or (0.0, 0.0))
-
-    def refuse(self, first: str, fits: bool, text: str) -> None:
-        """Refuse keys that begin with a word where they do not fit the state.
-
-        Raises:
-            Misfit: With that text, for the first such key.
-        """
-        for key, value in self:
-            if key.startswith(first) and not fits and value is not None:
-                raise Misfit(key, text)
 
     def mean_heading(self, start: Array | None) -> float:
         """Mean of a Gaussian heading, rad; a drive's own unless it is given."""
@@ -122,6 +116,7 @@ class PriorSection(Section):
 class UniformPrior(PriorSection):
     """Uniform over free space: of the whole map, of a box, or of a box of a size where most space is free."""
 
+    alternatives: ClassVar = (frozenset({"lower_m", "upper_m", "size_m"}),)
     kind: Literal["uniform"] = "uniform"
     lower_m: Point | None = Field(default=None, description="lower corner of the box")
     upper_m: Point | None = Field(default=None, description="upper corner of the box")
@@ -188,6 +183,7 @@ class CentredPrior(PriorSection):
 class MixturePrior(Section):
     """One of several priors, by chance."""
 
+    alternatives: ClassVar = (frozenset({"parts", "weights"}),)
     kind: Literal["mixture"]
     parts: Annotated[
         list[Annotated[UniformPrior | CentredPrior, Field(discriminator="kind")]], Field(min_length=1)
@@ -225,8 +221,7 @@ def box_with_most_free_space(room: RangeMap, size: Array) -> tuple[Array, Array]
     size = np.minimum(size, upper - lower)
     step = float(size.min()) / LATTICE
     counts = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9))).astype(int)
-    axes = [low + step * (np.arange(count) + 0.5) for low, count in zip(lower, counts, strict=True)]
-    free = room.is_free(np.stack(np.meshgrid(*axes, indexing="ij"), -1))
+    free = room.is_free(Raster(lower, step, tuple(counts.tolist())).centres)
     sums = np.pad(free.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     wide, high = np.clip(np.round(size / step).astype(int), 1, counts)
     inside = sums[wide:, high:] - sums[:-wide, high:] - sums[wide:, :-high] + sums[:-wide, :-high]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -28,61 +29,55 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class NoiseSection(Section):
-    """How readings scatter; each kind has its own keys."""
+    """How readings scatter; each kind has its own keys.
 
+    Attributes:
+        makes: The noise, of the values of the keys of a kind in their order.
+    """
+
+    makes: ClassVar[Callable[..., CumulativeNoise]]
     step_m: Positive | None = Field(
         default=None, description="readings are rounded to multiples of it, for example step_m = 0.01"
     )
 
-    def plain(self) -> CumulativeNoise:
-        """The noise before rounding."""
-        raise NotImplementedError
-
     def build(self) -> Noise:
         """The noise."""
-        return self.plain() if self.step_m is None else Quantised(self.plain(), self.step_m)
+        exact = self.makes(*(value for key, value in self if key not in ("kind", "step_m")))
+        return exact if self.step_m is None else Quantised(exact, self.step_m)
 
 
 class GaussianNoise(NoiseSection):
     """The same spread at all ranges."""
 
+    makes: ClassVar = Gaussian
     kind: Literal["gaussian"] = "gaussian"
     std_m: PerBeam = Field(description="standard deviation, one or one per beam, for example std_m = 0.05")
-
-    def plain(self) -> Gaussian:
-        """The noise before rounding."""
-        return Gaussian(self.std_m)
 
 
 class ProportionalNoise(NoiseSection):
     """A spread that grows with the range."""
 
+    makes: ClassVar = RangeProportional
     kind: Literal["range-proportional"]
     std_m: PerBeam = Field(description="standard deviation at range 0, for example std_m = 0.03")
     growth: NotNegative | list[NotNegative] = Field(
         description="its growth in metres per metre of range, for example growth = 0.01"
     )
 
-    def plain(self) -> RangeProportional:
-        """The noise before rounding."""
-        return RangeProportional(self.std_m, self.growth)
-
 
 class StudentNoise(NoiseSection):
     """Now and then far off: Student's t."""
 
+    makes: ClassVar = StudentT
     kind: Literal["student-t"]
     scale_m: PerBeam = Field(description="scale, one or one per beam, for example scale_m = 0.05")
     dof: Positive = Field(description="degrees of freedom: few make heavy tails, for example dof = 3.0")
-
-    def plain(self) -> StudentT:
-        """The noise before rounding."""
-        return StudentT(self.scale_m, self.dof)
 
 
 class MixtureNoise(NoiseSection):
     """Hits, short readings, no returns and random readings; the four shares sum to one."""
 
+    makes: ClassVar = BeamMixture
     kind: Literal["beam-mixture"]
     hit: Share = Field(description="share of readings of the wall, for example hit = 0.85")
     short: Share = Field(description="share of readings of what stands before it, for example short = 0.05")
@@ -101,11 +96,6 @@ class MixtureNoise(NoiseSection):
             raise ValueError(f"hit, short, max and random must sum to one, and sum to {total:g}")
         return self
 
-    def plain(self) -> BeamMixture:
-        """The noise before rounding."""
-        shares = (self.hit, self.short, self.max, self.random)
-        return BeamMixture(*shares, self.std_m, self.rate_per_m, self.max_range_m)
-
 
 AnyNoise = Annotated[
     GaussianNoise | ProportionalNoise | StudentNoise | MixtureNoise, Field(discriminator="kind")
@@ -115,6 +105,7 @@ AnyNoise = Annotated[
 class SensorSection(Section):
     """A rangefinder: its beams, clockwise from straight ahead, and its noise."""
 
+    alternatives: ClassVar = (frozenset({"std_m", "noise"}), frozenset({"bearings_deg", "resolution_deg"}))
     bearings_deg: Annotated[list[float], Field(min_length=1)] | None = None
     resolution_deg: Positive | None = None
     blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
@@ -158,13 +149,9 @@ class SensorSection(Section):
         return Rangefinder(
             room,
             self.bearings,
-            Gaussian(self.std_m) if self.std_m is not None else self._noise(),
+            self.noise.build() if self.noise else Gaussian(self.std_m or 0.0),
             space,
             blind_sector=float(np.deg2rad(self.blind_sector_deg)),
             max_range=self.max_range_m,
             max_incidence=float(np.deg2rad(self.max_incidence_deg)),
         )
-
-    def _noise(self) -> Noise:
-        assert self.noise is not None  # else there would be std_m
-        return self.noise.build()

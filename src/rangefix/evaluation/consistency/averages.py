@@ -1,0 +1,160 @@
+"""How the values of runs, which come block by block in passes, become a figure with its interval."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ...arrays import Array
+from .intervals import HUGE, LEVEL, UNKNOWN, Interval, Moments, share_interval
+from .normalised import is_positive
+
+
+class Mean:
+    """The mean of the values. In each of its passes it is given all blocks, in the same order."""
+
+    passes = 1
+
+    def __init__(self) -> None:
+        self.moments = Moments()
+
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
+        """Take in the values (K,) of a block, and its errors (K, n), in a pass: 0, 1, ... `passes` - 1."""
+        self.moments.add(values[0])
+
+    def interval(self, level: float) -> Interval:
+        """The figure after all passes."""
+        return self.moments.interval(level)
+
+    def p_value(self, honest: float) -> float:
+        """Two-sided p-value of "the true mean is `honest`"; NaN = cannot say."""
+        return self.moments.p_value_of_mean(honest)
+
+
+class RootMean(Mean):
+    """The root of the mean of values that are nowhere negative."""
+
+    def interval(self, level: float) -> Interval:
+        return super().interval(level).sqrt()
+
+    def p_value(self, honest: float) -> float:
+        return super().p_value(honest**2)
+
+
+class Share(Mean):
+    """How many of the values are true."""
+
+    def interval(self, level: float) -> Interval:
+        return share_interval(round(self.moments.mean * self.moments.count), self.moments.count, level)
+
+
+class Ratio(Mean):
+    """The ratio R of the mean of the first values to that of the second.
+
+    By linearisation: R varies as the mean of (a - R b) / mean(b) does (the delta method; Cochran, Sampling
+    Techniques, 1977, section 6.4), to which the interval for a skewed mean is applied.
+    """
+
+    passes = 2
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.a, self.b = Moments(), Moments()
+
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
+        a, b = values
+        if number == 0:
+            self.a.add(a)
+            self.b.add(b)
+        elif self.value == self.value:
+            self.moments.add((a - self.value * b) / self.b.mean)
+
+    @property
+    def value(self) -> float:
+        """NaN where the two means cannot be divided."""
+        sound = not (self.a.huge or self.b.huge or self.a.unknown or self.b.unknown)
+        return self.a.mean / self.b.mean if sound and 0 < self.b.mean < HUGE else float("nan")
+
+    def interval(self, level: float) -> Interval:
+        if self.value != self.value:
+            return UNKNOWN
+        return self.moments.around(self.value, level, 0.0 if self.a.least >= 0 else -np.inf)
+
+    def p_value(self, honest: float) -> float:
+        return self.moments.p_value(self.value, honest)
+
+
+def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
+    """The ratio of the means of paired samples (M,), of which the second is positive, and its interval."""
+    ratio, pairs = Ratio(), (np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float))
+    for number in range(Ratio.passes):
+        ratio.add(number, pairs, np.empty(0))
+    return ratio.interval(level)
+
+
+class LogRatio(Mean):
+    """The mean of log10 of the values over e' G^-1 e, dB, with G = E[e e'] from the same runs.
+
+    The interval counts the error of G by its influence on the mean.
+    """
+
+    passes = 3
+    absolute = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.runs, self.infinite = 0, False
+        self.squares, self.slope = np.zeros(()), np.zeros(())
+
+    @cached_property
+    def truth(self) -> tuple[Array, Array] | None:
+        """G and its inverse, after the first pass; None where it has none."""
+        covariance = self.squares / max(self.runs, 1)
+        sound = self.runs > 1 and is_positive(covariance)
+        return (covariance, np.asarray(np.linalg.inv(covariance), dtype=float)) if sound else None
+
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
+        if number == 0:
+            self.runs += len(errors)
+            self.squares = self.squares + errors.T @ errors
+        if number == 0 or self.truth is None:
+            return
+        covariance, inverse = self.truth
+        whitened = errors @ inverse
+        true = (whitened * errors).sum(-1)
+        apart = true > 0
+        true = np.where(apart, true, 1.0)
+        with np.errstate(divide="ignore"):
+            logs = np.where(apart, np.log10(np.where(apart, values[0], 1.0) / true), 0.0)
+        signs = np.sign(logs) if self.absolute else np.ones(len(logs))
+        if number == 1:
+            weights = np.where(apart, signs / true, 0.0) / np.log(10.0)
+            self.slope = self.slope + whitened.T @ (whitened * weights[:, None])
+        elif np.isfinite(logs).all():
+            slope = self.slope / self.runs
+            influence = ((errors @ slope) * errors).sum(-1) - float((slope * covariance).sum())
+            self.moments.add(10.0 * (signs * logs + influence))
+        else:
+            self.infinite = True
+
+    def interval(self, level: float) -> Interval:
+        return Interval(np.inf, np.nan, np.inf) if self.infinite else super().interval(level)
+
+
+class AbsoluteLogRatio(LogRatio):
+    """The mean of the absolute value of these logarithms."""
+
+    absolute = True
+
+
+Average = Literal["mean", "root mean", "ratio of means", "share", "log ratio", "absolute log ratio"]
+AVERAGES: dict[Average, type[Mean]] = {
+    "mean": Mean,
+    "root mean": RootMean,
+    "ratio of means": Ratio,
+    "share": Share,
+    "log ratio": LogRatio,
+    "absolute log ratio": AbsoluteLogRatio,
+}

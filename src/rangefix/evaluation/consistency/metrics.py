@@ -1,0 +1,233 @@
+"""THE table of figures: what is told of an estimator, how runs are averaged, and where it is shown.
+
+One entry here adds a figure; so does an entry point "rangefix.metrics" of another package:
+
+    Metric("mae", COMPONENT, lambda runs: np.abs(runs.errors), "mean", shown=("csv", "terminal"))
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from ...arrays import Array, BoolArray
+from ...extensions import extensions
+from ..results import BeliefScores, Status
+from .averages import Average
+from .formatting import factor, scaled, unit
+from .intervals import Interval
+from .normalised import is_positive, nees
+from .scores import crps, energy_score, log_score
+
+POSITION = ("x1", "x2")  # whose claim the energy score judges
+LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
+COMPONENT = "component"  # the unit of a figure that has that of its component of the state
+Place = Literal["csv", "terminal", "report", "compare"]
+
+
+class RunBlock:
+    """Some runs of an estimator after one step, as metrics see them: K that went well, of M planned.
+
+    Attributes:
+        names: Components of the state.
+        errors: Truth minus estimate, (K, n).
+        covariance: Claimed, (K, n, n).
+        log_evidence: Of the measurements so far, nats, (K,); NaN where the estimator gives none.
+        improbable: Which met measurements that the estimator's model all but excludes, (K,).
+        status: Codes of `Status` of the planned runs, (M,).
+        belief: What draws from the beliefs come to, of the runs that have them; None if none has.
+    """
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        errors: Array,
+        covariance: Array,
+        *,
+        log_evidence: Array | None = None,
+        improbable: BoolArray | None = None,
+        status: NDArray[np.int8] | None = None,
+        belief: BeliefScores | None = None,
+    ) -> None:
+        runs = len(errors)
+        self.names, self.errors, self.covariance = names, errors, covariance
+        self.log_evidence = np.full(runs, np.nan) if log_evidence is None else log_evidence
+        self.improbable = np.zeros(runs, dtype=bool) if improbable is None else improbable
+        self.status = np.zeros(runs, dtype=np.int8) if status is None else status
+        sampled = np.zeros(0, dtype=bool) if belief is None else np.isfinite(belief.energy)
+        self.belief = (
+            BeliefScores(*(array[sampled] for array in belief)) if belief and sampled.any() else None
+        )
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which covariances are positive definite, (K,)."""
+        return is_positive(self.covariance)
+
+    @cached_property
+    def nees(self) -> Array:
+        """Normalised estimation errors squared e' P^-1 e, (K,)."""
+        return nees(self.errors, self.covariance)
+
+    @property
+    def variances(self) -> Array:
+        """Claimed variances, (K, n)."""
+        return self.covariance.diagonal(axis1=1, axis2=2)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A figure of an estimator.
+
+    Attributes:
+        name: Its column; `NAME_COMPONENT` where each component of the state has its own.
+        unit: "m", "nats", "dB", "" for a plain number; COMPONENT for m, m/s or rad, shown in degrees; "%" for
+            a share, 0 to 1, shown in per cent.
+        per_run: From a block of runs, values (K,), or (K, n) for a figure of each component; None if the runs
+            do not tell it. For a ratio of means two such arrays; for a share one of truths, of any length;
+            for a log ratio squared errors over what is claimed for them.
+        average: How the values are averaged: see `averages.py`.
+        honest: The figure of an honest estimator, against which rows have p-values; None if none is fixed.
+        better: Which figures are better: "lower", "higher", or those near the "honest" one.
+        shown: Where: "csv" (summary.csv, --json, gates), "terminal", "report"; means and shares
+            also in "compare", run by run.
+        label: What tables call it, `{}` standing for the component; the column unless given.
+    """
+
+    name: str
+    unit: str
+    per_run: Callable[[RunBlock], Array | BoolArray | tuple[Array, Array] | None]
+    average: Average
+    honest: float | None = None
+    better: Literal["lower", "higher", "honest"] = "lower"
+    shown: tuple[Place, ...] = ("csv", "report")
+    label: str = ""
+
+    def column(self, component: str) -> str:
+        """Its column for a component; "" for that of the whole state."""
+        return f"{self.name}_{component}" if component else self.name
+
+    def values(self, runs: RunBlock) -> dict[str, tuple[Array, ...]]:
+        """The values of runs by column: one array (K,), or the two whose means are divided.
+
+        Raises:
+            ValueError: If `per_run` gives another shape.
+        """
+        values = self.per_run(runs)
+        if values is None:
+            return {}
+        arrays = np.stack(values if isinstance(values, tuple) else (values,))
+        if arrays.ndim == 2:
+            return {self.name: tuple(arrays)}
+        if arrays.shape[2:] != (len(runs.names),):
+            shape = arrays.shape[1:]
+            raise ValueError(f"metric {self.name!r}: per_run gives {shape} for errors {runs.errors.shape}")
+        return {self.column(name): tuple(arrays[..., i]) for i, name in enumerate(runs.names)}
+
+    def short_label(self, component: str = "") -> str:
+        """What a table calls it, without its unit."""
+        label = self.label or self.name
+        return label.replace("{}", component) if "{}" in label else f"{label} {component}".strip()
+
+    def full_label(self, component: str = "") -> str:
+        """What a table calls it, with its unit and which figures are better."""
+        shown = unit(component) if self.unit == COMPONENT else self.unit
+        hint = "higher is better" if self.better == "higher" else ""
+        hint = hint if self.honest is None else f"{self.honest:g} = honest"
+        return self.short_label(component) + (f", {shown}" if shown else "") + (f" ({hint})" if hint else "")
+
+    def in_shown_unit(self, interval: Interval, component: str = "") -> Interval:
+        """The figure in the unit of its label."""
+        return scaled(interval, {"%": 100.0, COMPONENT: factor(component)}.get(self.unit, 1.0))
+
+
+def _true_and_claimed(runs: RunBlock) -> tuple[Array, Array]:
+    return runs.errors**2, runs.variances
+
+
+def _anees(runs: RunBlock) -> Array:
+    return runs.nees / len(runs.names)
+
+
+def _diagonal(covariance: Array) -> Array:
+    return covariance.diagonal(axis1=1, axis2=2)
+
+
+def _energy_score(runs: RunBlock) -> Array:
+    if not set(POSITION) <= set(runs.names):
+        return np.full(len(runs.errors), np.nan)
+    where = [runs.names.index(name) for name in POSITION]
+    return energy_score(runs.errors[:, where], runs.covariance[:, where][:, :, where])
+
+
+def _log_score(runs: RunBlock) -> Array:
+    return log_score(runs.nees, runs.covariance, runs.positive)
+
+
+def _crps(runs: RunBlock) -> Array:
+    return crps(runs.errors, np.sqrt(np.maximum(runs.variances, 0.0)))
+
+
+def _is_inside(runs: RunBlock, level: float) -> BoolArray:
+    return np.asarray(runs.nees <= chdtri(len(runs.names), 1 - level))
+
+
+COMPARED: tuple[Place, ...] = ("csv", "compare")
+TERMINAL: tuple[Place, ...] = ("csv", "report", "terminal")
+VARIANCE = "m^2 or rad^2"
+METRICS = (
+    Metric("G", VARIANCE, lambda runs: runs.errors**2, "mean", shown=COMPARED, label="{} true std"),
+    Metric("P", VARIANCE, lambda runs: runs.variances, "mean", shown=COMPARED, label="{} claimed std"),
+    Metric("ratio", "", _true_and_claimed, "ratio of means", 1.0, "honest", label="G / P of {}"),
+    Metric("rmse", COMPONENT, lambda runs: runs.errors**2, "root mean", shown=("csv",)),
+    Metric("bias", COMPONENT, lambda runs: runs.errors, "mean", 0.0, "honest", label="mean error of {}"),
+    Metric("anees", "", _anees, "mean", 1.0, "honest", (*TERMINAL, "compare"), "ANEES/n"),
+    Metric("nci_db", "dB", lambda runs: runs.nees, "absolute log ratio", label="NCI"),
+    Metric("inclination_db", "dB", lambda runs: runs.nees, "log ratio", label="inclination"),
+    *(
+        Metric(f"coverage_{100 * level:g}", "%", partial(_is_inside, level=level), "share", None, "honest",
+               label=f"inside the {100 * level:g} % ellipse")
+        for level in LEVELS
+    ),
+    Metric("share_indefinite", "%", lambda runs: ~runs.positive, "share", label="covariance not positive"),
+    Metric("share_diverged", "%", lambda runs: runs.status == Status.DIVERGED.code, "share",
+           label="diverged"),
+    Metric("share_improbable", "%", lambda runs: runs.improbable, "share", label="improbable measurements"),
+    Metric("log_score", "nats", _log_score, "mean", label="log score"),
+    Metric("energy_score", "m", _energy_score, "mean", shown=TERMINAL, label="energy score"),
+    Metric("crps", COMPONENT, _crps, "mean", label="CRPS of {}"),
+    Metric("log_evidence", "nats", lambda runs: runs.log_evidence, "mean", better="higher",
+           label="log evidence"),
+    Metric("belief_energy_score", "m", lambda runs: runs.belief and runs.belief.energy, "mean",
+           label="energy score of the belief"),
+    Metric("belief_crps", COMPONENT, lambda runs: runs.belief and runs.belief.crps, "mean",
+           label="CRPS of the belief in {}"),
+    Metric("belief_P", VARIANCE, lambda runs: runs.belief and _diagonal(runs.belief.spread), "mean",
+           shown=("csv",)),
+    Metric("belief_main_mode_P", VARIANCE,
+           lambda runs: runs.belief and _diagonal(runs.belief.mode_covariance), "mean", shown=("csv",)),
+    Metric("belief_main_mode_share", "%", lambda runs: runs.belief and runs.belief.mode_share, "mean",
+           label="share of the main mode"),
+)  # fmt: skip
+
+
+def metrics() -> tuple[Metric, ...]:
+    """The table: our figures, and those of installed packages, in the order of their columns.
+
+    What another package offers is left out with a warning if it is no `Metric`, or has the name of another.
+    """
+    table = {metric.name: metric for metric in METRICS}
+    for name, offered in extensions("rangefix.metrics").items():
+        if isinstance(offered, Metric) and offered.name not in table:
+            table[offered.name] = offered
+        else:
+            why = "has a name that is taken" if isinstance(offered, Metric) else "is no Metric"
+            warnings.warn(f"rangefix.metrics: {name!r} {why}", RuntimeWarning, stacklevel=2)
+    return tuple(table.values())

@@ -1,0 +1,87 @@
+"""What the figures of a study are drawn from: its results, their rows, and labels that a figure can hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..consistency import Row, beams_in_words
+from ..consistency.summarise import summarise
+from ..results import Picture, Results, load_pictures
+from .labels import LONGEST_LABEL, drawable_labels, drawable_text
+
+
+@dataclass(frozen=True)
+class FigureData:
+    """A study as figures see it.
+
+    Attributes:
+        results: Its results, under the labels that users chose.
+    """
+
+    results: Results
+
+    @cached_property
+    def labels(self) -> dict[str, str]:
+        """Label of an estimator -> that label as a figure can hold it, without formulas, and not too long."""
+        return drawable_labels(self.results.estimators)
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """All rows, under labels that a figure can hold."""
+        return [replace(row, estimator=self.labels[row.estimator]) for row in summarise(self.results)]
+
+    @cached_property
+    def last_rows(self) -> list[Row]:
+        """The rows after the last measurement, all estimators of a beam set together."""
+        end = max(row.step for row in self.rows)
+        sets = self.results.beam_sets
+        return sorted((row for row in self.rows if row.step == end), key=lambda row: sets.index(row.beams))
+
+    @cached_property
+    def pictures(self) -> dict[str, Picture]:
+        """Estimator -> picture of its belief in the first run, where one was saved."""
+        folder = self.results.folder
+        return {picture.estimator: picture for picture in load_pictures(folder)} if folder else {}
+
+    @property
+    def beams(self) -> str:
+        """The set of beams of figures that show one alone: the last."""
+        return self.results.beam_sets[-1]
+
+    @property
+    def study(self) -> str:
+        """The title of the study and its runs, as they stand over every figure."""
+        manifest = self.results.manifest
+        name = str(manifest.get("title") or manifest.get("name") or "study")
+        return f"{drawable_text(name, 2 * LONGEST_LABEL)} ({self.results.runs} runs)"
+
+    def heading(self, text: str, *, with_beams: bool = False) -> str:
+        """The title over a figure: a text, the set of beams if asked for, and below it the study."""
+        return f"{text}{f', {beams_in_words(self.beams)}' if with_beams else ''}\n{self.study}"
+
+    def has_map(self) -> bool:
+        """Whether the map was saved."""
+        return bool(self.results.scene)
+
+    def has_pictures(self) -> bool:
+        """Whether there are pictures of beliefs, and a map to draw them in."""
+        return self.has_map() and bool(self.pictures)
+
+    def has_steps(self) -> bool:
+        """Whether a run has several measurements."""
+        return any(row.step for row in self.rows)
+
+    def has_ways(self) -> bool:
+        """Whether objects moved in a map."""
+        return self.has_steps() and self.has_map()
+
+    def has_samples(self) -> bool:
+        """Whether the beliefs on the last set of beams were sampled."""
+        return any(row.beliefs for row in self.last_rows if row.beams == self.beams)
+
+    def has_times(self) -> bool:
+        """Whether an estimator that answered was timed."""
+        return any(np.isfinite(row.seconds) and np.isfinite(row.g[0].value) for row in self.last_rows)

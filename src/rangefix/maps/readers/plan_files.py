@@ -1,0 +1,78 @@
+"""Floor plans in TOML or JSON files.
+
+The keys of a floor plan, in metres: either `width` and `length` of a rectangular room, or `outer`, the
+corners [x1, x2] of the outline, with optional `holes`, a list of such outlines, and `walls`, a list of
+[x1a, x2a, x1b, x2b].
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ...errors import one_line
+from ..base import MapError
+from ..floor_plan import FloorPlan
+from ..mesh_files import PathLike
+from ..rectangle import RectangularRoom
+
+PLANS = (".toml", ".json")
+ROOM, PLAN = {"width", "length"}, {"outer", "holes", "walls"}
+
+
+def save(room: RectangularRoom | FloorPlan, path: PathLike) -> None:
+    """Write a room or floor plan to a .toml or .json file that `load` reads back equal.
+
+    Raises:
+        MapError: If the suffix is another, or the map is no room or plan.
+    """
+    path = Path(path)
+    if isinstance(room, RectangularRoom):
+        content: dict[str, Any] = {"width": room.width, "length": room.length}
+    elif isinstance(room, FloorPlan):
+        content = {"outer": room.outer, "holes": room.holes, "walls": room.walls}
+    else:
+        raise MapError(f"{path}: only rooms and floor plans are written, not a {type(room).__name__}")
+    if path.suffix.lower() not in PLANS:
+        raise MapError(f"{path}: floor plans are written as {' or '.join(PLANS)}")
+    if path.suffix.lower() == ".toml":  # numbers and lists of them read the same in TOML and JSON
+        text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in content.items())
+    else:
+        text = json.dumps(content, indent=1) + "\n"
+    path.write_text(text, encoding="utf-8")
+
+
+def read_plan(path: Path) -> RectangularRoom | FloorPlan:
+    """The room or floor plan in a file.
+
+    Raises:
+        MapError: If the file is broken, or the map cannot be; one line that names the file.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
+        return plan_of(content)
+    except MapError as error:
+        raise MapError(f"{path}: {one_line(error)}") from error
+    except (ValueError, RecursionError) as error:  # of decoding, of TOML and of JSON alike
+        raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({one_line(error)})") from error
+
+
+def plan_of(content: Any) -> RectangularRoom | FloorPlan:
+    """The room or floor plan of the keys of a file.
+
+    Raises:
+        MapError: If keys are missing or unknown, or the map cannot be.
+    """
+    keys = set(content) if isinstance(content, dict) else set()
+    try:
+        if keys == ROOM:
+            return RectangularRoom(**content)
+        if "outer" in keys and keys <= PLAN:
+            return FloorPlan(**content)
+    except TypeError as error:
+        raise MapError(one_line(error)) from error
+    expected = "a floor plan has `outer` with optional `holes` and `walls`, a room has `width` and `length`"
+    raise MapError(f"{expected}; found {', '.join(sorted(keys)) or 'none of them'}")
