@@ -13,17 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, BoolArray, IntArray
 from ..compiled import njit
-from .integrals import MARGIN, Pieces, Rules
+from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass
 from .partition import cut_by
 
-FINE, NODES, RATIO_NODES = 12.0, 4800, 2400  # half-width in scales, and nodes of the two parts of a table
-FARTHEST = 1e4  # scales
-SMOOTH = 2.5  # scales of a beam to a piece near its reading
-VARIED = 6.0  # nats by which a density may vary over a piece
-JUMP = 1e-7  # nats; a greater step of the density at the reading is cut along
-IMPOSSIBLE = -1e7  # nats; tables hold this and less where a reading cannot be
+FINE_SCALES = 12.0  # half-width of the fine part of a table
+FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
+FARTHEST_SCALES = 1e8  # from a table's centre to its last node
+SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
+SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
+JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
+IMPOSSIBLE_NATS = -1e7  # nats; tables hold this and less where a reading cannot be
 
 
 class Tables(NamedTuple):
@@ -32,7 +33,7 @@ class Tables(NamedTuple):
     Attributes:
         centres: Range about which each table lies, m, (B,).
         scales: Width over which a density varies there, m, (B,); 0 = a beam that says nothing.
-        below, above: Log density at FINE-spaced, then geometric, offsets below and above the centre, (B, N).
+        below, above: Log density at fine, then geometric, offsets below and above the centre, (B, N).
         no_wall: Log density where no wall is, (B,).
         bound_below, bound_above: The greatest log density from there on outwards, (B, N).
     """
@@ -48,13 +49,12 @@ class Tables(NamedTuple):
 
 def offsets() -> Array:
     """Offsets of a table's nodes from its centre, in scales, (N,)."""
-    fine = np.linspace(0.0, FINE, NODES + 1)
-    return np.concatenate(
-        [fine, FINE * np.exp(np.log(FARTHEST / FINE) * np.arange(1, RATIO_NODES + 1) / RATIO_NODES)]
-    )
+    fine = np.linspace(0.0, FINE_SCALES, FINE_NODES + 1)
+    growth = np.log(FARTHEST_SCALES / FINE_SCALES) * np.arange(1, COARSE_NODES + 1) / COARSE_NODES
+    return np.concatenate([fine, FINE_SCALES * np.exp(growth)])
 
 
-def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, measured: Array) -> Tables:
+def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, measured: BoolArray) -> Tables:
     """Tables of log densities.
 
     Args:
@@ -89,7 +89,7 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
 def _look_up(tables: Tables, beam: int, rho: float) -> float:
     """The log density of a beam at an expected range."""
     if rho == np.inf:
-        return tables.no_wall[beam]
+        return float(tables.no_wall[beam])
     scale = tables.scales[beam]
     if scale == 0:
         return 0.0
@@ -98,32 +98,31 @@ def _look_up(tables: Tables, beam: int, rho: float) -> float:
     place = _place(abs(u))
     index = int(place)
     share = place - index
-    return table[index] + share * (table[index + 1] - table[index])
+    return float(table[index] + share * (table[index + 1] - table[index]))
 
 
 @njit(cache=True, nogil=True)
 def _place(u: float) -> float:
-    if u < FINE:
-        return u * (NODES / FINE)
-    return min(
-        NODES + RATIO_NODES / math.log(FARTHEST / FINE) * math.log(u / FINE), NODES + RATIO_NODES - 1e-6
-    )
+    if u < FINE_SCALES:
+        return u * (FINE_NODES / FINE_SCALES)
+    coarse = COARSE_NODES / math.log(FARTHEST_SCALES / FINE_SCALES) * math.log(u / FINE_SCALES)
+    return FINE_NODES + min(coarse, COARSE_NODES - 1e-6)
 
 
 @njit(cache=True, nogil=True)
 def _most(tables: Tables, beam: int, low: float, high: float) -> float:
     """A bound on the log density of a beam whose expected range lies between two."""
     if low == np.inf:
-        return tables.no_wall[beam]
+        return float(tables.no_wall[beam])
     scale = tables.scales[beam]
     if scale == 0:
         return 0.0
     u, v = (low - tables.centres[beam]) / scale, (high - tables.centres[beam]) / scale
     if u > 0:
-        return tables.bound_above[beam, int(_place(u))]
+        return float(tables.bound_above[beam, int(_place(u))])
     if v < 0:
-        return tables.bound_below[beam, int(_place(-v))]
-    return max(tables.bound_above[beam, 0], tables.bound_below[beam, 0])
+        return float(tables.bound_below[beam, int(_place(-v))])
+    return float(max(tables.bound_above[beam, 0], tables.bound_below[beam, 0]))
 
 
 class Nodes(NamedTuple):
@@ -174,11 +173,11 @@ def moments_of_any(
         order[piece] = -pieces.log_areas[piece]
         for beam in range(beams):
             order[piece] -= _most(tables, beam, pieces.lows[piece, beam], pieces.highs[piece, beam])
-    log_scale, total = -np.inf, 0.0
-    m1 = m2 = c11 = c12 = c22 = 0.0
+    total = np.zeros(7)
+    total[1] = -np.inf
     for piece in np.argsort(order):
-        running = log_scale + math.log(total) if total > 0 else -np.inf
-        if -order[piece] < running - MARGIN or -order[piece] < IMPOSSIBLE:
+        running = log_mass(total)
+        if -order[piece] < running - MARGIN_NATS or -order[piece] < IMPOSSIBLE_NATS:
             break
         x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
         corners = pieces.counts[piece]
@@ -189,8 +188,8 @@ def moments_of_any(
         bounds[0], variation[0], across[0], level[0] = _look_at(stack[0], corners, piece, pieces, tables)
         while waiting:
             waiting -= 1
-            running = log_scale + math.log(total) if total > 0 else -np.inf
-            if bounds[waiting] < running - MARGIN:
+            running = log_mass(total)
+            if bounds[waiting] < running - MARGIN_NATS:
                 continue
             corners, beam, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
             one[:corners] = stack[waiting, :corners]
@@ -229,29 +228,8 @@ def moments_of_any(
             log_peak = _integrate(
                 one, corners, piece, pieces, tables, prior, bound - math.log(area), rule, nodes, out
             )
-            if not out[0] > 0:
-                continue
-            if log_peak > log_scale:
-                total = total * math.exp(log_scale - log_peak) if total > 0 else 0.0
-                log_scale = log_peak
-            mass = out[0] * math.exp(log_peak - log_scale)
-            p1, p2 = out[1] / out[0], out[2] / out[0]
-            v11, v12, v22 = out[3] / out[0] - p1 * p1, out[4] / out[0] - p1 * p2, out[5] / out[0] - p2 * p2
-            share = mass / (total + mass)
-            d1, d2 = p1 + x1 - m1, p2 + x2 - m2
-            rest = 1.0 - share
-            c11 = rest * c11 + share * v11 + share * rest * d1 * d1
-            c12 = rest * c12 + share * v12 + share * rest * d1 * d2
-            c22 = rest * c22 + share * v22 + share * rest * d2 * d2
-            m1 += share * d1
-            m2 += share * d2
-            total += mass
-    if not total > 0:
-        return -np.inf
-    mean[0], mean[1] = m1, m2
-    covariance[0, 0], covariance[1, 1] = c11, c22
-    covariance[0, 1] = covariance[1, 0] = c12
-    return log_scale + math.log(total)
+            add_part(total, log_peak, out, x1, x2)
+    return finish(total, mean, covariance)
 
 
 @njit(cache=True, nogil=True)
@@ -297,11 +275,11 @@ def _area(corners: Array, count: int) -> float:
 def _variation(tables: Tables, beam: int, low: float, high: float) -> float:
     """How far a beam's density is from smooth between two ranges: at most 1 is smooth enough."""
     scale, centre = tables.scales[beam], tables.centres[beam]
-    varied = abs(_look_up(tables, beam, high) - _look_up(tables, beam, low)) / VARIED
+    varied = abs(_look_up(tables, beam, high) - _look_up(tables, beam, low)) / SMOOTH_NATS
     if low < centre + 8 * scale and high > centre - 8 * scale:
-        varied = max(varied, (high - low) / (SMOOTH * scale))
+        varied = max(varied, (high - low) / (SMOOTH_SCALES * scale))
         step = abs(tables.above[beam, 0] - tables.below[beam, 0])
-        if step > JUMP and low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
+        if step > JUMP_NATS and low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
             varied = max(varied, 1e3)
     return varied
 
@@ -335,17 +313,7 @@ def _integrate(
         if width <= 1e-14:
             continue
         middle = 0.5 * (left + right)
-        low, high, low_slope, high_slope = np.inf, -np.inf, 0.0, 0.0
-        for corner in range(count):
-            following = corner + 1 if corner + 1 < count else 0
-            s1, s2 = s[corner], s[following]
-            if (s1 < middle < s2) or (s2 < middle < s1):
-                slope = (t[following] - t[corner]) / (s2 - s1)
-                at = t[corner] + slope * (middle - s1)
-                if at < low:
-                    low, low_slope = at, slope
-                if at > high:
-                    high, high_slope = at, slope
+        low, low_slope, high, high_slope = chord_at(s, t, count, middle)
         if high <= low:
             continue
         order = 3 if width > 0.2 * (edges[count - 1] - edges[0]) else 2

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
-from ..estimator import Estimate
-from ..models import Gaussian, GaussianPrior, Mixture, Stationary, Uniform
+from ..estimator import BriefRepr, Estimate, brief
+from ..models import GaussianPrior, Mixture, Stationary, Uniform
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import Nodes, Tables, moments_of_any, nodes_for, tabulate
 from .integrals import Pieces, Rules, moments, rules
 from .partition import partition
 
-OTHER_NODES = 3  # more nodes in each rule, to see how far the answer depends on them
-PROBES = 1000  # places at which the partition's ranges are compared with the map's
-AGREEING = 1e-6  # m
-MOST_DISAGREEING = 0.01  # share of the probes
+MORE_NODES = 3  # in each rule, to see how far the answer depends on them
+PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
+AGREEING_M = 1e-6  # the most that they may differ
+MAX_DISAGREEING_SHARE = 0.01  # of the places
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,11 @@ class ExactBelief:
     estimate: Estimate
 
     def __repr__(self) -> str:
-        runs, steps, beams = self.readings.shape
-        return f"ExactBelief({runs} runs, {steps} measurements of {beams} beams)"
+        return brief(self)
 
 
-@dataclass(frozen=True)
-class ExactPositionFilter:
+@dataclass(frozen=True, repr=False)
+class ExactPositionFilter(BriefRepr):
     """The exact posterior of an object that stands still and knows its heading.
 
     Beams then have fixed directions, and free space falls into convex pieces from which every beam meets one
@@ -146,7 +145,7 @@ class ExactPositionFilter:
         """How far mean and covariance may be off, in posterior deviations, (M,): by other nodes."""
         mean, covariance, log_evidence = belief.estimate
         errors = np.zeros(len(mean))
-        other = rules(OTHER_NODES)
+        other = rules(MORE_NODES)
         for run in np.flatnonzero(np.asarray(log_evidence) > -np.inf):
             again, spread, _ = self._answer(belief.readings[run], other)
             std = np.sqrt(np.diagonal(covariance[run]))
@@ -184,7 +183,8 @@ class ExactPositionFilter:
                 f"the exact filter takes uniform and Gaussian priors and mixtures, not {prior!r}"
             )
         free = (lambda points: np.ones(len(points), dtype=bool)) if prior.room is None else prior.room.is_free
-        pieces = self._pieces(*prior.support, free)
+        lower, upper = prior.support
+        pieces = self._pieces(lower, upper, free)
         nothing = np.zeros(len(self.problem.sensor.bearings))
         log_integral = moments(pieces, nothing, nothing, factor, self._rules, np.empty(2), np.empty((2, 2)))
         if log_integral == -np.inf:
@@ -214,17 +214,17 @@ class ExactPositionFilter:
         for part in self.parts:
             pieces = part.pieces
             areas = np.exp(pieces.log_areas)
-            chosen = rng.choice(len(areas), size=PROBES, p=areas / areas.sum())
+            chosen = rng.choice(len(areas), size=PROBE_PLACES, p=areas / areas.sum())
             corner = pieces.corners[chosen, rng.integers(0, pieces.counts[chosen])]
-            places = pieces.centres[chosen] + 0.9 * rng.random((PROBES, 1)) * (
+            places = pieces.centres[chosen] + 0.9 * rng.random((PROBE_PLACES, 1)) * (
                 corner - pieces.centres[chosen]
             )
             away = places - pieces.centres[chosen]
             mine = pieces.ranges[chosen] + np.einsum("nbi,ni->nb", pieces.slopes[chosen], away)
             theirs = self.problem.sensor.expected(places)
             with np.errstate(invalid="ignore"):
-                off = ~((np.abs(mine - theirs) <= AGREEING) | (mine == theirs))
-            if (share := off.any(axis=1).mean()) > MOST_DISAGREEING:
+                off = ~((np.abs(mine - theirs) <= AGREEING_M) | (mine == theirs))
+            if (share := off.any(axis=1).mean()) > MAX_DISAGREEING_SHARE:
                 raise ValueError(
                     f"at {100 * share:.1f} % of places the map's ranges are not those of its walls: "
                     "the exact filter needs a map that is made of its segments"
@@ -263,9 +263,9 @@ class ExactPositionFilter:
     def _gaussian(self, readings: Array) -> tuple[Array, Array, float] | None:
         """Mean reading, precision and common log factor of each beam; None where noise is not plain."""
         sensor = self.problem.sensor
-        if not (isinstance(sensor.noise, Gaussian) and sensor.is_plain_gaussian):
+        stds = sensor.gaussian_stds
+        if stds is None:
             return None
-        stds = np.broadcast_to(sensor.noise.stds, readings.shape[1:])
         measured = ~np.isnan(readings)
         returned = np.isfinite(readings)
         counts = measured.sum(axis=0)
@@ -284,9 +284,8 @@ class ExactPositionFilter:
         finite = np.isfinite(readings)
         counts = finite.sum(axis=0)
         limit = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
-        centres = np.where(
-            counts > 0, np.where(finite, readings, 0.0).sum(axis=0) / np.maximum(counts, 1), limit
-        )
+        sums = np.where(finite, readings, 0.0).sum(axis=0)
+        centres = np.where(counts > 0, np.maximum(sums / np.maximum(counts, 1), 0.0), limit)
         stds = np.sqrt(np.broadcast_to(sensor.noise.variance(centres), centres.shape))
         if not len(readings):
             readings = np.full((1, len(centres)), np.nan)
@@ -294,7 +293,7 @@ class ExactPositionFilter:
         def density(expected: Array) -> Array:
             return np.asarray(sum(sensor.beam_log_density(row, expected) for row in readings))
 
-        return tabulate(density, centres, stds, measured.any(axis=0))
+        return tabulate(density, centres, stds, np.asarray(measured.any(axis=0)))
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
         room = 1 << 15

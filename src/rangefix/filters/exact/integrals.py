@@ -16,11 +16,10 @@ from ...arrays import Array, IntArray
 from ..compiled import njit
 from .partition import cut_by
 
-MARGIN = 40.0  # nats below the best of a piece, or of all, at which nothing counts
-LONGEST = 5.0  # e-folds or deviations to an interval of a Gauss-Legendre rule
-RULES = (4, 6, 9, 13)  # nodes for intervals of up to LIMITS
-LIMITS = (0.4, 1.2, 2.6, LONGEST)
-MAX_STACK = 4096  # pieces waiting to be halved
+MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts
+LONGEST_INTERVAL = 5.0  # e-folds or deviations to an interval of a Gauss-Legendre rule
+NODES_OF_RULES = (4, 6, 9, 13)  # nodes for intervals of up to LONGEST_OF_RULES
+LONGEST_OF_RULES = (0.4, 1.2, 2.6, LONGEST_INTERVAL)
 
 
 class Rules(NamedTuple):
@@ -33,8 +32,8 @@ class Rules(NamedTuple):
 
 def rules(more: int = 0) -> Rules:
     """The rules, with `more` nodes each: a second set has no node in common with the first."""
-    counts = np.array(RULES, dtype=np.int64) + more
-    nodes, weights = np.zeros((2, len(RULES), counts.max()))
+    counts = np.array(NODES_OF_RULES, dtype=np.int64) + more
+    nodes, weights = np.zeros((2, len(NODES_OF_RULES), counts.max()))
     for place, count in enumerate(counts):
         x, w = np.polynomial.legendre.leggauss(int(count))
         nodes[place, :count], weights[place, :count] = 0.5 * (x + 1), 0.5 * w
@@ -44,9 +43,70 @@ def rules(more: int = 0) -> Rules:
 @njit(cache=True, nogil=True)
 def _rule_for(length: float) -> int:
     for rule in range(3):
-        if length <= LIMITS[rule]:
+        if length <= LONGEST_OF_RULES[rule]:
             return rule
     return 3
+
+
+@njit(cache=True, nogil=True)
+def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, float, float]:
+    """The chord of a convex polygon at s = at: its ends along t, and their slopes by s."""
+    low, high, low_slope, high_slope = np.inf, -np.inf, 0.0, 0.0
+    for corner in range(count):
+        following = corner + 1 if corner + 1 < count else 0
+        s1, s2 = s[corner], s[following]
+        if (s1 < at < s2) or (s2 < at < s1):
+            slope = (t[following] - t[corner]) / (s2 - s1)
+            end = t[corner] + slope * (at - s1)
+            if end < low:
+                low, low_slope = end, slope
+            if end > high:
+                high, high_slope = end, slope
+    return low, low_slope, high, high_slope
+
+
+@njit(cache=True, nogil=True)
+def log_mass(total: Array) -> float:
+    """Log of the mass summed up so far; -inf where there is none."""
+    return total[1] + math.log(total[0]) if total[0] > 0 else -np.inf
+
+
+@njit(cache=True, nogil=True)
+def add_part(total: Array, log_peak: float, part: Array, x1: float, x2: float) -> None:
+    """Add a part's mass and moments to those of the others, without differences of large numbers.
+
+    Args:
+        total: Mass over exp(log scale), log scale, mean x1, x2, central moments 11, 12, 22, (7,).
+        log_peak: Log of what the part's integrals are to be multiplied by.
+        part: Integrals of 1, x1, x2, x1 x1, x1 x2, x2 x2 about (x1, x2), (6,).
+        x1, x2: Where the part's coordinates begin.
+    """
+    if not part[0] > 0:
+        return
+    if log_peak > total[1]:
+        total[0] = total[0] * math.exp(total[1] - log_peak) if total[0] > 0 else 0.0
+        total[1] = log_peak
+    mass = part[0] * math.exp(log_peak - total[1])
+    p1, p2 = part[1] / part[0], part[2] / part[0]
+    share = mass / (total[0] + mass)
+    rest = 1.0 - share
+    d1, d2 = p1 + x1 - total[2], p2 + x2 - total[3]
+    total[4] = rest * total[4] + share * (part[3] / part[0] - p1 * p1 + rest * d1 * d1)
+    total[5] = rest * total[5] + share * (part[4] / part[0] - p1 * p2 + rest * d1 * d2)
+    total[6] = rest * total[6] + share * (part[5] / part[0] - p2 * p2 + rest * d2 * d2)
+    total[2] += share * d1
+    total[3] += share * d2
+    total[0] += mass
+
+
+@njit(cache=True, nogil=True)
+def finish(total: Array, mean: Array, covariance: Array) -> float:
+    """Write out mean and covariance; returns the log mass."""
+    if total[0] > 0:
+        mean[0], mean[1] = total[2], total[3]
+        covariance[0, 0], covariance[1, 1] = total[4], total[6]
+        covariance[0, 1] = covariance[1, 0] = total[5]
+    return log_mass(total)
 
 
 @njit(cache=True, nogil=True)
@@ -91,27 +151,17 @@ def integrate_quadratic(
         left, right = edges[panel], edges[panel + 1]
         if right - left <= 1e-14:
             continue
-        # ends of the chords are affine in s between corners
         middle = 0.5 * (left + right)
-        low_mid, high_mid = np.inf, -np.inf
-        low_slope = high_slope = 0.0
-        for corner in range(count):
-            following = corner + 1 if corner + 1 < count else 0
-            s1, s2 = s[corner], s[following]
-            if (s1 < middle < s2) or (s2 < middle < s1):
-                slope = (t[following] - t[corner]) / (s2 - s1)
-                at = t[corner] + slope * (middle - s1)
-                if at < low_mid:
-                    low_mid, low_slope = at, slope
-                if at > high_mid:
-                    high_mid, high_slope = at, slope
+        low_mid, low_slope, high_mid, high_slope = chord_at(
+            s, t, count, middle
+        )  # affine in s between corners
         if high_mid <= low_mid:
             continue
         width = right - left
         tilt = max(abs(low_slope), abs(high_slope)) * width
         rate_t = max(root_small, abs(gt))
         length_s = width * max(root_big, abs(gs)) + tilt * rate_t
-        parts = int(length_s / LONGEST) + 1
+        parts = int(length_s / LONGEST_INTERVAL) + 1
         outer = _rule_for(length_s / parts)
         for part in range(parts):
             for i in range(rule.counts[outer]):
@@ -122,7 +172,7 @@ def integrate_quadratic(
                 if chord <= 0:
                     continue
                 length_t = chord * rate_t
-                pieces = int(length_t / LONGEST) + 1
+                pieces = int(length_t / LONGEST_INTERVAL) + 1
                 inner = _rule_for(length_t / pieces)
                 scale = width / parts * rule.weights[outer, i] * chord / pieces
                 base = -gs * at_s - 0.5 * big * at_s * at_s
@@ -241,16 +291,16 @@ def moments(
         bounds[piece] = pieces.log_areas[piece] + _bound(piece, reading, weight, pieces.lows, pieces.highs)
         if bounds[piece] > best:
             first, best = piece, bounds[piece]
-    total, log_scale = 0.0, -np.inf
+    total = np.zeros(7)
+    total[1] = -np.inf
     k = pieces.corners.shape[1] + 8
     work, spare, at, out = np.empty((k, 2)), np.empty((k, 2)), np.empty(2), np.empty(6)
-    m1 = m2 = c11 = c12 = c22 = 0.0
     for turn in range(-1, count):
         piece = first if turn < 0 else turn
         if piece < 0 or (turn >= 0 and piece == first):
             continue
-        running = log_scale + math.log(total) if total > 0 else -np.inf
-        if not bounds[piece] > running - MARGIN or bounds[piece] == -np.inf:
+        running = log_mass(total)
+        if not bounds[piece] > running - MARGIN_NATS or bounds[piece] == -np.inf:
             continue
         # the exponent about the centre: q0 + g.x + x'Hx / 2
         x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
@@ -275,7 +325,7 @@ def moments(
             work[corner, 0] = pieces.corners[piece, corner, 0] - x1
             work[corner, 1] = pieces.corners[piece, corner, 1] - x2
         least = q0 + lowest(work, corners, h11, h12, h22, g1, g2, at)
-        if pieces.log_areas[piece] - least < running - MARGIN:
+        if pieces.log_areas[piece] - least < running - MARGIN_NATS:
             continue
         # about the best point, where the gradient points into the piece
         for corner in range(corners):
@@ -286,52 +336,29 @@ def moments(
         if corners < 3:
             continue
         integrate_quadratic(work, corners, h11, h12, h22, g1, g2, rule, out)
-        if not out[0] > 0:
-            continue
-        if -least > log_scale:
-            total = total * math.exp(log_scale + least) if total > 0 else 0.0
-            log_scale = -least
-        # add this piece's mass and central moments to those of the others
-        mass = out[0] * math.exp(-least - log_scale)
-        p1, p2 = out[1] / out[0], out[2] / out[0]
-        v11, v12, v22 = out[3] / out[0] - p1 * p1, out[4] / out[0] - p1 * p2, out[5] / out[0] - p2 * p2
-        p1, p2 = p1 + at[0] + x1, p2 + at[1] + x2
-        share = mass / (total + mass)
-        d1, d2 = p1 - m1, p2 - m2
-        rest = 1.0 - share
-        c11 = rest * c11 + share * v11 + share * rest * d1 * d1
-        c12 = rest * c12 + share * v12 + share * rest * d1 * d2
-        c22 = rest * c22 + share * v22 + share * rest * d2 * d2
-        m1 += share * d1
-        m2 += share * d2
-        total += mass
-    if not total > 0:
-        return -np.inf
-    mean[0], mean[1] = m1, m2
-    covariance[0, 0], covariance[1, 1] = c11, c22
-    covariance[0, 1] = covariance[1, 0] = c12
-    return log_scale + math.log(total)
+        add_part(total, -least, out, x1 + at[0], x2 + at[1])
+    return finish(total, mean, covariance)
 
 
 @njit(cache=True, nogil=True)
 def _clip(
     work: Array, corners: int, spare: Array, h11: float, h12: float, h22: float, g1: float, g2: float
 ) -> int:
-    """Cut off what lies MARGIN nats below the best point, which is the origin; returns the corners left."""
+    """Cut off what lies MARGIN_NATS below the best point, the origin; returns the corners left."""
     half, mean = 0.5 * (h11 - h22), 0.5 * (h11 + h22)
     radius = math.sqrt(half * half + h12 * h12)
     angle = 0.5 * math.atan2(h12, half)
     c, d = math.cos(angle), math.sin(angle)
     for axis in range(5):
         if axis == 4:
-            n1, n2, level = g1, g2, MARGIN
+            n1, n2, level = g1, g2, MARGIN_NATS
             if g1 == 0 and g2 == 0:
                 continue
         else:
             curvature = mean + radius if axis < 2 else mean - radius
             if curvature <= 1e-12 * (mean + radius) or curvature <= 0:
                 continue
-            level = math.sqrt(2 * MARGIN / curvature)
+            level = math.sqrt(2 * MARGIN_NATS / curvature)
             sign = 1.0 if axis % 2 == 0 else -1.0
             n1, n2 = (sign * c, sign * d) if axis < 2 else (-sign * d, sign * c)
         outside = False

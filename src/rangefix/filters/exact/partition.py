@@ -16,9 +16,10 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ..compiled import njit
 
-THIN = 1e-9  # m; a narrower piece, or a shorter wall across a beam, is rounding
-BORDER, INNER = 0.02, 0.98  # m, to which the border of free space is followed; where pieces are probed
-SAME = 1e-12  # m; corners this close are one
+THIN_M = 1e-9  # a narrower piece is rounding
+BORDER_M = 0.02  # to which the border of free space is followed, where it is not made of walls
+INNER_SHARE = 0.98  # of the way from the middle to the border: where pieces are probed
+SAME_M = 1e-12  # corners this close are one
 MAX_CORNERS = 64  # of a piece
 
 
@@ -99,25 +100,30 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
     walls = _along(np.concatenate([segments, frame]), direction)
     ends = np.unique(np.concatenate([walls[:, 0], walls[:, 2], _crossings(walls)]))
     low, high = (f(_along(frame, direction)[:, [0, 2]]) for f in (np.min, np.max))
-    ends = ends[(ends >= low - THIN) & (ends <= high + THIN)]
+    ends = ends[(ends >= low - THIN_M) & (ends <= high + THIN_M)]
     start, stop = walls[:, 0], walls[:, 2]
     slopes = (walls[:, 3] - walls[:, 1]) / np.where(stop > start, stop - start, 1.0)
+    upright = np.flatnonzero(stop - start <= THIN_M)  # walls along the direction
     open_: dict[tuple[int, int], float] = {}
     done: list[tuple[int, int, float, float]] = []
     before = -np.inf
     for left, right in pairwise(ends.tolist()):
-        if right - left <= THIN:
+        if right - left <= THIN_M:
             continue
         middle = 0.5 * (left + right)
         spanning = np.flatnonzero((start < middle) & (stop > middle))
         heights = walls[spanning, 1] + slopes[spanning] * (middle - start[spanning])
         order = spanning[np.argsort(heights)]
         pairs = set(zip(order[:-1].tolist(), order[1:].tolist(), strict=True))
-        if left > before + 2 * THIN:
-            done += [(*pair, since, before) for pair, since in open_.items()]
-            open_ = {}
-        done += [(*pair, open_[pair], left) for pair in open_.keys() - pairs]
-        open_ = {pair: open_.get(pair, left) for pair in pairs}
+        blocked = upright[np.abs(start[upright] - left) <= 2 * THIN_M]
+        apart = left > before + 2 * THIN_M
+        ended = {
+            pair
+            for pair in open_
+            if apart or pair not in pairs or _is_cut(walls, slopes, pair, left, blocked)
+        }
+        done += [(*pair, open_[pair], before) for pair in ended]
+        open_ = {pair: left if pair in ended else open_.get(pair, left) for pair in pairs}
         before = right
     done += [(*pair, since, before) for pair, since in open_.items()]
     basis = np.stack([_across(direction), direction])
@@ -127,17 +133,24 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
         s = np.array([since, until, until, since])
         t = walls[rows, 1] + slopes[rows] * (s - start[rows])
         centre = np.array([s.mean(), t.mean()]) @ basis
-        if ((centre > lower) & (centre < upper)).all() and (t[2:] - t[1::-1]).max() > THIN:
+        if ((centre > lower) & (centre < upper)).all() and (t[2:] - t[1::-1]).max() > THIN_M:
             pieces.append(np.column_stack([s, t]) @ basis)
     return pieces
 
 
+def _is_cut(walls: Array, slopes: Array, pair: tuple[int, int], s: float, upright: IntArray) -> bool:
+    """Whether walls along the direction at s stand between two others."""
+    low, high = (walls[wall, 1] + slopes[wall] * (s - walls[wall, 0]) for wall in pair)
+    ends = np.sort(walls[upright][:, [1, 3]], axis=1)
+    return bool(((ends[:, 0] < high - THIN_M) & (ends[:, 1] > low + THIN_M)).any())
+
+
 def _free_parts(pieces: list[Array], is_free: Callable[[Array], BoolArray]) -> list[Array]:
-    """The pieces in free space; those that are free in part only, as in meshes, are halved down to BORDER."""
+    """The pieces in free space; those that are free in part only, as in meshes, are halved."""
     free: list[Array] = []
     while pieces:
         centres = np.array([piece.mean(axis=0) for piece in pieces])
-        inner = [c + INNER * (piece - c) for c, piece in zip(centres, pieces, strict=True)]
+        inner = [c + INNER_SHARE * (piece - c) for c, piece in zip(centres, pieces, strict=True)]
         middles = [0.5 * (one + np.roll(one, -1, axis=0)) for one in inner]
         owners = np.concatenate([np.full(2 * len(one) + 1, place) for place, one in enumerate(inner)])
         probes = [
@@ -148,7 +161,7 @@ def _free_parts(pieces: list[Array], is_free: Callable[[Array], BoolArray]) -> l
         mixed = []
         for piece, level in zip(pieces, share, strict=True):
             size = np.ptp(piece, axis=0)
-            if level == 0 or level == 1 or size.max() <= BORDER:
+            if level == 0 or level == 1 or size.max() <= BORDER_M:
                 if level > 0.5:
                     free.append(piece)
                 continue
@@ -237,12 +250,12 @@ def _same_line(one: Array, other: Array) -> bool:
     slope = (one[3] - one[1]) / (one[2] - one[0])
     first = one[1] + slope * (other[0] - one[0]) - other[1]
     second = one[1] + slope * (other[2] - one[0]) - other[3]
-    return abs(first) < 1e-10 and abs(second) < 1e-10
+    return bool(abs(first) < 1e-10 and abs(second) < 1e-10)
 
 
 @njit(cache=True, nogil=True)
 def _are_one(one: Array, other: Array) -> bool:
-    return bool(abs(one[0] - other[0]) + abs(one[1] - other[1]) < SAME)
+    return bool(abs(one[0] - other[0]) + abs(one[1] - other[1]) < SAME_M)
 
 
 @njit(cache=True, nogil=True)
@@ -266,10 +279,10 @@ def cut_by(corners: Array, count: int, normal1: float, normal2: float, level: fl
             made += 1
         if (
             made > 1
-            and abs(out[made - 1, 0] - out[made - 2, 0]) + abs(out[made - 1, 1] - out[made - 2, 1]) < SAME
+            and abs(out[made - 1, 0] - out[made - 2, 0]) + abs(out[made - 1, 1] - out[made - 2, 1]) < SAME_M
         ):
             made -= 1
-    while made > 1 and abs(out[made - 1, 0] - out[0, 0]) + abs(out[made - 1, 1] - out[0, 1]) < SAME:
+    while made > 1 and abs(out[made - 1, 0] - out[0, 0]) + abs(out[made - 1, 1] - out[0, 1]) < SAME_M:
         made -= 1
     return made
 
@@ -296,15 +309,15 @@ def _cut(
         for corner in range(count):
             s = a1 * corners[place, corner, 0] + a2 * corners[place, corner, 1]
             s_low, s_high = min(s_low, s), max(s_high, s)
-        if s_high - s_low <= THIN:
+        if s_high - s_low <= THIN_M:
             continue
-        first = np.searchsorted(ends, s_low + THIN)
-        last = np.searchsorted(ends, s_high - THIN)
+        first = np.searchsorted(ends, s_low + THIN_M)
+        last = np.searchsorted(ends, s_high - THIN_M)
         slabs = 0
         left = s_low
         for edge in range(first, last + 1):
             right = ends[edge] if edge < last else s_high
-            if right - left <= THIN and edge < last:
+            if right - left <= THIN_M and edge < last:
                 continue
             s = 0.5 * (left + right)
             # the chord of the piece at s, and a beam from its middle
@@ -342,6 +355,8 @@ def _cut(
                 piece[:kept] = rest[:kept]
             if kept < 3:
                 continue
+            if kept > corners.shape[1]:
+                return new, new_counts, np.full(1, -1), met
             if made == len(new):
                 if made >= most:
                     return new, new_counts, np.full(1, -1), met
@@ -388,7 +403,7 @@ def _measured(
     one, two = corners[:, 1:-1] - start, corners[:, 2:] - start
     doubled = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
     areas = 0.5 * doubled.sum(axis=1)
-    sound = np.abs(areas) > THIN**2
+    sound = np.abs(areas) > THIN_M**2
     with np.errstate(divide="ignore", invalid="ignore"):
         centres = (
             start[:, 0] + ((one + two) / 3 * doubled[..., None]).sum(axis=1) / doubled.sum(axis=1)[:, None]
