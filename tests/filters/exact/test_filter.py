@@ -283,7 +283,7 @@ def brute(problem, reading):
 
 @pytest.mark.parametrize("name", NOISES)
 def test_agrees_with_brute_force(name):
-    """Midpoint sums over cells of 4 mm: a mean within half a cell or so, as cells that a jump crosses err by."""
+    """Midpoint sums over cells of 4 mm: a mean within half a cell or so, as cells that a jump crosses err."""
     noise, limits = NOISES[name]
     problem = pose(ELL, np.deg2rad([10.0, 130.0, 250.0]), noise, **limits)
     _, readings = simulated(problem, 12)
