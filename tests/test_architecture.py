@@ -111,7 +111,7 @@ evaluation.experiment
 evaluation.seeds
 filters filters.checks
 filters.adaptive
-filters.point_mass filters.particle filters.kalman filters.registry
+filters.point_mass filters.exact filters.particle filters.kalman filters.registry
 filters.models filters.images
 filters.estimator filters.sampling filters.compiled filters.plugin_line
 filters.problem
