@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from signal import SIGTERM, default_int_handler, signal
+from threading import current_thread, main_thread
 from typing import Annotated, NoReturn
 
 import typer
@@ -36,6 +38,8 @@ for command in COMMANDS:
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run a command and end the process with its exit code; mistakes of the user are one line each."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    if current_thread() is main_thread():
+        signal(SIGTERM, default_int_handler)  # like Ctrl-C
     try:
         code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
     except typer.Abort:

@@ -14,6 +14,7 @@ from ...errors import one_line
 from ...filters import Stationary
 from ...filters.estimator import filtered, show_belief
 from ..experiment import Experiment, NamedEstimator
+from ..isolation import undisturbed
 from ..results import FILE, Picture, read_if_valid, write_part
 from ..seeds import streams
 from .simulate import simulate
@@ -53,9 +54,10 @@ def _pictures(experiment: Experiment) -> Iterator[Picture]:
         if experiment.timeout_of(label) is not None and not built_in:
             continue  # it may hang or crash, from its building on
         try:
-            estimator = builder(problem)
-            rngs = streams(experiment.seed, "estimator", [SHOWN_RUN])
-            *_, (_, _, belief) = filtered(estimator, problem.prior, moves, readings.swapaxes(0, 1), rngs)
+            with undisturbed(problem):
+                estimator = builder(problem)
+                rngs = streams(experiment.seed, "estimator", [SHOWN_RUN])
+                *_, (_, _, belief) = filtered(estimator, problem.prior, moves, readings.swapaxes(0, 1), rngs)
         except (Exception, SystemExit):  # its trials say what is wrong: run 0 is one of them
             continue
         try:
