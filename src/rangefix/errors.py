@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-MAX_LINE = 2000  # characters of a message
+MAX_REASON = 2000  # characters of a reason that is kept
+MAX_MESSAGE = 1500  # of the message in it: what and where come before and after
 
 
 def suggestion(name: str, known: Iterable[str], more: str = "") -> str:
@@ -31,11 +32,9 @@ def message_of(thing: object) -> str:
         text = str(thing)
     except Exception:  # its author has made a mistake there, too
         return f"(a message of {type(thing).__name__} that cannot be shown)"
-    return cut(" ".join(text.split()))
+    return cut(" ".join(text.split()), MAX_MESSAGE)
 
 
-def cut(text: str) -> str:
-    """The text, or its beginning where it is longer than MAX_LINE."""
-    if len(text) <= MAX_LINE:
-        return text
-    return f"{text[:MAX_LINE]} ... ({len(text)} characters)"
+def cut(text: str, most: int = MAX_REASON) -> str:
+    """The text, or its beginning where it is longer than that."""
+    return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import pickle
+import sys
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +22,8 @@ def to_pickle(thing: object, *, cached: bool = True) -> bytes:
         module = importlib.import_module("cloudpickle")
     except ModuleNotFoundError:
         module = importlib.import_module("joblib.externals.cloudpickle")
+    if script := sys.modules.get("__mp_main__"):  # of a process that multiprocessing has started
+        module.register_pickle_by_value(script)
     if cached:
         content: bytes = module.dumps(thing)
         return content
