@@ -129,8 +129,8 @@ def test_a_copy_of_the_process_answers_nothing(child, fork):
 
 
 def test_an_answer_to_an_earlier_question_is_passed_over(child):
-    child._answers.put((0, (True, "of an earlier question")))
-    child._answers.put((7, (True, "of none at all")))
+    child._answers.put((0, True, "of an earlier question"))
+    child._answers.put((7, True, "of none at all"))
     assert child.ask(answer, ("mine",), LATER)[0] == "mine"
 
 

@@ -2,9 +2,9 @@
 
 Questions and answers are pickles over pipes and carry the number of the question, so that what is left over
 from an earlier one, or comes from a copy of the process, is never taken for an answer. Before each piece of
-work the child says which it is. It lets `faulthandler` end it, and write where it was, when a piece takes too
-long; the parent keeps a deadline of its own, and watches the memory. The child ends as soon as its standard
-input does, and that ends with the parent.
+work the child notes which it is, in a file without a name that both have open: that wakes nobody up. It lets
+`faulthandler` end it, and write where it was, when a piece takes too long; the parent keeps a deadline of its
+own, and watches the memory. The child ends as soon as its standard input does, and that ends with the parent.
 """
 
 from __future__ import annotations
@@ -36,9 +36,11 @@ from rangefix.evaluation.isolation.process import answer_questions
 answer_questions(int(sys.argv[1]), float(sys.argv[2]))
 """
 IMPORT_TIMEOUT_S = 60.0  # for a process to begin at all, on a machine however busy
-GRACE_S = 2.0  # beyond its limit, until a child is killed that does not end by itself
+SLACK = 0.25  # of a limit: how much later faulthandler may end it, which takes 0.1 ms to set anew
+GRACE_S = 2.0  # beyond that, until a child is killed that does not end by itself
 LOOK_EVERY_S = 0.1  # at whether it lives, and at its memory
 MAX_PRINTED_BYTES = 2000  # of what a process prints; the rest is dropped
+NOTE_BYTES = 512  # at the head of the file; what faulthandler writes comes after
 MAX_DUMP_BYTES = 1 << 20
 MAX_MEMORY_GB = 8.0  # of a plug-in, unless more is allowed
 HEADROOM_GB = 2.0  # of data, used or not, beyond the limit of resident memory
@@ -103,8 +105,9 @@ class IsolatedProcess:
 
     def __init__(self, memory_gb: float | None = None) -> None:
         self._memory_gb = default_memory_gb() if memory_gb is None else memory_gb
-        traceback = tempfile.TemporaryFile()  # noqa: SIM115 (it has no name; `_kill` closes it)
-        handle = traceback.fileno()
+        file = tempfile.TemporaryFile()  # noqa: SIM115 (`_kill` closes it)
+        file.seek(NOTE_BYTES)
+        handle = self._file = file.fileno()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", CHILD_CODE, str(handle), str(self._memory_gb), *sys.path],
             stdin=subprocess.PIPE,
@@ -120,7 +123,7 @@ class IsolatedProcess:
         printing = Thread(target=_pass_on, args=(self._process.stderr,), daemon=True)
         self._listening.start()
         printing.start()
-        self.kill = weakref.finalize(self, _kill, self._process, printing, traceback)
+        self.kill = weakref.finalize(self, _kill, self._process, printing, file)
 
     def ask(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: Limit, where: bool = False
@@ -139,41 +142,40 @@ class IsolatedProcess:
         self._number += 1
         content = pickle.dumps((self._number, function, arguments, limit))
         Thread(target=_write, args=(self._process.stdin, content), daemon=True).start()
-        stage, begun, ended, since, looked = Stage(), False, False, monotonic(), 0.0
+        piece, since, ended = 0, monotonic(), False
         while True:
-            message = self._next(LOOK_EVERY_S)
-            now = monotonic()
-            if isinstance(message, Stage):
-                if not message.verb:  # the next piece begins
-                    since, begun = now, True
-                stage = message
-            elif message is not None:
-                fine, value = message
-                if fine:
-                    return value
-                raise Raised(*value)
-            elif ended:
-                raise self._lost(stage, limit, where, "ended the process ({})", ended=True)
-            elif self._process.poll() is not None:
+            with suppress(Empty):
+                number, fine, value = self._answers.get(timeout=LOOK_EVERY_S)
+                if number != self._number:
+                    continue
+                if not fine:
+                    raise Raised(*value)
+                return value
+            if ended:
+                raise self._lost(limit, where, "ended the process ({})", ended=True)
+            latest, stage = self._note(os.pread(self._file, NOTE_BYTES, 0))
+            if latest != piece:
+                piece, since = latest, monotonic()
+            longest = (1 + SLACK) * limit.over(stage.at_once) if piece else IMPORT_TIMEOUT_S
+            if self._process.poll() is not None:
                 ended = True
                 self._listening.join(1.0)  # its last words
-            elif now - since > GRACE_S + max(limit.over(stage.at_once), 0 if begun else IMPORT_TIMEOUT_S):
-                raise self._lost(stage, limit, where)
-            if now - looked > LOOK_EVERY_S:
-                looked = now
-                if resident_gb(self._process.pid) > self._memory_gb:
-                    raise self._lost(stage, limit, where, "took more than " + in_words(self._memory_gb))
+            elif monotonic() - since > GRACE_S + longest:
+                raise self._lost(limit, where)
+            elif resident_gb(self._process.pid) > self._memory_gb:
+                raise self._lost(limit, where, "took more than " + in_words(self._memory_gb))
 
-    def _next(self, seconds: float) -> Any:
-        """The next message that belongs to the question asked last, or None if there is none yet."""
-        with suppress(Empty):
-            number, message = self._answers.get(timeout=seconds)
-            return message if number == self._number else self._next(seconds)
-        return None
+    def _note(self, content: bytes) -> tuple[int, Stage]:
+        """Which piece of the work asked for last it is at; 0 if it is at none yet."""
+        with suppress(Exception):  # nothing is there yet, or half of it
+            number, piece, *stage = pickle.loads(content)
+            return (piece, Stage(*stage)) if number == self._number else (0, Stage())
+        return 0, Stage()
 
-    def _lost(self, stage: Stage, limit: Limit, where: bool, what: str = "", ended: bool = False) -> Lost:
-        """Kill it, and say what it did at a stage; nothing said: it took too long."""
-        dump = self.kill() or ""
+    def _lost(self, limit: Limit, where: bool, what: str = "", ended: bool = False) -> Lost:
+        """Kill it, and say what it did at its stage; nothing said: it took too long."""
+        content = self.kill() or b""
+        stage, dump = self._note(content[:NOTE_BYTES])[1], content[NOTE_BYTES:].decode(errors="replace")
         line, did = _line_in(dump) if where else "", stage.words or "it"
         if what and not (ended and "Timeout (" in dump):
             reason = f"{did} {what.format(_end(self._process.returncode))}"
@@ -223,8 +225,8 @@ def _pass_on(pipe: IO[bytes]) -> None:
             left -= len(content)
 
 
-def _kill(process: subprocess.Popen[bytes], printing: Thread, traceback: IO[bytes]) -> str:
-    """End it, and give what faulthandler has written."""
+def _kill(process: subprocess.Popen[bytes], printing: Thread, file: IO[bytes]) -> bytes:
+    """End it, and give what it has noted and faulthandler has written."""
     with suppress(OSError):  # what it has started itself goes, too
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
@@ -232,9 +234,8 @@ def _kill(process: subprocess.Popen[bytes], printing: Thread, traceback: IO[byte
     if process.stdin is not None:
         with suppress(OSError):
             process.stdin.close()
-    with traceback:
-        traceback.seek(0)
-        return traceback.read(MAX_DUMP_BYTES).decode(errors="replace")
+    with file:
+        return os.pread(file.fileno(), MAX_DUMP_BYTES, 0)
 
 
 def _end(code: int) -> str:
@@ -267,19 +268,20 @@ class Child:
     """The side that answers; what a plug-in prints goes to standard error.
 
     Args:
-        traceback: Handle of the file for what faulthandler writes.
+        file: Handle of the file for notes, and what faulthandler writes.
         memory_gb: Resident memory that it may take, GB.
     """
 
     current: Child | None = None  # the one of this process, if it is such a process
 
-    def __init__(self, traceback: int, memory_gb: float) -> None:
+    def __init__(self, file: int, memory_gb: float) -> None:
         self._answers, self._questions = os.fdopen(os.dup(1), "wb"), os.fdopen(os.dup(0), "rb")
         os.dup2(2, 1)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        self._process, self._number, self._limit, self.stage = os.getpid(), 0, Limit(0.0), Stage()
-        self._traceback, self.memory_gb = traceback, memory_gb
-        faulthandler.enable(traceback, all_threads=False)
+        self._process, self._file, self.memory_gb = os.getpid(), file, memory_gb
+        self._number, self._piece, self._limit, self.stage = 0, 0, Limit(0.0), Stage()
+        self._armed, self._until = 0.0, 0.0  # for how long, s, and until when another piece may begin
+        faulthandler.enable(file, all_threads=False)
         with suppress(ImportError, ValueError, OSError):
             import resource
 
@@ -299,21 +301,27 @@ class Child:
             except BaseException as error:  # a plug-in may raise anything, SystemExit too
                 text = one_line(error) + plugin_line(error.__traceback__)
                 answer = False, (cut(type(error).__name__), text + memory_hint(error))
+            self._leave_if_copy()
             faulthandler.cancel_dump_traceback_later()
-            self._send(answer)
+            self._armed = 0.0
+            _write(self._answers, pickle.dumps((self._number, *answer), pickle.HIGHEST_PROTOCOL))
 
     def begin(self, stage: Stage) -> None:
-        """Say what is done next; the limit counts from the beginning of a piece of work."""
+        """Note what is done next; the limit counts from the beginning of a piece of work."""
+        self._leave_if_copy()
         self.stage = stage
-        self._send(stage)
+        self._piece += not stage.verb
+        note = pickle.dumps((self._number, self._piece, *stage))
+        os.pwrite(self._file, note.ljust(NOTE_BYTES, b"\0"), 0)
         if not stage.verb:
             limit = min(max(self._limit.over(stage.at_once), 1e-3), 1e8)
-            faulthandler.dump_traceback_later(limit, exit=True, file=self._traceback)
+            if limit != self._armed or monotonic() > self._until:
+                self._armed, self._until = limit, monotonic() + SLACK * limit
+                faulthandler.dump_traceback_later((1 + SLACK) * limit, exit=True, file=self._file)
 
-    def _send(self, message: object) -> None:
-        if os.getpid() != self._process:  # a copy that a plug-in has forked and let run on
+    def _leave_if_copy(self) -> None:
+        if os.getpid() != self._process:  # a plug-in has forked, and let the copy run on
             os._exit(0)
-        _write(self._answers, pickle.dumps((self._number, message), pickle.HIGHEST_PROTOCOL))
 
     def _listen(self, asked: SimpleQueue[Any]) -> None:
         with suppress(Exception):
@@ -322,9 +330,9 @@ class Child:
         os.killpg(0, signal.SIGKILL)  # the parent is gone: so are we, and what was started here
 
 
-def answer_questions(traceback: int, memory_gb: float) -> None:
+def answer_questions(file: int, memory_gb: float) -> None:
     """What a separate process does."""
-    Child.current = Child(traceback, memory_gb)
+    Child.current = Child(file, memory_gb)
     Child.current.answer_all()
 
 
