@@ -43,6 +43,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     try:
         code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
     except typer.Abort:
+        print("rangefix: stopped", file=sys.stderr)
         code = ExitCode.INTERRUPTED
     except Exception as error:
         mistakes = explain(error)

@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...filters import Problem
-
 MAP = "room"  # what sensors and priors call it
-MAX_DEPTH = 6  # how deep a problem is searched for arrays
+MAX_DEPTH = 6  # how deep a trial is searched for arrays
 
 
 @contextmanager
-def undisturbed(problem: Problem) -> Iterator[None]:
-    """Let nobody write into the arrays of a problem; restore what an estimator may have set.
+def undisturbed(trial: object) -> Iterator[None]:
+    """Let nobody write into the arrays of a trial and its problem; restore what an estimator may have set.
 
     That is numpy's error state, the global random states, and how many threads numba and BLAS may take. Maps
     are left out: ours hand out copies, or arrays that cannot be written to.
@@ -33,7 +31,7 @@ def undisturbed(problem: Problem) -> Iterator[None]:
         stack.enter_context(np.errstate())
         stack.callback(random.setstate, here)
         stack.callback(np.random.set_state, drawn)
-        _close(problem, writeable, set(), MAX_DEPTH)
+        _close(trial, writeable, set(), MAX_DEPTH)
         try:
             yield
         finally:

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...arrays import Array
 from ..experiment import Builder
-from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle
+from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle, undisturbed
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .trial import Trial
@@ -23,11 +23,14 @@ _here: list[BuiltEstimator] = []  # in a separate process: the estimator that it
 
 
 def _build(content: bytes) -> None:
-    _here[:] = [BuiltEstimator.build(*pickle.loads(content))]
+    trial, builder = pickle.loads(content)
+    with undisturbed(trial):
+        _here[:] = [BuiltEstimator.build(trial, builder)]
 
 
 def _call(method: str, *arguments: Any) -> Any:
-    return getattr(_here[0], method)(*arguments)
+    with undisturbed(_here[0].trial):
+        return getattr(_here[0], method)(*arguments)
 
 
 @dataclass

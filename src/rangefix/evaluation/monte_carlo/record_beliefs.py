@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import read_only
 from ...errors import one_line
 from ...filters import Stationary
 from ...filters.estimator import filtered, show_belief
@@ -47,8 +48,8 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
 
 
 def _pictures(experiment: Experiment) -> Iterator[Picture]:
-    problem, moves = experiment.assumed_problem, experiment.control_sequence
-    readings = experiment.masked(simulate(experiment, SHOWN_RUN, SHOWN_RUN + 1).measurement, -1)
+    problem, moves = experiment.assumed_problem, read_only(experiment.control_sequence.copy())
+    readings = read_only(experiment.masked(simulate(experiment, SHOWN_RUN, SHOWN_RUN + 1).measurement, -1))
     for label, builder in experiment.estimators.items():
         built_in = isinstance(builder, NamedEstimator) and builder.is_built_in
         if experiment.timeout_of(label) is not None and not built_in:

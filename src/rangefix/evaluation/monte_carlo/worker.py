@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
@@ -49,8 +49,7 @@ class Worker:
     @cached_property
     def trial(self) -> Trial:
         """What all estimators are put to."""
-        moves = self.experiment.control_sequence.copy()
-        moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
+        moves = read_only(self.experiment.control_sequence.copy())
         return Trial(self.experiment.assumed_problem, moves, self.experiment.seed)
 
     def estimator(self, label: str) -> BuiltEstimator | GuardedEstimator:
@@ -102,7 +101,7 @@ class Worker:
         readings = self.experiment.masked(world.measurement, task.beams)
         truth = world.truth if self.experiment.beliefs else None
         try:
-            with undisturbed(problem):
+            with undisturbed(self.trial):
                 built, first_two = self.estimator(task.estimator), self.probe_measurement(task.beams)
                 if isinstance(built, GuardedEstimator):
                     outcome = built.run(readings, task.first, first_two, truth)
@@ -136,7 +135,7 @@ class Worker:
         if not len(readings):
             return row
         try:
-            with undisturbed(self.experiment.assumed_problem):
+            with undisturbed(self.trial):
                 built = self.estimator(label)
                 if isinstance(built, GuardedEstimator):
                     probe = built.probe(self.probe_measurement(beams))
