@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from .. import __version__
-from .app import ExitCode, app
+from .app import ExitCode, Stopped, app
 from .arguments import explain, gather_bearings
 from .estimators import check, estimators
 from .maps import ranges
@@ -42,8 +42,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         signal(SIGTERM, default_int_handler)  # like Ctrl-C
     try:
         code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
-    except typer.Abort:
-        print("rangefix: stopped", file=sys.stderr)
+        if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
+            raise Stopped("stopped")
+    except (Stopped, typer.Abort) as stopped:
+        print(f"rangefix: {str(stopped) or 'stopped'}", file=sys.stderr)
         code = ExitCode.INTERRUPTED
     except Exception as error:
         mistakes = explain(error)

@@ -171,3 +171,27 @@ def test_a_run_that_is_stopped_leaves_its_parts_and_nothing_else(how, workers, p
         assert code == 130
         assert said == f"rangefix: stopped; what was finished is in {out}: run again to go on\n"
     assert 7 <= len(list(out.glob("parts/**/*.npz"))) < 9
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_that_is_stopped_before_it_begins_says_so(how, tmp_path):
+    """While a plug-in hangs that is looked at."""
+    (tmp_path / "hangs.py").write_text(
+        f"import pathlib, time\npathlib.Path({str(tmp_path / 'begun')!r}).touch()\ntime.sleep(1000)\n"
+    )
+    study = tmp_path / "s.toml"
+    study.write_text(f'{STUDY.format(runs=5)}[[estimators]]\nname = "{tmp_path}/hangs.py:Mine"\n')
+    with subprocess.Popen(
+        [sys.executable, "-m", "rangefix", "run", str(study), "--out", str(tmp_path / "r")],
+        env=environment(tmp_path / "tmp"),
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as running:
+        deadline = time.monotonic() + 30
+        while not (tmp_path / "begun").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        running.send_signal(how)
+        assert running.stderr is not None
+        assert running.stderr.read().strip() == "rangefix: stopped"
+        assert running.wait(timeout=20) == 130
+    assert not (tmp_path / "r").exists()
