@@ -22,6 +22,26 @@ def wrap(angle: Array) -> Array:
     return (angle + np.pi) % TWO_PI - np.pi
 
 
+def read_only(array: Array) -> Array:
+    """The same array, which nobody can write into any more."""
+    array.setflags(write=False)
+    return array
+
+
+def real_floats(name: str, value: Any) -> Array:
+    """What an estimator gives, as float64.
+
+    Raises:
+        ValueError: If it is masked, or its numbers are no real ones; the message begins with the name.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        raise ValueError(f"{name} is a masked array, not one of real floats")
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name} is of type {array.dtype}, not of real floats")
+    return np.asarray(array, dtype=float)
+
+
 def short_repr(record: Any, separator: str = ", ") -> str:
     """What a dataclass is, for people: its fields, long arrays by their size and range."""
     shown = [(field.name, getattr(record, field.name)) for field in fields(record) if field.repr]

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+MAX_REASON = 2000  # characters of a reason that is kept
+MAX_MESSAGE = 1500  # of the message in it: what and where come before and after
+
 
 def suggestion(name: str, known: Iterable[str], more: str = "") -> str:
     """Which known name was meant, or which there are and what more there is to say."""
@@ -17,5 +20,21 @@ def suggestion(name: str, known: Iterable[str], more: str = "") -> str:
 
 def one_line(error: BaseException) -> str:
     """The message of an exception on one line; a KeyError's without quotation marks."""
-    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
-    return " ".join(text.split()) or type(error).__name__
+    return (
+        message_of(error.args[0] if isinstance(error, KeyError) and error.args else error)
+        or type(error).__name__
+    )
+
+
+def message_of(thing: object) -> str:
+    """What a thing says of itself, on one line that is not too long; whatever it is."""
+    try:
+        text = str(thing)
+    except Exception:  # its author has made a mistake there, too
+        return f"(a message of {type(thing).__name__} that cannot be shown)"
+    return cut(" ".join(text.split()), MAX_MESSAGE)
+
+
+def cut(text: str, most: int = MAX_REASON) -> str:
+    """The text, or its beginning where it is longer than that."""
+    return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"

@@ -30,6 +30,10 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
+class Stopped(Exception):
+    """Somebody has stopped a command; what there is to say of it."""
+
+
 def print_json(document: Any) -> None:
     """One JSON document on standard output; numbers that are not finite become null."""
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from signal import SIGTERM, default_int_handler, signal
+from threading import current_thread, main_thread
 from typing import Annotated, NoReturn
 
 import typer
 
 from .. import __version__
-from .app import ExitCode, app
+from .app import ExitCode, Stopped, app
 from .estimators import check, estimators
 from .maps import ranges
 from .results import compare, paper, plot, report
@@ -21,9 +23,14 @@ for command in (new, check, estimators, plot, report, compare, paper, run, range
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run a command and end the process with its exit code; mistakes of the user are one line each."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    if current_thread() is main_thread():
+        signal(SIGTERM, default_int_handler)  # like Ctrl-C
     try:
         code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
-    except typer.Abort:
+        if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
+            raise Stopped("stopped")
+    except (Stopped, typer.Abort) as stopped:
+        print(f"rangefix: {str(stopped) or 'stopped'}", file=sys.stderr)
         code = ExitCode.INTERRUPTED
     except Exception as error:
         mistakes = explain(error)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from .app import ExitCode, Json, print_json
+from .app import ExitCode, Json, Stopped, print_json
 
 EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
@@ -90,8 +90,7 @@ def run(
                 resume=resume,
             )
     except KeyboardInterrupt:
-        print(f"rangefix: stopped; what was finished is in {folder}: run again to go on", file=sys.stderr)
-        raise typer.Exit(ExitCode.INTERRUPTED) from None
+        raise Stopped(f"stopped; what was finished is in {folder}: run again to go on") from None
     rows = summarise(results)
     lines = check_gates(gates, rows)
     if as_json:

@@ -72,6 +72,8 @@ class Experiment:
         timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
             limit. None: TRIAL_TIMEOUT_S for plug-ins that are known by name, none for our own estimators and
             for builders that are Python objects.
+        plugin_memory_gb: Memory that the process of an estimator with a time limit may take, GB; half of the
+            machine's, at most 8, unless given.
         beliefs: Whether to judge the beliefs themselves, of estimators that can sample them: ranks of the
             truth, energy score, main mode (`belief_scores.py`). It takes about a millisecond a run and step.
 
@@ -94,6 +96,7 @@ class Experiment:
     identity: str = ""
     sources: Sequence[str] = ()
     timeout: float | None = None
+    plugin_memory_gb: float | None = None
     beliefs: bool = False
 
     def __post_init__(self) -> None:
@@ -105,6 +108,8 @@ class Experiment:
             )
         if self.timeout is not None and not 0 <= self.timeout < np.inf:
             raise ValueError(f"the timeout must be some seconds, or 0 for no limit, got {self.timeout}")
+        if self.plugin_memory_gb is not None and not self.plugin_memory_gb > 0:
+            raise ValueError(f"the memory of plug-ins must be positive, got {self.plugin_memory_gb} GB")
         if self.truth.space.names != self.assumed_problem.space.names:
             raise ValueError("the true and the assumed problem must have the same state components")
         beams = len(self.truth.sensor.bearings)

@@ -9,7 +9,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkabl
 import numpy as np
 from numpy.random import Generator
 
-from ..arrays import Array
+from ..arrays import Array, real_floats
 from .problem import Prior, Problem
 
 Belief = TypeVar("Belief")
@@ -204,12 +204,12 @@ def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generat
     """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
 
     Raises:
-        ValueError: If the draws have another shape or are not finite.
+        ValueError: If the draws have another shape, or are not finite and real.
     """
     if not isinstance(estimator, CanSample):
         return None
     try:
-        draws = np.asarray(estimator.sample(belief, size, rngs), dtype=float)
+        draws = real_floats("what sample() gives", estimator.sample(belief, size, rngs))
     except NotImplementedError:
         return None
     if draws.ndim != 3 or draws.shape[:2] != (len(rngs), size):

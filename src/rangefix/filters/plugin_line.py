@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import importlib
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 
 PACKAGE = Path(__file__).parent.parent
 BETWEEN = ("<", str(Path(importlib.__file__).parent))  # what imports files
 SHARED = ("site-packages", "dist-packages")
 
 
-def plugin_line(where: TracebackType | FrameType | None) -> str:
-    """The innermost line of a plug-in's own code: " (my_filter.py, line 12, in update)", or empty.
+def plugin_line(where: TracebackType | None) -> str:
+    """The innermost line of a plug-in's own code in a traceback: " (my_filter.py, line 12, in update)"."""
+    steps = traceback.walk_tb(where)
+    return innermost([(frame.f_code.co_filename, line, frame.f_code.co_name) for frame, line in steps])
+
+
+def innermost(steps: Sequence[tuple[str, int, str]]) -> str:
+    """The same from files, lines and functions, outermost call first; empty if none is a plug-in's.
 
     The code is that which we called first, and what lies beside it or below its folder; lines of the
     libraries that it calls say little about what to fix.
-
-    Args:
-        where: The traceback of an exception, or a frame that is being executed.
     """
-    if isinstance(where, FrameType):
-        steps = list(traceback.walk_stack(where))[::-1]
-    else:
-        steps = list(traceback.walk_tb(where))
-    lines = [(Path(frame.f_code.co_filename), line, frame.f_code.co_name) for frame, line in steps]
-    lines = [line for line in lines if not str(line[0]).startswith(BETWEEN)]
+    lines = [(Path(file), line, name) for file, line, name in steps if not file.startswith(BETWEEN)]
     foreign = [line for line in lines if not line[0].is_relative_to(PACKAGE)]
     if not foreign:
         return ""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
-from rangefix.evaluation.isolation import process as process_module
+from rangefix.evaluation.isolation import to_pickle
 from rangefix.evaluation.monte_carlo import backends, keys, worker
 from rangefix.evaluation.monte_carlo.backends import Payload
 from rangefix.evaluation.monte_carlo.simulate import Simulation
@@ -120,7 +120,7 @@ def test_without_dask(monkeypatch, tmp_path):
 def test_other_code_is_refused():
     """A worker whose source, libraries or plug-ins are not the caller's computes nothing."""
     experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3)
-    content, prints = process_module.to_pickle(experiment), keys.code_fingerprint(experiment)
+    content, prints = to_pickle(experiment), keys.code_fingerprint(experiment)
     assert backends._worker(Payload(content, tuple(prints.items()))).experiment.runs == 3
     with pytest.raises(ResultsError, match="another numpy"):
         backends._worker(Payload(content, tuple((prints | {"numpy": "1.0"}).items())))
@@ -130,7 +130,7 @@ def test_blocks_reach_the_workers_with_their_measurements(tmp_path):
     """What a worker is sent is what it needs: it reads no file of the caller."""
     experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=20, block=10)
     code = tuple(keys.code_fingerprint(experiment).items())
-    payload = Payload(process_module.to_pickle(experiment), code)
+    payload = Payload(to_pickle(experiment), code)
     results = run(experiment, tmp_path, timing=False)
     task = worker.Task("ekf", 0, 10, 20)
     _, part = backends._work(payload, task, Simulation(results.truth[10:], results.measurement[10:]))

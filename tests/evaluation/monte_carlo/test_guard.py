@@ -59,6 +59,20 @@ class Sampler(Batch):
     def sample(self, belief, size, rngs):
         return np.stack([mean + rng.standard_normal((size, 2)) for mean, rng in zip(belief, rngs)])
 
+class Forks(Batch):
+    forks = [True]
+    def update(self, belief, measurement, rngs):
+        if len(rngs) > 2 and self.forks:
+            self.forks.clear()
+            os.fork()
+        return belief
+
+class Sloppy(Single):
+    def init(self, prior, rng): return prior.mean
+    def update(self, belief, measurement, rng):
+        belief += rng.standard_normal(2)
+        return belief
+
 class Slow(Base):
     def __init__(self, problem): time.sleep(1000)
 """
@@ -139,6 +153,23 @@ def test_a_child_that_is_killed_is_replaced(guarded):
     outcome = calm.run(readings, 0, readings[:2])
     assert not outcome.reasons
     assert (outcome.mean == free.run(readings, 0, 1000).mean).all()
+
+
+def test_a_fork_shifts_no_answer(guarded):
+    """The copy would answer the same question once more, which would then be taken for the next."""
+    forking, _ = guarded("Forks", 10.0)
+    _, free = guarded("Batch", 10.0)
+    for first in (0, 24, 48):
+        outcome = forking.run(READINGS, first, READINGS[:2])
+        assert not outcome.reasons
+        assert (outcome.mean == free.run(np.ones_like(READINGS), first, 1000).mean).all()
+
+
+def test_a_sloppy_plug_in_is_told_so_in_a_process_of_its_own_too(guarded):
+    sloppy, free = guarded("Sloppy", 10.0)
+    reasons = sloppy.run(READINGS[:3], 0, READINGS[:2]).reasons
+    assert reasons == free.run(READINGS[:3], 0).reasons
+    assert all("output array is read-only; copy what you write to" in text for text in reasons.values())
 
 
 def test_what_cannot_be_sent_says_so():

@@ -91,6 +91,62 @@ def test_wrong_number_of_things():
     assert "2 things" in outcome.reasons[0]
 
 
+@pytest.mark.parametrize(
+    ("field", "change", "words"),
+    [
+        ("mean", lambda value: value + 0j, "mean is of type complex128, not of real floats"),
+        ("mean", lambda value: value.astype(object), "mean is of type object, not of real floats"),
+        ("mean", lambda value: value.astype(str), "mean is of type <U32, not of real floats"),
+        ("covariance", np.ma.masked_array, "covariance is a masked array, not one of real floats"),
+        ("log_evidence", lambda value: value > 0, "log_evidence is of type bool, not of real floats"),
+    ],
+)
+def test_what_is_no_array_of_real_floats_is_refused_by_name(field, change, words):
+    class Odd(PriorOnly):
+        def estimate(self, belief):
+            estimate = super().estimate(belief)
+            return estimate._replace(**{field: change(getattr(estimate, field))})
+
+    outcome = run(Odd(make_problem()))
+    assert (outcome.status == STATUSES.index("error")).all()
+    assert outcome.reasons[0] == f"estimate() at measurement 1 failed: ValueError: {words}"
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int64, list])
+def test_other_real_numbers_become_float64(kind):
+    class Short(PriorOnly):
+        def estimate(self, belief):
+            mean, covariance, evidence = super().estimate(belief)
+            return Estimate(mean.tolist() if kind is list else mean.astype(kind), covariance, evidence)
+
+    outcome = run(Short(make_problem()))
+    assert not outcome.reasons
+    assert outcome.mean.dtype == np.float64
+    np.testing.assert_array_equal(outcome.mean[:, 0], np.tile([2.0, 3.0], (RUNS, 1)))
+
+
+def test_draws_must_be_real():
+    class Odd(PriorOnly):
+        def sample(self, belief, size, rngs):
+            return np.zeros((len(belief), size, 2), dtype=complex)
+
+    trial = Trial(make_problem(), np.zeros((0, 0)), seed=3)
+    truth = np.tile([2.0, 3.0], (RUNS, 1, 1))
+    outcome = BuiltEstimator(trial, Odd(make_problem())).run(MEASUREMENT, 0, None, truth)
+    assert "ValueError: what sample() gives is of type complex128, not of real floats" in outcome.reasons[0]
+
+
+def test_reasons_are_cut():
+    class Talks(PriorOnly):
+        def update(self, belief, measurement, rngs):
+            raise ValueError("x" * 5_000_000)
+
+    outcome = run(Talks(make_problem()))
+    assert len(outcome.reasons) == RUNS
+    assert all(len(reason) < 2200 for reason in outcome.reasons.values())
+    assert "(5000000 characters) (test_trial.py, line" in outcome.reasons[0]
+
+
 def test_no_evidence_is_no_failure():
     class Silent(PriorOnly):
         def estimate(self, belief):

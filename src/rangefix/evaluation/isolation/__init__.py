@@ -1,18 +1,32 @@
-"""Do work in a separate process, because it may hang or crash."""
+"""Do work in a separate process, because it may hang or crash; or here, and leave no trace of it."""
 
 from .look import PluginInfo, signature_of
-from .process import IsolatedProcess, Lost, Raised, to_pickle
-from .stages import Announce, Note, in_words, say_nothing
+from .pickling import to_pickle
+from .process import (
+    IsolatedProcess,
+    Limit,
+    Lost,
+    Raised,
+    Stage,
+    begin_piece,
+    begin_stage,
+    default_memory_gb,
+    memory_hint,
+)
+from .undisturbed import undisturbed
 
 __all__ = [
-    "Announce",
     "IsolatedProcess",
+    "Limit",
     "Lost",
-    "Note",
     "PluginInfo",
     "Raised",
-    "in_words",
-    "say_nothing",
+    "Stage",
+    "begin_piece",
+    "begin_stage",
+    "default_memory_gb",
+    "memory_hint",
     "signature_of",
     "to_pickle",
+    "undisturbed",
 ]

@@ -7,8 +7,7 @@ from typing import Any
 
 from ...filters.checks import Check, CheckResult, checks_for
 from ...filters.registry import resolve
-from .process import IsolatedProcess, Lost, Raised
-from .stages import Announce, say_nothing
+from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
 CHECK_TIMEOUT_S = 60.0
 FIX = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
@@ -42,7 +41,7 @@ def run_checks_isolated(
     child, lost, why = IsolatedProcess(), 0, ""
     try:
         try:
-            child.ask("call", (_find, target), lambda count: limit, where=True)
+            child.ask(_find, (target,), Limit(limit), where=True)
         except Raised as refused:
             if refused.kind == "KeyError":
                 raise KeyError(refused.text) from None
@@ -53,9 +52,9 @@ def run_checks_isolated(
             if why:
                 yield _skipped(check, why)
                 continue
-            question = (_result, target, dict(options), expected, check.name)
+            question = (target, dict(options), expected, check.name)
             try:
-                result: CheckResult = child.ask("call", question, lambda count: limit, where=True)
+                result: CheckResult = child.ask(_result, question, Limit(limit), where=True)
                 lost = 0
             except Raised as refused:
                 result = _lost(check, str(refused))
@@ -70,23 +69,17 @@ def run_checks_isolated(
         child.kill()
 
 
-def _find(target: str, announce: Announce) -> None:
+def _find(target: str) -> None:
     """Import it, in the separate process."""
-    announce("importing it", 0)
+    begin_stage("importing it")
     resolve(target)
 
 
-def _result(
-    target: str,
-    options: dict[str, Any],
-    expected: dict[str, str],
-    name: str,
-    announce: Announce = say_nothing,
-) -> CheckResult:
+def _result(target: str, options: dict[str, Any], expected: dict[str, str], name: str) -> CheckResult:
     """Do one check, in the separate process."""
     checks = checks_for(target, expected_failures=expected, **options)
     if name == checks[0].name:
-        announce("building it", 0)
+        begin_stage("building it")
     return next(check for check in checks if check.name == name).result()
 
 

@@ -11,8 +11,8 @@ from ...errors import one_line
 from ...filters import Problem
 from ...filters.plugin_line import plugin_line
 from ...filters.registry import build_with, resolve
-from .process import IsolatedProcess, Lost, Raised, to_pickle
-from .stages import Announce
+from .pickling import to_pickle
+from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
 LOOK_TIMEOUT_S = 30.0  # s for importing it, and for building it; a run waits longer
 Options = Mapping[str, Any]
@@ -49,7 +49,7 @@ def inspect_plugin(name: str, problem: Problem | None = None, options: Sequence[
     child = IsolatedProcess()
     try:
         content = to_pickle((name, problem, [dict(each) for each in options]))
-        info: PluginInfo = child.ask("call", (_inspect, content), lambda count: LOOK_TIMEOUT_S)
+        info: PluginInfo = child.ask(_inspect, (content,), Limit(LOOK_TIMEOUT_S))
         return info
     except Raised as refused:
         return PluginInfo(fault=refused.text, missing=refused.kind == "KeyError")
@@ -76,10 +76,10 @@ def signature_of(name: str, factory: Any) -> PluginInfo:
     )
 
 
-def _inspect(content: bytes, announce: Announce) -> PluginInfo:
+def _inspect(content: bytes) -> PluginInfo:
     """What `inspect_plugin` has done in the separate process."""
     name, problem, options = pickle.loads(content)
-    announce("importing it", 0)
+    begin_stage("importing it")
     factory = resolve(name)
     info = signature_of(name, factory)
     unfit, fault = [], ""
@@ -91,7 +91,7 @@ def _inspect(content: bytes, announce: Announce) -> PluginInfo:
             continue
         if problem is None or fault:
             continue
-        announce("building it", 0)
+        begin_stage("building it")
         try:
             build_with(name, factory, problem, given)
         except (Exception, SystemExit) as error:
@@ -103,4 +103,7 @@ def _inspect(content: bytes, announce: Announce) -> PluginInfo:
 def _plain(value: Any) -> Any:
     if value is inspect.Parameter.empty:
         return None
-    return value if isinstance(value, bool | int | float | str | None) else str(value)
+    for kind in (bool, int, float, str):
+        if isinstance(value, kind):
+            return kind(value)  # no class of the plug-in's, which would be imported to read it
+    return None if value is None else str(value)

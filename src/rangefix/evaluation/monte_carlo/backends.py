@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pickle
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path
-from threading import Lock
-from time import monotonic
+from threading import Lock, Thread
+from time import monotonic, sleep
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -28,8 +27,11 @@ Part = dict[str, NDArray[Any]]
 MAX_BREAKS = 3  # pools that die one after the other without having finished a task
 PROGRESS_INTERVAL_S = 0.1  # between two calls of `progress` within a part
 TASKS_AHEAD = 3  # for each thread of the cluster, sent before one is back
+WATCH_INTERVAL_S = 0.5  # between two looks of a worker whether its caller is there
 SCHEDULER_TIMEOUT = "10s"  # for the scheduler to answer
 ONE_AT_A_TIME = Lock()  # the threads of a worker take turns: our kernels use threads of their own
+
+_here: list[Worker] = []  # in a process of a pool: what it works with
 
 
 class Payload(NamedTuple):
@@ -70,15 +72,19 @@ def on_workers(
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     left, breaks = dict.fromkeys(tasks), 0
-    folder = tempfile.TemporaryDirectory(prefix="rangefix-", ignore_cleanup_errors=True)
-    with folder as shared, warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
-        payload = Path(shared) / "experiment"
-        payload.write_bytes(to_pickle(experiment))
+        start = {"initializer": _start_worker, "initargs": (to_pickle(experiment), os.getpid())}
         while left:
-            pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
+            pool = Parallel(
+                n_jobs=workers,
+                batch_size=1,
+                return_as="generator_unordered",
+                max_nbytes=None,  # nothing in /dev/shm
+                **start,
+            )
             try:
-                with closing(pool(delayed(_work)(payload, task, world(task)) for task in [*left])) as parts:
+                with closing(pool(delayed(_work_here)(task, world(task)) for task in [*left])) as parts:
                     for task, part in parts:
                         del left[task]
                         breaks = 0
@@ -131,20 +137,34 @@ def on_cluster(
             ) from None
 
 
-def _work(payload: Path | Payload, task: Task, world: Simulation) -> tuple[Task, Part]:
+def _start_worker(content: bytes, caller: int) -> None:
+    """Begin a process of a pool, which ends with its caller however that ends."""
+
+    def watch() -> None:
+        while os.getppid() == caller:
+            sleep(WATCH_INTERVAL_S)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+    _here[:] = [Worker(pickle.loads(content))]
+
+
+def _work_here(task: Task, world: Simulation) -> tuple[Task, Part]:
+    return task, _here[0].work(task, world)
+
+
+def _work(payload: Payload, task: Task, world: Simulation) -> tuple[Task, Part]:
     with ONE_AT_A_TIME:
         return task, _worker(payload).work(task, world)
 
 
 @lru_cache(maxsize=1)
-def _worker(payload: Path | Payload) -> Worker:
-    """The worker of this process.
+def _worker(payload: Payload) -> Worker:
+    """The worker of this process of a cluster.
 
     Raises:
         ResultsError: If it would compute with other code than the process that asks.
     """
-    if isinstance(payload, Path):  # of this machine
-        return Worker(pickle.loads(payload.read_bytes()))
     experiment: Experiment = pickle.loads(payload.content)
     here = code_fingerprint(experiment)
     if other := [name for name, value in payload.code if here.get(name) != value]:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from ...arrays import Array
+from ...arrays import Array, real_floats
+from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
 from ...filters.estimator import filtered
 from ...filters.plugin_line import plugin_line
 from ..experiment import Builder, NamedEstimator
-from ..isolation import Announce, Note, in_words, say_nothing
+from ..isolation import Stage, begin_piece, begin_stage, memory_hint
 from ..results import BeliefScores, Outcome, concatenate, failed_outcome, with_status
 from ..seeds import Streams
 from .batch_size import batch_size
@@ -39,20 +38,15 @@ class BuiltEstimator(NamedTuple):
     estimator: Estimator[Any]
 
     @classmethod
-    def build(cls, trial: Trial, builder: Builder, announce: Announce = say_nothing) -> BuiltEstimator:
-        """Build it; whatever the builder raises comes out.
-
-        Args:
-            trial: What it will be put to.
-            builder: What makes it.
-            announce: Told whether it is being imported or built.
-        """
-        if isinstance(builder, NamedEstimator):
-            factory = builder.factory()
-            announce("building it", 0)
-            return cls(trial, builder.build_with(factory, trial.problem))
-        announce("building it", 0)
-        return cls(trial, builder(trial.problem))
+    def build(cls, trial: Trial, builder: Builder) -> BuiltEstimator:
+        """Import and build it; whatever that raises comes out."""
+        if not isinstance(builder, NamedEstimator):
+            begin_stage("building it")
+            return cls(trial, builder(trial.problem))
+        begin_stage("importing it")
+        factory = builder.factory()
+        begin_stage("building it")
+        return cls(trial, builder.build_with(factory, trial.problem))
 
     def probe(self, measurement: Array) -> Probe:
         """Of runs 0 and 1, (2, T, B), so that all processes and resumed runs agree on the size."""
@@ -61,13 +55,7 @@ class BuiltEstimator(NamedTuple):
         self.run(measurement, 0)
         return Probe(size, perf_counter() - start)
 
-    def attempt(
-        self,
-        measurement: Array,
-        runs: Iterable[int],
-        truth: Array | None = None,
-        announce: Announce = say_nothing,
-    ) -> Outcome:
+    def attempt(self, measurement: Array, runs: Iterable[int], truth: Array | None = None) -> Outcome:
         """Estimates after each step, all runs at once, all "ok"; beliefs are judged if truths are given.
 
         Raises:
@@ -76,12 +64,12 @@ class BuiltEstimator(NamedTuple):
         rngs = Streams(self.trial.seed, "estimator", runs)
         outcome = failed_outcome(measurement.shape, self.trial.problem.space.size)
         scores: list[BeliefScores | None] = []
-        stage = "init", 0
+        stage = Stage(verb="init", step=0)
 
         def begin(verb: str, step: int) -> None:
             nonlocal stage
-            stage = verb, step
-            announce(verb, step)
+            stage = Stage(verb=verb, step=step)
+            begin_stage(verb, step)
 
         try:
             readings = measurement.swapaxes(0, 1)
@@ -95,7 +83,7 @@ class BuiltEstimator(NamedTuple):
                 if len(estimate) != 3:
                     raise ValueError(f"it gave {len(estimate)} things, not mean, covariance and log evidence")
                 for name, target, value in zip(Estimate._fields, outcome[:3], estimate, strict=True):
-                    array = np.asarray(value, dtype=float)
+                    array = real_floats(name, value)
                     wanted = target[:, step].shape
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
@@ -109,10 +97,10 @@ class BuiltEstimator(NamedTuple):
                         judge_belief(self.estimator, belief, true, space, self.trial.seed, runs, step)
                     )
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
-            text = " ".join(str(error).split()) or "no message"
-            text += "; copy what you write to" if "read-only" in text else ""
-            what, where = in_words(*stage), plugin_line(error.__traceback__)
-            raise TrialError(f"{what} failed: {type(error).__name__}: {text}{where}") from error
+            text = message_of(error) or "no message"
+            text += "; copy what you write to" if "read-only" in text else memory_hint(error)
+            where = plugin_line(error.__traceback__)
+            raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
         if not (known := [score for score in scores if score is not None]):
             return outcome
         from ..consistency.belief_scores import belief_arrays
@@ -125,8 +113,7 @@ class BuiltEstimator(NamedTuple):
         first: int,
         size: int | None = None,
         truth: Array | None = None,
-        note: Note = say_nothing,
-        announce: Announce = say_nothing,
+        note: Callable[[int, int], None] = begin_piece,
     ) -> Outcome:
         """Runs first, first + 1, ... in batches; where a batch fails, run by run.
 
@@ -138,7 +125,6 @@ class BuiltEstimator(NamedTuple):
             size: Runs to a batch; all at once unless given.
             truth: True states (M, T, n), if beliefs are to be judged.
             note: Told the place of the first run, and how many are done at once, before each piece of work.
-            announce: Told the method and the step before each call.
         """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
@@ -152,7 +138,7 @@ class BuiltEstimator(NamedTuple):
             readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
                 numbers = range(first + start, first + end)
-                outcomes.append(self.attempt(readings, numbers, true, announce))
+                outcomes.append(self.attempt(readings, numbers, true))
             except TrialError as error:
                 if end - start > 1:  # whose fault it is will show
                     todo += [(place, place + 1) for place in range(start, end)][::-1]

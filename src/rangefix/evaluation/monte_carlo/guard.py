@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 from ...arrays import Array
 from ..experiment import Builder
-from ..isolation import IsolatedProcess, Lost, Raised, to_pickle
+from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle, undisturbed
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .trial import Trial
@@ -19,6 +18,19 @@ BUILD_EXTRA_S = 60.0  # for building an estimator, beyond the time of a trial
 FIRST_RUNS_EXTRA_S = 20.0  # for the first runs in a new process, which compile and import
 BATCH_TIME_FACTOR = 20  # a batch may last as many times what its runs took by two
 MAX_LOST_IN_A_ROW = 5  # trials; the rest of the part is not tried
+
+_here: list[BuiltEstimator] = []  # in a separate process: the estimator that it is for
+
+
+def _build(content: bytes) -> None:
+    trial, builder = pickle.loads(content)
+    with undisturbed(trial):
+        _here[:] = [BuiltEstimator.build(trial, builder)]
+
+
+def _call(method: str, *arguments: Any) -> Any:
+    with undisturbed(_here[0].trial):
+        return getattr(_here[0], method)(*arguments)
 
 
 @dataclass
@@ -29,11 +41,13 @@ class GuardedEstimator:
         content: The pickled trial and builder.
         size: Components of the state.
         timeout: Longest that a trial may take, s.
+        memory_gb: Memory that its process may take, GB; None for the usual limit.
     """
 
     content: bytes
     size: int
     timeout: float
+    memory_gb: float | None = None
     _child: IsolatedProcess | None = None
     _failure: Raised | Lost | None = None
     _ends: int = 0
@@ -41,9 +55,11 @@ class GuardedEstimator:
     _probes: dict[bytes, Probe | None] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, trial: Trial, builder: Builder, timeout: float) -> GuardedEstimator:
+    def of(
+        cls, trial: Trial, builder: Builder, timeout: float, memory_gb: float | None = None
+    ) -> GuardedEstimator:
         """Guard the estimator that a builder makes; whatever pickling them raises comes out."""
-        return cls(to_pickle((trial, builder)), trial.problem.space.size, timeout)
+        return cls(to_pickle((trial, builder)), trial.problem.space.size, timeout, memory_gb)
 
     def start(self) -> None:
         """Build the estimator in its process, if it is not there.
@@ -53,23 +69,21 @@ class GuardedEstimator:
 
         Raises:
             Raised: If importing or building it raises.
-            Lost: If that takes too long, or ends the process.
+            Lost: If that takes too long or too much, or ends the process.
         """
         if self._failure is not None:
             raise self._failure
-        if self._child is None:
-            child = IsolatedProcess()
+        while self._child is None:
+            child = IsolatedProcess(self.memory_gb)
             try:
-                limit = BUILD_EXTRA_S + self.timeout
-                child.ask("build", (BuiltEstimator.build, self.content), lambda count: limit)
+                child.ask(_build, (self.content,), Limit(BUILD_EXTRA_S + self.timeout))
+                self._child, self._fresh = child, True
             except (Raised, Lost) as error:
                 child.kill()
-                self._ends += isinstance(error, Lost) and error.status == "error"
-                if self._ends == 1:
-                    return self.start()
-                self._failure = error
-                raise
-            self._child, self._fresh = child, True
+                self._ends += isinstance(error, Lost) and error.ended
+                if self._ends != 1:
+                    self._failure = error
+                    raise
 
     def close(self) -> None:
         """End the child, if there is one."""
@@ -77,11 +91,12 @@ class GuardedEstimator:
             self._child.kill()
             self._child = None
 
-    def _ask(self, verb: str, arguments: tuple[Any, ...], allowed: Callable[[int], float]) -> Any:
+    def _ask(self, method: str, arguments: tuple[Any, ...], limit: Limit) -> Any:
+        """What a method of the estimator there gives."""
         self.start()
         assert self._child is not None
         try:
-            return self._child.ask(verb, arguments, allowed)
+            return self._child.ask(_call, (method, *arguments), limit)
         except Lost:
             self._child = None
             raise
@@ -94,9 +109,8 @@ class GuardedEstimator:
         self.start()
         known = first_two.tobytes()
         if known not in self._probes or (self._fresh and self._probes[known] is not None):
-            limit = FIRST_RUNS_EXTRA_S + 4 * self.timeout
             try:
-                probe = self._ask("probe", (first_two,), lambda count: limit)
+                probe = self._ask("probe", (first_two,), Limit(FIRST_RUNS_EXTRA_S + 4 * self.timeout))
             except Lost:
                 probe = None
             self._probes.setdefault(known, probe)
@@ -106,8 +120,8 @@ class GuardedEstimator:
     def time(self, measurement: Array) -> dict[str, Any]:
         """What `BuiltEstimator.time` gives, or seconds None if that takes too long."""
         try:
-            limit = FIRST_RUNS_EXTRA_S + 20 * self.timeout
-            answer: dict[str, Any] = self._ask("time", (measurement,), lambda count: limit)
+            limit = Limit(FIRST_RUNS_EXTRA_S + 20 * self.timeout)
+            answer: dict[str, Any] = self._ask("time", (measurement,), limit)
         except (Lost, Raised):
             return {"seconds": None}
         return answer
@@ -128,7 +142,7 @@ class GuardedEstimator:
         todo = [(start, min(start + step, runs), at_once) for start in range(0, runs, step)][::-1]
         done: dict[int, Outcome] = {}
         lost: set[int] = set()
-        deaths: Counter[tuple[int, int]] = Counter()
+        ends: Counter[tuple[int, int]] = Counter()
 
         def give_up(start: int, end: int, status: str, reason: str) -> None:
             done[start] = failed_outcome(measurement[start:end].shape, self.size, status, reason)
@@ -139,19 +153,19 @@ class GuardedEstimator:
             try:
                 probe = self.probe(first_two)
                 piece = (measurement[start:end], first + start, at_once, true)
-                done[start] = self._ask("run", piece, partial(self._allowed, probe))
+                done[start] = self._ask("run", piece, self._limit(probe))
                 continue
             except Raised as error:  # not by the estimator's verbs: by something in our own way to it
                 give_up(start, end, "error", str(error))
                 continue
             except Lost as error:
                 stop = error
-            where, count = start + stop.place, max(1, stop.count)
+            where, count = start + stop.stage.place, max(1, stop.stage.at_once)
             after = where + count
             if after < end:
                 todo.append((after, end, at_once))
-            deaths[where, count] += stop.status == "error"
-            if deaths[where, count] == 1 and stop.status == "error":
+            ends[where, count] += stop.ended
+            if stop.ended and ends[where, count] == 1:
                 todo.append((where, after, count))
             elif count > 1:
                 todo.append((where, after, 1))
@@ -159,16 +173,14 @@ class GuardedEstimator:
                 give_up(where, after, stop.status, stop.reason)
                 lost.add(where)
                 if after < runs and lost.issuperset(range(after - MAX_LOST_IN_A_ROW, after)):
-                    reason = (
-                        f"not tried: {MAX_LOST_IN_A_ROW} trials in a row were lost before it ({stop.reason})"
-                    )
-                    give_up(after, runs, "skipped", reason)
+                    told = f"{MAX_LOST_IN_A_ROW} trials in a row were lost before it ({stop.reason})"
+                    give_up(after, runs, "skipped", f"not tried: {told}")
                     todo.clear()
             if where > start:  # they went well, and were lost with the process
                 todo.append((start, where, at_once))
         return concatenate([done[place] for place in sorted(done)])
 
-    def _allowed(self, probe: Probe | None, count: int) -> float:
-        """Seconds for runs at once."""
+    def _limit(self, probe: Probe | None) -> Limit:
+        """Of a batch."""
         seconds = 0.0 if probe is None else probe.seconds
-        return max(self.timeout, min(count * self.timeout, BATCH_TIME_FACTOR * count * seconds))
+        return Limit(self.timeout, min(self.timeout, BATCH_TIME_FACTOR * seconds))

@@ -123,8 +123,8 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
             if isinstance(builder, NamedEstimator)
             else _identity(builder)
         )
-        limit = experiment.timeout_of(label)
-        trials[label] = hash_of(world, who, plugin_source(builder), limit, experiment.beliefs)
+        limits = experiment.timeout_of(label), experiment.plugin_memory_gb
+        trials[label] = hash_of(world, who, plugin_source(builder), limits, experiment.beliefs)
     return world, trials
 
 

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import read_only
 from ...errors import one_line
 from ...filters import Stationary
 from ...filters.estimator import filtered, show_belief
 from ..experiment import Experiment, NamedEstimator
+from ..isolation import undisturbed
 from ..results import FILE, Picture, read_if_valid, write_part
 from ..seeds import streams
 from .simulate import simulate
@@ -46,16 +48,17 @@ def save_pictures(experiment: Experiment, folder: Path, key: str) -> None:
 
 
 def _pictures(experiment: Experiment) -> Iterator[Picture]:
-    problem, moves = experiment.assumed_problem, experiment.control_sequence
-    readings = experiment.masked(simulate(experiment, SHOWN_RUN, SHOWN_RUN + 1).measurement, -1)
+    problem, moves = experiment.assumed_problem, read_only(experiment.control_sequence.copy())
+    readings = read_only(experiment.masked(simulate(experiment, SHOWN_RUN, SHOWN_RUN + 1).measurement, -1))
     for label, builder in experiment.estimators.items():
         built_in = isinstance(builder, NamedEstimator) and builder.is_built_in
         if experiment.timeout_of(label) is not None and not built_in:
             continue  # it may hang or crash, from its building on
         try:
-            estimator = builder(problem)
-            rngs = streams(experiment.seed, "estimator", [SHOWN_RUN])
-            *_, (_, _, belief) = filtered(estimator, problem.prior, moves, readings.swapaxes(0, 1), rngs)
+            with undisturbed(problem):
+                estimator = builder(problem)
+                rngs = streams(experiment.seed, "estimator", [SHOWN_RUN])
+                *_, (_, _, belief) = filtered(estimator, problem.prior, moves, readings.swapaxes(0, 1), rngs)
         except (Exception, SystemExit):  # its trials say what is wrong: run 0 is one of them
             continue
         try:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Lost, Note, Raised, say_nothing
+from ..isolation import Lost, Raised, begin_piece, undisturbed
 from ..results import failed_outcome, part_arrays
 from .batch_size import batch_size
 from .built_estimator import BuiltEstimator
@@ -48,8 +49,7 @@ class Worker:
     @cached_property
     def trial(self) -> Trial:
         """What all estimators are put to."""
-        moves = self.experiment.control_sequence.copy()
-        moves.setflags(write=False)  # one that writes into them is told so, and spoils no other's
+        moves = read_only(self.experiment.control_sequence.copy())
         return Trial(self.experiment.assumed_problem, moves, self.experiment.seed)
 
     def estimator(self, label: str) -> BuiltEstimator | GuardedEstimator:
@@ -65,7 +65,8 @@ class Worker:
                 if limit is None:
                     self.built[label] = BuiltEstimator.build(self.trial, builder)
                 else:
-                    self.built[label] = GuardedEstimator.of(self.trial, builder, limit)
+                    memory_gb = self.experiment.plugin_memory_gb
+                    self.built[label] = GuardedEstimator.of(self.trial, builder, limit, memory_gb)
             except (Exception, SystemExit) as error:  # a plug-in may raise anything, and refuse to be pickled
                 kind, text = type(error).__name__, one_line(error)
                 if limit is None:
@@ -92,18 +93,21 @@ class Worker:
     def _first_two(self) -> Array:
         return simulate(self.experiment, 0, 2).measurement
 
-    def work(self, task: Task, world: Simulation, note: Note = say_nothing) -> dict[str, NDArray[Any]]:
+    def work(
+        self, task: Task, world: Simulation, note: Callable[[int, int], None] = begin_piece
+    ) -> dict[str, NDArray[Any]]:
         """Do a task whose runs are given; `note` is told what is about to be done."""
         problem = self.experiment.assumed_problem
         readings = self.experiment.masked(world.measurement, task.beams)
         truth = world.truth if self.experiment.beliefs else None
         try:
-            built, probe_measurement = self.estimator(task.estimator), self.probe_measurement(task.beams)
-            if isinstance(built, GuardedEstimator):
-                outcome = built.run(readings, task.first, probe_measurement, truth)
-            else:
-                size = self._batch_size(task.estimator, task.beams, built)
-                outcome = built.run(readings, task.first, size, truth, note)
+            with undisturbed(self.trial):
+                built, first_two = self.estimator(task.estimator), self.probe_measurement(task.beams)
+                if isinstance(built, GuardedEstimator):
+                    outcome = built.run(readings, task.first, first_two, truth)
+                else:
+                    size = self._batch_size(task.estimator, task.beams, built)
+                    outcome = built.run(readings, task.first, size, truth, note)
         except (Raised, Lost) as error:
             status = error.status if isinstance(error, Lost) else "error"
             reason = self._why_not_built(task.estimator, error)
@@ -131,12 +135,13 @@ class Worker:
         if not len(readings):
             return row
         try:
-            built = self.estimator(label)
-            if isinstance(built, GuardedEstimator):
-                probe = built.probe(self.probe_measurement(beams))
-                size = 1 if probe is None else probe.size
-            else:
-                size = self._batch_size(label, beams, built)
-            return row | built.time(readings[:size]) | {"runs_at_once": len(readings[:size])}
+            with undisturbed(self.trial):
+                built = self.estimator(label)
+                if isinstance(built, GuardedEstimator):
+                    probe = built.probe(self.probe_measurement(beams))
+                    size = 1 if probe is None else probe.size
+                else:
+                    size = self._batch_size(label, beams, built)
+                return row | built.time(readings[:size]) | {"runs_at_once": len(readings[:size])}
         except (Raised, Lost):
             return row

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray, IntArray
+from ...errors import cut
 
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 PREFIX = "belief_"  # of the arrays in a part
@@ -62,7 +63,7 @@ def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, r
         np.full((runs, steps, size, size), np.nan),
         np.full((runs, steps), np.nan),
         np.full(runs, Status(status).code, dtype=np.int8),
-        dict.fromkeys(range(runs), reason) if status != Status.OK else {},
+        dict.fromkeys(range(runs), cut(reason)) if status != Status.OK else {},
     )
 
 

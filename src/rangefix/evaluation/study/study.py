@@ -57,6 +57,9 @@ class Study(Section):
     timeout_s: float | None = Field(
         default=None, ge=0, description="longest that a trial may take; 0: any time"
     )
+    plugin_memory_gb: float | None = Field(
+        default=None, gt=0, description="memory that the process of a plug-in may take"
+    )
     map: AnyMap = Field(description="write a table [map]")
     sensor: SensorSection = Field(description="write a table [sensor]")
     state: StateSection = StateSection()
@@ -146,6 +149,7 @@ class Study(Section):
             identity=self._identity(),
             sources=tuple(sorted({type(section).__module__ for section in self.sections()})),
             timeout=self.timeout_s,
+            plugin_memory_gb=self.plugin_memory_gb,
             beliefs=self.beliefs,
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, wrap
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
@@ -70,6 +70,8 @@ class GaussianPrior:
         self.mean = space.wrap(middle)
         self.covariance = _wrapped(scatter, np.flatnonzero(space.is_angle).tolist())
         self.support = (lower, upper)
+        for array in (self.peak, self.root, self.mean, self.covariance, *self.support):
+            read_only(array)
 
     def __repr__(self) -> str:
         walls = "" if self.room is None else f", cut off by {self.room!r}"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array
+from ...arrays import TWO_PI, Array, read_only
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
@@ -54,7 +54,7 @@ class Mixture:
     def shares(self) -> Array:
         """The weights divided by their sum."""
         weights = np.ones(len(self.priors)) if self.weights is None else np.array(self.weights, dtype=float)
-        return np.asarray(weights / weights.sum())
+        return read_only(np.asarray(weights / weights.sum()))
 
     @property
     def mean(self) -> Array:
@@ -92,12 +92,13 @@ class Mixture:
     def _moments(self) -> tuple[Array, Array]:
         if self.space.is_angle.any():
             states = self.sample(SHARE_DRAWS, np.random.default_rng(0))
-            return self.space.moments(states, np.full(SHARE_DRAWS, 1 / SHARE_DRAWS))
+            mean, covariance = self.space.moments(states, np.full(SHARE_DRAWS, 1 / SHARE_DRAWS))
+            return read_only(mean), read_only(covariance)
         means = np.stack([prior.mean for prior in self.priors])
         mean = self.shares @ means
         away = means - mean
         within = np.tensordot(self.shares, np.stack([prior.covariance for prior in self.priors]), 1)
-        return mean, within + (away * self.shares[:, None]).T @ away
+        return read_only(mean), read_only(within + (away * self.shares[:, None]).T @ away)
 
     @cached_property
     def support(self) -> tuple[Array, Array]:
@@ -107,4 +108,5 @@ class Mixture:
         middles = 0.5 * (lowers + uppers)
         shift = np.where(angle, self.space.difference(middles, middles[0]) - (middles - middles[0]), 0.0)
         lower, upper = (lowers + shift).min(0), (uppers + shift).max(0)
-        return lower, np.where(angle, np.minimum(upper, lower + TWO_PI), upper)
+        upper = np.where(angle, np.minimum(upper, lower + TWO_PI), upper)
+        return read_only(lower), read_only(upper)

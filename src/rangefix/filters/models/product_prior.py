@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, wrap
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
 from ..problem import SpacedPrior
 from ..space import StateSpace
 from .gaussian_prior import REACH, law_in_words
@@ -48,6 +48,8 @@ class Product(ABC):
         self.covariance[np.ix_(self._second, self._second)] = moments[1]
         lower, upper = map(self._joined, prior.support, support)
         self.support = lower, upper
+        for array in (self.mean, self.covariance, *self.support):
+            read_only(array)
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws, (size, n)."""
@@ -153,7 +155,8 @@ class WithVelocity(Product):
             raise ValueError(f"velocities need a positive std, one or two, got {std!r}")
         if self.velocity.shape != (2,) or not np.isfinite(self.velocity).all():
             raise ValueError(f"the mean velocity is v1 and v2, got {velocity!r}")
-        self.stds = np.broadcast_to(stds, (2,)).copy()
+        self.stds = read_only(np.broadcast_to(stds, (2,)).copy())
+        read_only(self.velocity)
         reach = REACH * self.stds
         support = self.velocity - reach, self.velocity + reach
         super().__init__(prior, space, ("v1", "v2"), (self.velocity, np.diag(self.stds**2)), support)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, wrap
+from ...arrays import TWO_PI, Array, read_only, wrap
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
@@ -61,7 +61,7 @@ class Uniform:
         """Corners of the box, m, (2,) each."""
         given = zip((self.lower, self.upper), self.room.bounds, strict=True)
         lower, upper = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
-        return lower, upper
+        return read_only(lower), read_only(upper)
 
     @cached_property
     def _place(self) -> tuple[float, Array, Array]:
@@ -90,7 +90,7 @@ class Uniform:
         """Lower and upper corner of the box with the ends of the arc, each (n,)."""
         corners = np.repeat(np.array(self._arc)[:, None], self.space.size, axis=1)
         corners[:, self.space.position_indices] = self._box
-        return corners[0], corners[1]
+        return read_only(corners[0]), read_only(corners[1])
 
     @cached_property
     def mean(self) -> Array:
@@ -99,7 +99,7 @@ class Uniform:
         mean = np.zeros(self.space.size)
         mean[self.space.is_angle] = wrap(np.array(0.5 * (low + high))) if high - low < TWO_PI else 0.0
         mean[self.space.position_indices] = self._place[1]
-        return mean
+        return read_only(mean)
 
     @cached_property
     def covariance(self) -> Array:
@@ -107,7 +107,7 @@ class Uniform:
         low, high = self._arc
         covariance, where = np.eye(self.space.size) * (high - low) ** 2 / 12, self.space.position_indices
         covariance[np.ix_(where, where)] = self._place[2]
-        return covariance
+        return read_only(covariance)
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws by rejection, (size, n).

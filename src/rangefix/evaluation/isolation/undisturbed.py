@@ -1,0 +1,81 @@
+"""Keep an estimator that runs in our own process from changing, by accident, what others compute with."""
+
+from __future__ import annotations
+
+import importlib
+import random
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAP = "room"  # what sensors and priors call it
+MAX_DEPTH = 6  # how deep a trial is searched for arrays
+
+
+@contextmanager
+def undisturbed(trial: object) -> Iterator[None]:
+    """Let nobody write into the arrays of a trial and its problem; restore what an estimator may have set.
+
+    That is numpy's error state, the global random states, and how many threads numba and BLAS may take. Maps
+    are left out: ours hand out copies, or arrays that cannot be written to.
+    """
+    here, drawn = random.getstate(), np.random.get_state()  # noqa: NPY002
+    threads, pools = _numba_threads(), [(pool, pool.get_num_threads()) for pool in _pools(len(sys.modules))]
+    writeable: list[NDArray[Any]] = []
+    with ExitStack() as stack:
+        stack.enter_context(np.errstate())
+        stack.callback(random.setstate, here)
+        stack.callback(np.random.set_state, drawn)
+        _close(trial, writeable, set(), MAX_DEPTH)
+        try:
+            yield
+        finally:
+            for array in sorted(writeable, key=lambda array: array.base is not None):  # views last
+                with suppress(ValueError):  # its base was closed before
+                    array.setflags(write=True)
+            for pool, count in pools:
+                if pool.get_num_threads() != count:
+                    pool.set_num_threads(count)
+            if (now := _numba_threads()) is not None and threads != now:
+                numba = sys.modules["numba"]
+                numba.set_num_threads(threads or numba.config.NUMBA_NUM_THREADS)
+
+
+def _numba_threads() -> int | None:
+    """How many threads numba may take; None if it has not started any."""
+    parallel = sys.modules.get("numba.np.ufunc.parallel")
+    if parallel is None or not parallel._is_initialized:
+        return None
+    return int(parallel.get_num_threads())
+
+
+@lru_cache(maxsize=1)
+def _pools(modules: int) -> list[Any]:
+    """The thread pools of BLAS and OpenMP, looked for when so many modules are loaded."""
+    try:
+        return list(importlib.import_module("threadpoolctl").ThreadpoolController().lib_controllers)
+    except ModuleNotFoundError:
+        return []
+
+
+def _close(thing: object, writeable: list[NDArray[Any]], seen: set[int], depth: int) -> None:
+    """Make arrays read-only, and note which were not; those of records, sequences, mappings and objects."""
+    if id(thing) in seen or depth == 0 or isinstance(thing, str | bytes | type | float | int):
+        return
+    seen.add(id(thing))
+    if isinstance(thing, np.ndarray):
+        if thing.flags.writeable:
+            thing.setflags(write=False)
+            writeable.append(thing)
+        return
+    parts: list[object] = list(thing) if isinstance(thing, tuple | list) else []
+    with suppress(TypeError):  # one without attributes
+        named = thing if isinstance(thing, dict) else vars(thing)
+        parts += [part for name, part in named.items() if name != MAP]
+    for part in parts:
+        _close(part, writeable, seen, depth - 1)
