@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, print_json
+from .app import Json, named, print_json
 
 
 def paper(
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the table, the posteriors and figures.")
+        Path | None,
+        typer.Option(parser=named, metavar="PATH", help="Folder for the table, the posteriors and figures."),
     ] = None,
     as_json: Json = False,
     draws: Annotated[int, typer.Option(min=20, help="Noise draws for the bands.")] = 1000,

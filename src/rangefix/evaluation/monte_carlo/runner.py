@@ -37,6 +37,7 @@ from ..results import (
 from .backends import in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
+from .own_folder import locked, make_room
 from .record_beliefs import save_pictures
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
@@ -72,6 +73,8 @@ def run(
     command_line: Sequence[str] | None = None,
     resume: bool = True,
     timing: bool = True,
+    force: bool = False,
+    say: Callable[[str], None] | None = None,
 ) -> Results:
     """Run an experiment or study and save its results.
 
@@ -81,22 +84,30 @@ def run(
 
     Args:
         study: What to run.
-        out: Folder for the results, made if need be; without it nothing is kept but what is returned.
+        out: Folder for the results, made if need be; without it nothing is kept but what is returned. It
+            belongs to the study of that name, and to one run at a time; what is older than its numbers
+            (figures, report, parts of other settings) is removed.
         workers: Processes. They change no number.
         cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either.
         progress: Called with how far each estimator has come.
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
+        force: Whether to remove the results of another study from the folder, and to replace a manifest there
+            that is not ours. Nothing else is removed.
+        say: Called with a line on what was removed or is made anew.
 
     Returns:
         The results, as `load` reads them from the folder.
 
     Raises:
-        ResultsError: If the folder cannot be written, or the workers or the cluster fail.
+        ResultsError: If the folder cannot be written, belongs to another study or is in use, or the
+            workers or the cluster fail.
         StudyError: If the study is not sound.
-        ValueError: If there is no worker.
+        ValueError: If there is no worker, or the folder has no name.
     """
+    if out == "":
+        raise ValueError("out is empty: name a folder")
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
     experiment = study if isinstance(study, Experiment) else study.experiment()
@@ -106,6 +117,9 @@ def run(
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
+        stack.enter_context(locked(folder))
+        if (line := make_room(folder, plan, experiment.name, force)) and say:
+            say(line)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         _simulate_all(experiment, plan, folder, resume)

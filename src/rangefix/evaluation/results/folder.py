@@ -78,6 +78,10 @@ class FolderLayout:
         for low in range(first - first % self.block, end, self.block):
             yield low, min(low + self.block, self.runs)
 
+    def as_json(self) -> dict[str, Any]:
+        """The plan as a manifest holds it."""
+        return {**vars(self), "trials": dict(self.trials)}
+
     def manifest(
         self, experiment: Experiment, around: Mapping[str, Any], command_line: Sequence[str]
     ) -> dict[str, Any]:
@@ -100,7 +104,7 @@ class FolderLayout:
             "command_line": list(command_line),
             "config": experiment.config,
             **around,
-            "plan": {**vars(self), "trials": dict(self.trials)},
+            "plan": self.as_json(),
         }
 
 
