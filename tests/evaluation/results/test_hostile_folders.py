@@ -18,8 +18,8 @@ import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, write_report
 from rangefix.evaluation.drawing import draw
-from rangefix.evaluation.results import read_part, write_npz, write_part
 from rangefix.evaluation.results import files as result_files
+from rangefix.evaluation.results import read_part, write_npz, write_part
 
 from ..conftest import make_problem
 
@@ -195,7 +195,15 @@ def test_a_plan_far_beyond_what_is_there(folder: Path, runs: int) -> None:
     refused(folder, "manifest.json: plan: .* GB, but the folder has")
 
 
-NOT_JSON = [b"", b"{", b"[" * 10_000 + b"]" * 10_000, b'{"a":' * 10_000, b"\xff\xfe", b"[1e999", b"7" * 10_000]
+NOT_JSON = [
+    b"",
+    b"{",
+    b"[" * 10_000 + b"]" * 10_000,
+    b'{"a":' * 10_000,
+    b"\xff\xfe",
+    b"[1e999",
+    b"7" * 10_000,
+]
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "timing.json"])

@@ -37,7 +37,7 @@ from ..results import (
 from .backends import in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
-from .own_folder import locked, make_room
+from .own_folder import check_disk, locked, make_room
 from .record_beliefs import save_pictures
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
@@ -95,7 +95,7 @@ def run(
         timing: Whether to time the updates, in a serial pass of its own with one thread.
         force: Whether to remove the results of another study from the folder, and to replace a manifest there
             that is not ours. Nothing else is removed.
-        say: Called with a line on what was removed or is made anew.
+        say: Called with a line on what was removed or is made anew, and on much disk to be taken.
 
     Returns:
         The results, as `load` reads them from the folder.
@@ -117,9 +117,11 @@ def run(
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
+        size = check_disk(folder, plan)
         stack.enter_context(locked(folder))
-        if (line := make_room(folder, plan, experiment.name, force)) and say:
-            say(line)
+        for line in (make_room(folder, plan, experiment.name, force), size):
+            if line and say:
+                say(line)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         _simulate_all(experiment, plan, folder, resume)
