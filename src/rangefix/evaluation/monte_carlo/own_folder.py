@@ -7,11 +7,11 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..results import (
     FIGURES,
@@ -31,8 +31,20 @@ from ..results import (
 
 LOCK = ".lock"
 WORTH_TELLING = 1e9  # bytes
-OURS = (MANIFEST, TIMING, SCENE, FILE, SUMMARY, REPORT)
+OURS = (TIMING, SCENE, FILE, SUMMARY, REPORT)
 PART = re.compile(r"(\d{8,})-(\d{8,})\.npz")
+
+
+class Older(NamedTuple):
+    """What a folder holds that is older than the numbers to come.
+
+    Attributes:
+        line: What of it is removed or made anew; "" if nothing is.
+        files: What to remove.
+    """
+
+    line: str = ""
+    files: Sequence[Path] = ()
 
 
 @contextmanager
@@ -114,13 +126,13 @@ def check_disk(folder: Path, plan: FolderLayout) -> str:
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
     what = f"{plan.runs} runs take about {needed / 1e9:.3g} GB"
-    if needed > free + sum(part.stat().st_size for part in _parts(folder)):
+    if needed > free and needed > free + sum(part.stat().st_size for part in _parts(folder)):
         raise ResultsError(f"{what}, and the disk of {folder} has {free / 1e9:.3g} GB: take fewer runs")
     return f"{what} in {folder}" if needed > WORTH_TELLING else ""
 
 
-def make_room(folder: Path, plan: FolderLayout, name: str, force: bool = False) -> str:
-    """Make a folder ready for a study: refuse what is not its own, remove what is older than its numbers.
+def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = False) -> Older:
+    """What a folder holds that is older than the numbers of a study; what is not its own is refused.
 
     Args:
         folder: The folder of results.
@@ -129,18 +141,18 @@ def make_room(folder: Path, plan: FolderLayout, name: str, force: bool = False) 
         force: Whether to remove the results of another study, and to replace a manifest that is not ours.
 
     Returns:
-        What was removed or is made anew, a line; "" if nothing is.
+        What to remove as soon as the manifest of the study is written.
 
     Raises:
         ResultsError: If the folder belongs to something else.
     """
     path = folder / MANIFEST
     if not os.path.lexists(path):
-        return ""
+        return Older()
     before = _manifest(path)
     if before is None:
         if force:
-            return f"{path} is replaced; it was none of ours"
+            return Older(f"{path} is replaced; it was none of ours")
         raise ResultsError(f"{path} is no manifest of ours: choose another --out, or --force to replace it")
     owner = before["name"]
     if owner != name:
@@ -149,16 +161,16 @@ def make_room(folder: Path, plan: FolderLayout, name: str, force: bool = False) 
                 f"{folder} has the results of another study, {owner[:80]!r}, not of {name!r}: choose another "
                 "--out, or --force to remove them"
             )
-        _remove([*_figures(folder), *_parts(folder), *(folder / each for each in OURS)], folder)
-        return f"{folder}: the results of {owner[:80]!r} are removed"
-    return _make_way(folder, plan, before)
+        ours = [*_figures(folder), *_parts(folder), *(folder / each for each in OURS)]
+        return Older(f"{folder}: the results of {owner[:80]!r} are removed", ours)
+    return _other_settings(folder, plan, before)
 
 
-def _make_way(folder: Path, plan: FolderLayout, before: dict[str, Any]) -> str:
-    """Remove what other settings of the same study, or a part of its runs, have left."""
+def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) -> Older:
+    """What other settings of the same study, or a part of its runs, have left in a folder."""
     now = json.loads(json.dumps(plan.as_json()))
     if before["plan"] == now and before.get("state") == "complete":
-        return ""
+        return Older()
     old_keys = before["plan"].get("trials")
     shared = old_keys.keys() & now["trials"].keys() if isinstance(old_keys, dict) else ()
     anew = any(before["plan"].get(key) != now[key] for key in ("world", "block", "shape")) or any(
@@ -166,14 +178,15 @@ def _make_way(folder: Path, plan: FolderLayout, before: dict[str, Any]) -> str:
     )
     shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
     orphans = _orphans(folder, plan)
-    _remove([*shown, *orphans, folder / SUMMARY, *([folder / TIMING] if anew else [])], folder)
+    files = [*shown, *orphans, folder / SUMMARY, *([folder / TIMING] if anew else [])]
     removed = ", ".join(
         text
         for text, found in (("the older figures and report", shown), (f"{len(orphans)} older parts", orphans))
         if found
     )
     lines = ["its numbers are made anew"] * anew + [f"{removed} are removed"] * bool(removed)
-    return f"{folder} is of other settings: {', '.join(lines)}" if lines else ""
+    why = "is finished" if before["plan"] == now else "has other settings than before"
+    return Older(f"{folder} {why}: {', '.join(lines)}" if lines else "", files)
 
 
 def _manifest(path: Path) -> dict[str, Any] | None:
@@ -219,7 +232,7 @@ def _orphans(folder: Path, plan: FolderLayout) -> list[Path]:
     return [part for part in _parts(folder) if not belongs(part)]
 
 
-def _remove(files: list[Path], folder: Path) -> None:
+def remove_files(files: Sequence[Path], folder: Path) -> None:
     """Remove files, and folders within the folder that are empty then."""
     for path in files:
         remove(path)

@@ -37,7 +37,7 @@ from ..results import (
 from .backends import in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
-from .own_folder import check_disk, locked, make_room
+from .own_folder import check_disk, locked, remove_files, what_is_older
 from .record_beliefs import save_pictures
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
@@ -119,10 +119,12 @@ def run(
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
         size = check_disk(folder, plan)
         stack.enter_context(locked(folder))
-        for line in (make_room(folder, plan, experiment.name, force), size):
-            if line and say:
-                say(line)
+        older = what_is_older(folder, plan, experiment.name, force)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
+        remove_files(older.files, folder)
+        for line in filter(None, (older.line, size)):
+            if say:
+                say(line)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         _simulate_all(experiment, plan, folder, resume)
         with closing(Worker(experiment)) as worker:
