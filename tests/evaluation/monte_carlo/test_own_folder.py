@@ -101,8 +101,8 @@ def test_other_settings_replace_the_numbers_and_what_shows_them(tmp_path: Path) 
     assert (said, files(tmp_path)) == ([], before)
     run(experiment(seed=2, runs=5), tmp_path, timing=False, say=said.append)
     assert said == [
-        f"{tmp_path} has other settings than before: its numbers are made anew, the older figures and report, "
-        "3 older parts are removed"
+        f"{tmp_path} has other settings than before: its numbers are made anew, "
+        "the older figures and report, 3 older parts are removed"
     ]
     assert not {name for name in files(tmp_path) if name.startswith("figures") or "report" in name} - STRANGE
     assert files(tmp_path) >= STRANGE
