@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array, BoolArray, short_repr
@@ -106,10 +107,7 @@ class Sensor(Protocol):
         """Where readings are ranges of the map plus N(0, std^2) and nothing more: the stds, m, (B,)."""
 
     def expected(self, states: Array) -> Array:
-        """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or is lost.
-
-        All else are `room.ranges(space.poses(states), bearings)`: some estimators cast rays themselves.
-        """
+        """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or is lost."""
 
     def jacobian(self, states: Array) -> Array:
         """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where no wall is met."""
@@ -203,3 +201,15 @@ class SpacedPrior(Prior, Protocol):
     @property
     def space(self) -> StateSpace:
         """The state space."""
+
+
+def expects_map_ranges(sensor: Sensor, states: Array) -> bool:
+    """Whether a sensor expects at some states, (K, n), what its map says of each beam that is not lost.
+
+    Some estimators cast rays into the map themselves; they must not do so for a sensor that, for example, has
+    a bias in each beam or stands off the pose.
+    """
+    expected = np.asarray(sensor.expected(states))
+    ranges = sensor.room.ranges(sensor.space.poses(states), sensor.bearings)
+    kept = np.isfinite(expected)
+    return bool(np.allclose(expected[kept], ranges[kept], rtol=1e-9, atol=1e-9))

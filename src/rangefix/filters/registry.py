@@ -30,6 +30,7 @@ BUILT_IN = {
     "enkf": "rangefix.filters.kalman:EnsembleKalmanFilter",
     "filterpy-ekf": "rangefix.filters.kalman:FilterpyExtendedKalmanFilter",
     "filterpy-ukf": "rangefix.filters.kalman:FilterpyUnscentedKalmanFilter",
+    "exact": "rangefix.filters.exact:ExactPositionFilter",
 }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from time import process_time
 from zlib import crc32
 
@@ -88,22 +87,6 @@ def test_runs_on_the_move_depend_on_their_streams_alone(motion, noise):
         np.testing.assert_array_equal(state[0], among.truth[3, step])
         reading = problem.sensor.sample(state, noise_rng)[0]
         np.testing.assert_allclose(reading, among.measurement[3, step], rtol=1e-12)
-
-
-def test_a_sensor_of_somebody_else(problem):
-    """A sensor that only samples, one state at a time, reads the same."""
-
-    class Plain:
-        def __init__(self, sensor):
-            self.space, self.bearings, self.noise = sensor.space, sensor.bearings, sensor.noise
-            self.sample = sensor.sample
-
-    theirs = replace(problem, sensor=Plain(problem.sensor))
-    one, other = (
-        simulate(Experiment(each, {"prior": PriorOnly}, controls=np.zeros((2, 0))), 0, 5)
-        for each in (problem, theirs)
-    )
-    np.testing.assert_array_equal(one.measurement, other.measurement)
 
 
 def test_a_thousand_runs_of_fifty_steps_take_seconds():

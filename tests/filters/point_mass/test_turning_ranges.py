@@ -20,6 +20,7 @@ from rangefix.filters import (
     position_space,
     sweep,
 )
+from rangefix.filters.adaptive import AdaptivePointMassFilter
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
 from rangefix.filters.point_mass.cell_ranges import RangesByCell, cast_cells
 from rangefix.filters.point_mass.records import CellMass, Readings
@@ -277,25 +278,31 @@ def test_tables_that_do_not_fit_the_memory_are_refused() -> None:
         PointMassFilter(odd, 0.125, np.deg2rad(0.36))
 
 
-def test_a_sensor_of_another_make_has_ranges_cell_by_cell(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sensor that is no `Rangefinder` may depend on the bearing itself: the same posterior, 1e-9."""
+def test_a_sensor_with_biased_beams_has_ranges_cell_by_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a beam expects may depend on the bearing itself: readings as biased, the same posterior, 1e-9."""
     for module in (turning_ranges, cell_ranges):  # asks cells in another order
         monkeypatch.setattr(module, "add_unresolved", lambda *args: None)
+    bias = np.linspace(-0.1, 0.2, 9)
 
-    class Own:
+    class Biased:
         def __init__(self, inner: Rangefinder) -> None:
             self.inner = inner
 
         def __getattr__(self, name: str) -> object:
             return getattr(self.inner, name)
 
+        def expected(self, states: Array) -> Array:
+            return self.inner.expected(states) + bias
+
     problem = problem_with(np.deg2rad(30.0 * np.arange(-4, 5)), 0.2)
-    own = replace(problem, sensor=Own(problem.sensor))  # type: ignore[arg-type]
+    biased = replace(problem, sensor=Biased(problem.sensor))  # type: ignore[arg-type]
     readings = drawn(problem, 3, 7)
     options = {"cell": 0.3, "heading_cell": np.deg2rad(5.0)}
     ours = PointMassFilter(problem, **options)  # type: ignore[arg-type]
-    theirs = PointMassFilter(own, **options)  # type: ignore[arg-type]
+    theirs = PointMassFilter(biased, **options)  # type: ignore[arg-type]
     assert isinstance(theirs.cells, RangesByCell)
-    for one, other in zip(updated(ours, readings), updated(theirs, readings), strict=True):
+    for one, other in zip(updated(ours, readings), updated(theirs, readings + bias), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
     assert isinstance(cast_cells(ours.grid, problem.sensor, 1e9), RangesByDirection)
+    with pytest.raises(ValueError, match="expects what its map says"):
+        AdaptivePointMassFilter(biased)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 UNITS = ("_m", "_deg")
 MOST_ESTIMATORS = 2000
-MOST = {
+LARGEST_OPTIONS = {
     "iterations": 10_000,
     "particles": 20_000_000,
     "members": 1_000_000,
@@ -263,7 +263,9 @@ def _sizes_fit(
             if isinstance(value, bool) and not isinstance(plugin.parameters[name], bool):
                 mistakes.add((*at, "options", given), f"must be a number, got {str(value).lower()}")
                 return False
-            if name in MOST and isinstance(value, int | float) and value > MOST[name]:
-                mistakes.add((*at, "options", given), f"must be at most {MOST[name]}, got {value:g}")
+            if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
+                mistakes.add(
+                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {value:g}"
+                )
                 return False
     return True

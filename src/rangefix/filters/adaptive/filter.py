@@ -12,7 +12,7 @@ from ...arrays import TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..models import Stationary
-from ..problem import Prior, Problem
+from ..problem import Prior, Problem, expects_map_ranges
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .mode_gaussians import sample_modes
 from .modes import NOWHERE, Accuracy, Quadrature, integrate
@@ -20,6 +20,7 @@ from .predicted import Predicted, predict_modes
 from .range_bounds import SearchTable, build_table, shortfall_bounds
 from .target import Target
 
+CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
 MAX_BOXES = 20_000  # that a search may leave
 LOT_NATS = 3.0  # by which those that are left then are drawn by lot
@@ -67,7 +68,7 @@ class AdaptivePointMassFilter(BriefRepr):
     the modes' points are the guesses.
 
     Args:
-        problem: The problem; its sensor must have no largest incidence.
+        problem: The problem; its sensor must expect what its map says, with no largest incidence.
         accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances and of
             probabilities, as the lattices' own halves show it.
         drop: Density, relative to the greatest, below which no mode is looked at.
@@ -87,6 +88,9 @@ class AdaptivePointMassFilter(BriefRepr):
     def __post_init__(self) -> None:
         if self.problem.sensor.max_incidence < np.pi / 2:
             raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
+        states = self.problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
+        if not expects_map_ranges(self.problem.sensor, states):
+            raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
         if not 1e-4 <= self.accuracy <= 0.5:
             raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {self.accuracy}")
         if not 0 < self.drop < 1e-2:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ...arrays import Array, BoolArray
-from ..problem import Sensor
+from ..problem import Sensor, expects_map_ranges
 from .cell_error import add_unresolved
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid
@@ -17,6 +17,8 @@ from .mode_shape import lattice_errors
 from .records import CellMass, CellTable, Moments, Readings, SharedRanges
 from .turning_kernels import HEADINGS_PER_BLOCK
 from .turning_ranges import cast_turning, directions
+
+CHECKED_CELLS = 16  # in which a sensor is asked whether it expects what its map says
 
 
 class CellRanges(Protocol):
@@ -109,7 +111,8 @@ def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
         ValueError: If they would take more.
     """
     beams = len(sensor.bearings)
-    if grid.turns > 1:
+    some = grid.centres[:: max(1, len(grid.centres) // CHECKED_CELLS)]
+    if grid.turns > 1 and expects_map_ranges(sensor, some):
         shared = directions(sensor.bearings, grid.centres[0, 2], grid.step[2], grid.turns)
         kinds, period = shared.angles.shape
         places = len(grid.centres) // grid.turns

@@ -1,0 +1,362 @@
+"""The same moments for noise of any kind: pieces are halved until every beam's density is smooth on them.
+
+What a beam's reading says of its expected range is tabulated once for each measurement, finely about the
+reading and in equal ratios beyond. A piece is bounded by the tables, left out where it cannot count, halved
+across the beam whose density varies most, and integrated by Gauss-Legendre rules once no density varies much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array, BoolArray, IntArray
+from ..compiled import njit
+from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass
+from .partition import cut_by
+
+FINE_SCALES = 12.0  # half-width of the fine part of a table
+FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
+FARTHEST_SCALES = 1e8  # from a table's centre to its last node
+SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
+SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
+JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
+IMPOSSIBLE_NATS = -1e7  # nats; tables hold this and less where a reading cannot be
+
+
+class Tables(NamedTuple):
+    """Log densities of a measurement's beams as functions of their expected ranges.
+
+    Attributes:
+        centres: Range about which each table lies, m, (B,).
+        scales: Width over which a density varies there, m, (B,); 0 = a beam that says nothing.
+        below, above: Log density at fine, then geometric, offsets below and above the centre, (B, N).
+        no_wall: Log density where no wall is, (B,).
+        bound_below, bound_above: The greatest log density from there on outwards, (B, N).
+    """
+
+    centres: Array
+    scales: Array
+    below: Array
+    above: Array
+    no_wall: Array
+    bound_below: Array
+    bound_above: Array
+
+
+def offsets() -> Array:
+    """Offsets of a table's nodes from its centre, in scales, (N,)."""
+    fine = np.linspace(0.0, FINE_SCALES, FINE_NODES + 1)
+    growth = np.log(FARTHEST_SCALES / FINE_SCALES) * np.arange(1, COARSE_NODES + 1) / COARSE_NODES
+    return np.concatenate([fine, FINE_SCALES * np.exp(growth)])
+
+
+def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, measured: BoolArray) -> Tables:
+    """Tables of log densities.
+
+    Args:
+        density: Log density of each beam's readings given expected ranges: (N, B) m -> (N, B).
+        centres: Where each beam's density is tabulated finely, m, (B,).
+        stds: A first guess of its width there, m, (B,).
+        measured: Which beams say something, (B,).
+    """
+    scales = stds.copy()
+    probe = np.array([2.0**-k for k in range(12)])[:, None]
+    peak = density(centres[None])[0]
+    for side in (1.0, -1.0):  # the scale is where half a nat is lost
+        lost = peak - density(np.maximum(centres + side * probe * stds, 0.0))
+        narrow = (np.abs(lost) > 0.5).sum(axis=0)
+        scales = np.minimum(scales, stds * 2.0 ** -np.maximum(narrow - 1, 0))
+    nodes = offsets()[:, None]
+    nudge = 1e-9 * scales
+    above = density(centres + np.maximum(nodes * scales, nudge)).T
+    below = density(np.maximum(centres - np.maximum(nodes * scales, nudge), 0.0)).T
+    no_wall = density(np.full((1, len(centres)), np.inf))[0]
+    silent = ~measured
+    above[silent], below[silent], no_wall[silent] = 0.0, 0.0, 0.0
+    parts = (np.maximum(part, -1e8) for part in (below, above))
+    below, above = (np.ascontiguousarray(part) for part in parts)
+    bounds = (
+        np.ascontiguousarray(np.maximum.accumulate(part[:, ::-1], axis=1)[:, ::-1]) for part in (below, above)
+    )
+    return Tables(centres, np.where(measured, scales, 0.0), below, above, no_wall, *bounds)
+
+
+@njit(cache=True, nogil=True)
+def _look_up(tables: Tables, beam: int, rho: float) -> float:
+    """The log density of a beam at an expected range."""
+    if rho == np.inf:
+        return float(tables.no_wall[beam])
+    scale = tables.scales[beam]
+    if scale == 0:
+        return 0.0
+    u = (rho - tables.centres[beam]) / scale
+    table = tables.above[beam] if u >= 0 else tables.below[beam]
+    place = _place(abs(u))
+    index = int(place)
+    share = place - index
+    return float(table[index] + share * (table[index + 1] - table[index]))
+
+
+@njit(cache=True, nogil=True)
+def _place(u: float) -> float:
+    if u < FINE_SCALES:
+        return u * (FINE_NODES / FINE_SCALES)
+    coarse = COARSE_NODES / math.log(FARTHEST_SCALES / FINE_SCALES) * math.log(u / FINE_SCALES)
+    return FINE_NODES + min(coarse, COARSE_NODES - 1e-6)
+
+
+@njit(cache=True, nogil=True)
+def _most(tables: Tables, beam: int, low: float, high: float) -> float:
+    """A bound on the log density of a beam whose expected range lies between two."""
+    if low == np.inf:
+        return float(tables.no_wall[beam])
+    scale = tables.scales[beam]
+    if scale == 0:
+        return 0.0
+    u, v = (low - tables.centres[beam]) / scale, (high - tables.centres[beam]) / scale
+    if u > 0:
+        return float(tables.bound_above[beam, int(_place(u))])
+    if v < 0:
+        return float(tables.bound_below[beam, int(_place(-v))])
+    return float(max(tables.bound_above[beam, 0], tables.bound_below[beam, 0]))
+
+
+class Nodes(NamedTuple):
+    """Where to note the nodes of the quadrature: a place and the box about it that it stands for.
+
+    Attributes:
+        places: x1, x2 of the node, and its extent before and after it along s and along t, m, (N, 6).
+        turns: Cosine and sine of the direction of s, (N, 2).
+        log_weights: Log of the share of the posterior's integral, (N,).
+        total: How many there are, (1,).
+    """
+
+    places: Array
+    turns: Array
+    log_weights: Array
+    total: IntArray
+
+
+def nodes_for(room: int) -> Nodes:
+    """Room for so many nodes; with none, nothing is noted."""
+    return Nodes(np.empty((room, 6)), np.empty((room, 2)), np.empty(room), np.zeros(1, dtype=np.int64))
+
+
+@njit(cache=True, nogil=True)
+def moments_of_any(
+    pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, mean: Array, covariance: Array
+) -> float:
+    """Mean and covariance of a posterior, and the log of the integral of prior times likelihood.
+
+    Args:
+        pieces: The pieces.
+        tables: The measurement.
+        prior: A Gaussian factor of the prior: precision p11, p12, p22 and mean, (5,); zeros for none.
+        rule: The rules.
+        nodes: Receives the nodes, as far as there is room; `total` says how many there were.
+        mean, covariance: Receive the moments, (2,) and (2, 2).
+
+    Returns:
+        The log integral; -inf where no piece is possible.
+    """
+    beams, most = len(tables.centres), pieces.corners.shape[1] + 24
+    stack, sizes = np.empty((256, most, 2)), np.empty(256, np.int64)
+    one, two = np.empty((most, 2)), np.empty((most, 2))
+    bounds, variation, level, across = np.empty(256), np.empty(256), np.empty(256), np.empty(256, np.int64)
+    out = np.empty(6)
+    order = np.empty(len(pieces.counts))
+    for piece in range(len(pieces.counts)):
+        order[piece] = -pieces.log_areas[piece]
+        for beam in range(beams):
+            order[piece] -= _most(tables, beam, pieces.lows[piece, beam], pieces.highs[piece, beam])
+    total = np.zeros(7)
+    total[1] = -np.inf
+    for piece in np.argsort(order):
+        running = log_mass(total)
+        if -order[piece] < running - MARGIN_NATS or -order[piece] < IMPOSSIBLE_NATS:
+            break
+        x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
+        corners = pieces.counts[piece]
+        for corner in range(corners):
+            stack[0, corner, 0] = pieces.corners[piece, corner, 0] - x1
+            stack[0, corner, 1] = pieces.corners[piece, corner, 1] - x2
+        sizes[0], waiting = corners, 1
+        bounds[0], variation[0], across[0], level[0] = _look_at(stack[0], corners, piece, pieces, tables)
+        while waiting:
+            waiting -= 1
+            running = log_mass(total)
+            if bounds[waiting] < running - MARGIN_NATS:
+                continue
+            corners, beam, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
+            one[:corners] = stack[waiting, :corners]
+            if variation[waiting] > 1.0:
+                if waiting + 2 > len(stack):
+                    grown = np.empty((2 * len(stack), most, 2))
+                    grown[: len(stack)] = stack
+                    stack, sizes, bounds = (
+                        grown,
+                        np.concatenate((sizes, sizes)),
+                        np.concatenate((bounds, bounds)),
+                    )
+                    variation, level = np.concatenate((variation, variation)), np.concatenate((level, level))
+                    across = np.concatenate((across, across))
+                s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+                for side in (1.0, -1.0):
+                    kept = cut_by(one, corners, side * s1, side * s2, side * cut, stack[waiting])
+                    if kept >= 3:
+                        sizes[waiting] = kept
+                        bounds[waiting], variation[waiting], across[waiting], level[waiting] = _look_at(
+                            stack[waiting], kept, piece, pieces, tables
+                        )
+                        waiting += 1
+                if waiting >= 2 and bounds[waiting - 2] > bounds[waiting - 1]:  # the better half comes next
+                    x, y = waiting - 2, waiting - 1
+                    two[:] = stack[x]
+                    stack[x] = stack[y]
+                    stack[y] = two
+                    sizes[x], sizes[y] = sizes[y], sizes[x]
+                    bounds[x], bounds[y] = bounds[y], bounds[x]
+                    variation[x], variation[y] = variation[y], variation[x]
+                    across[x], across[y] = across[y], across[x]
+                    level[x], level[y] = level[y], level[x]
+                continue
+            area = _area(one, corners)
+            log_peak = _integrate(
+                one, corners, piece, pieces, tables, prior, bound - math.log(area), rule, nodes, out
+            )
+            add_part(total, log_peak, out, x1, x2)
+    return finish(total, mean, covariance)
+
+
+@njit(cache=True, nogil=True)
+def _look_at(
+    corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables
+) -> tuple[float, float, int, float]:
+    """A bound on a part's log mass; how far from smooth its worst beam is, which it is, and where to cut."""
+    area = _area(corners, count)
+    if area < 1e-18:
+        return -np.inf, 0.0, -1, 0.0
+    bound, worst, across, level = math.log(area), 0.0, -1, 0.0
+    for beam in range(len(tables.centres)):
+        rho = pieces.ranges[piece, beam]
+        if rho == np.inf or tables.scales[beam] == 0:
+            bound += _most(tables, beam, rho, rho)
+            continue
+        s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+        low, high = np.inf, -np.inf
+        for corner in range(count):
+            at = rho + s1 * corners[corner, 0] + s2 * corners[corner, 1]
+            low, high = min(low, at), max(high, at)
+        bound += _most(tables, beam, low, high)
+        varied = _variation(tables, beam, low, high)
+        if varied > worst:
+            centre, near = tables.centres[beam], 1e-9 * tables.scales[beam]
+            worst, across, level = varied, beam, 0.5 * (low + high) - rho
+            if varied > 8.0 and low + near < centre < high - near:
+                level = centre - rho
+    return bound, worst, across, level
+
+
+@njit(cache=True, nogil=True)
+def _area(corners: Array, count: int) -> float:
+    doubled = 0.0
+    for corner in range(1, count - 1):
+        a1, a2 = corners[corner, 0] - corners[0, 0], corners[corner, 1] - corners[0, 1]
+        b1, b2 = corners[corner + 1, 0] - corners[0, 0], corners[corner + 1, 1] - corners[0, 1]
+        doubled += a1 * b2 - a2 * b1
+    return 0.5 * abs(doubled)
+
+
+@njit(cache=True, nogil=True)
+def _variation(tables: Tables, beam: int, low: float, high: float) -> float:
+    """How far a beam's density is from smooth between two ranges: at most 1 is smooth enough."""
+    scale, centre = tables.scales[beam], tables.centres[beam]
+    varied = abs(_look_up(tables, beam, high) - _look_up(tables, beam, low)) / SMOOTH_NATS
+    if low < centre + 8 * scale and high > centre - 8 * scale:
+        varied = max(varied, (high - low) / (SMOOTH_SCALES * scale))
+        step = abs(tables.above[beam, 0] - tables.below[beam, 0])
+        if step > JUMP_NATS and low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
+            varied = max(varied, 1e3)
+    return varied
+
+
+@njit(cache=True, nogil=True)
+def _integrate(
+    corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
+    rule: Rules, nodes: Nodes, out: Array,
+) -> float:  # fmt: skip
+    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the piece's centre."""
+    beams = len(tables.centres)
+    # s runs along the steepest beam's slope, so that chords lie along the ridge
+    best, c, d = -1.0, 1.0, 0.0
+    for beam in range(beams):
+        if pieces.ranges[piece, beam] < np.inf and tables.scales[beam] > 0:
+            s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+            steep = math.sqrt(s1 * s1 + s2 * s2)
+            if steep / tables.scales[beam] > best:
+                best, c, d = steep / tables.scales[beam], s1 / steep, s2 / steep
+    s, t = np.empty(count), np.empty(count)
+    for corner in range(count):
+        s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
+        t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
+    edges = np.sort(s)
+    a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
+    out[:] = 0.0
+    m0 = m1 = m2 = m11 = m12 = m22 = 0.0
+    for panel in range(count - 1):
+        left, right = edges[panel], edges[panel + 1]
+        width = right - left
+        if width <= 1e-14:
+            continue
+        middle = 0.5 * (left + right)
+        low, low_slope, high, high_slope = chord_at(s, t, count, middle)
+        if high <= low:
+            continue
+        order = 3 if width > 0.2 * (edges[count - 1] - edges[0]) else 2
+        before_s = 0.0
+        for i in range(rule.counts[order]):
+            at_s = left + width * rule.nodes[order, i]
+            bottom = low + low_slope * (at_s - middle)
+            chord = high + high_slope * (at_s - middle) - bottom
+            before_t = 0.0
+            for j in range(rule.counts[3]):
+                at_t = bottom + chord * rule.nodes[3, j]
+                x1, x2 = c * at_s - d * at_t, d * at_s + c * at_t
+                log_density = -log_peak
+                for beam in range(beams):
+                    rho = pieces.ranges[piece, beam]
+                    if rho < np.inf:
+                        rho += pieces.slopes[piece, beam, 0] * x1 + pieces.slopes[piece, beam, 1] * x2
+                    log_density += _look_up(tables, beam, rho)
+                b1, b2 = x1 + a1, x2 + a2
+                log_density -= 0.5 * (prior[0] * b1 * b1 + 2 * prior[1] * b1 * b2 + prior[2] * b2 * b2)
+                weight = width * rule.weights[order, i] * chord * rule.weights[3, j]
+                value = weight * math.exp(log_density)
+                m0 += value
+                m1 += value * x1
+                m2 += value * x2
+                m11 += value * x1 * x1
+                m12 += value * x1 * x2
+                m22 += value * x2 * x2
+                place = nodes.total[0]
+                if len(nodes.places) and value > 0:
+                    if place < len(nodes.places):
+                        nodes.places[place, 0] = pieces.centres[piece, 0] + x1
+                        nodes.places[place, 1] = pieces.centres[piece, 1] + x2
+                        nodes.places[place, 2] = width * (before_s - rule.nodes[order, i])
+                        nodes.places[place, 3] = width * (
+                            before_s + rule.weights[order, i] - rule.nodes[order, i]
+                        )
+                        nodes.places[place, 4] = chord * (before_t - rule.nodes[3, j])
+                        nodes.places[place, 5] = chord * (before_t + rule.weights[3, j] - rule.nodes[3, j])
+                        nodes.turns[place, 0], nodes.turns[place, 1] = c, d
+                        nodes.log_weights[place] = math.log(weight) + log_density + log_peak
+                    nodes.total[0] += 1
+                before_t += rule.weights[3, j]
+            before_s += rule.weights[order, i]
+    out[0], out[1], out[2], out[3], out[4], out[5] = m0, m1, m2, m11, m12, m22
+    return log_peak

@@ -1,0 +1,372 @@
+"""Moments of a posterior over convex pieces on which all ranges are affine.
+
+With Gaussian noise the log likelihood of a piece is a quadratic form. Its mass is integrated over the part of
+the piece that matters, along the axes of the form, by Gauss-Legendre rules between corners: integrands are
+products of Gaussians over intervals a few deviations long, where these rules are exact to about 1e-12.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from ..compiled import njit
+from .partition import cut_by
+
+MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts
+LONGEST_INTERVAL = 5.0  # e-folds or deviations to an interval of a Gauss-Legendre rule
+NODES_OF_RULES = (4, 6, 9, 13)  # nodes for intervals of up to LONGEST_OF_RULES
+LONGEST_OF_RULES = (0.4, 1.2, 2.6, LONGEST_INTERVAL)
+
+
+class Rules(NamedTuple):
+    """Gauss-Legendre rules on [0, 1]: nodes and weights, (4, N) each, and how many nodes each has."""
+
+    nodes: Array
+    weights: Array
+    counts: IntArray
+
+
+def rules(more: int = 0) -> Rules:
+    """The rules, with `more` nodes each: a second set has no node in common with the first."""
+    counts = np.array(NODES_OF_RULES, dtype=np.int64) + more
+    nodes, weights = np.zeros((2, len(NODES_OF_RULES), counts.max()))
+    for place, count in enumerate(counts):
+        x, w = np.polynomial.legendre.leggauss(int(count))
+        nodes[place, :count], weights[place, :count] = 0.5 * (x + 1), 0.5 * w
+    return Rules(nodes, weights, counts)
+
+
+@njit(cache=True, nogil=True)
+def _rule_for(length: float) -> int:
+    for rule in range(3):
+        if length <= LONGEST_OF_RULES[rule]:
+            return rule
+    return 3
+
+
+@njit(cache=True, nogil=True)
+def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, float, float]:
+    """The chord of a convex polygon at s = at: its ends along t, and their slopes by s."""
+    low, high, low_slope, high_slope = np.inf, -np.inf, 0.0, 0.0
+    for corner in range(count):
+        following = corner + 1 if corner + 1 < count else 0
+        s1, s2 = s[corner], s[following]
+        if (s1 < at < s2) or (s2 < at < s1):
+            slope = (t[following] - t[corner]) / (s2 - s1)
+            end = t[corner] + slope * (at - s1)
+            if end < low:
+                low, low_slope = end, slope
+            if end > high:
+                high, high_slope = end, slope
+    return low, low_slope, high, high_slope
+
+
+@njit(cache=True, nogil=True)
+def log_mass(total: Array) -> float:
+    """Log of the mass summed up so far; -inf where there is none."""
+    return total[1] + math.log(total[0]) if total[0] > 0 else -np.inf
+
+
+@njit(cache=True, nogil=True)
+def add_part(total: Array, log_peak: float, part: Array, x1: float, x2: float) -> None:
+    """Add a part's mass and moments to those of the others, without differences of large numbers.
+
+    Args:
+        total: Mass over exp(log scale), log scale, mean x1, x2, central moments 11, 12, 22, (7,).
+        log_peak: Log of what the part's integrals are to be multiplied by.
+        part: Integrals of 1, x1, x2, x1 x1, x1 x2, x2 x2 about (x1, x2), (6,).
+        x1, x2: Where the part's coordinates begin.
+    """
+    if not part[0] > 0:
+        return
+    if log_peak > total[1]:
+        total[0] = total[0] * math.exp(total[1] - log_peak) if total[0] > 0 else 0.0
+        total[1] = log_peak
+    mass = part[0] * math.exp(log_peak - total[1])
+    p1, p2 = part[1] / part[0], part[2] / part[0]
+    share = mass / (total[0] + mass)
+    rest = 1.0 - share
+    d1, d2 = p1 + x1 - total[2], p2 + x2 - total[3]
+    total[4] = rest * total[4] + share * (part[3] / part[0] - p1 * p1 + rest * d1 * d1)
+    total[5] = rest * total[5] + share * (part[4] / part[0] - p1 * p2 + rest * d1 * d2)
+    total[6] = rest * total[6] + share * (part[5] / part[0] - p2 * p2 + rest * d2 * d2)
+    total[2] += share * d1
+    total[3] += share * d2
+    total[0] += mass
+
+
+@njit(cache=True, nogil=True)
+def finish(total: Array, mean: Array, covariance: Array) -> float:
+    """Write out mean and covariance; returns the log mass."""
+    if total[0] > 0:
+        mean[0], mean[1] = total[2], total[3]
+        covariance[0, 0], covariance[1, 1] = total[4], total[6]
+        covariance[0, 1] = covariance[1, 0] = total[5]
+    return log_mass(total)
+
+
+@njit(cache=True, nogil=True)
+def integrate_quadratic(
+    corners: Array,
+    count: int,
+    h11: float,
+    h12: float,
+    h22: float,
+    g1: float,
+    g2: float,
+    rule: Rules,
+    out: Array,
+) -> None:
+    """Integrate exp(-g.x - x'Hx / 2) and its first and second moments over a convex polygon.
+
+    The exponent is at most zero on the polygon and small in size there: no more than some tens.
+
+    Args:
+        corners, count: The polygon.
+        h11, h12, h22: H, positive semidefinite.
+        g1, g2: g.
+        rule: The rules.
+        out: Receives the integrals of 1, x1, x2, x1 x1, x1 x2, x2 x2, (6,).
+    """
+    # axes: s along the greater curvature, t along the smaller
+    half, mean = 0.5 * (h11 - h22), 0.5 * (h11 + h22)
+    radius = math.sqrt(half * half + h12 * h12)
+    angle = 0.5 * math.atan2(h12, half)
+    c, d = math.cos(angle), math.sin(angle)
+    big, small = mean + radius, max(mean - radius, 0.0)
+    gs, gt = c * g1 + d * g2, c * g2 - d * g1
+    s, t = np.empty(count), np.empty(count)
+    for corner in range(count):
+        s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
+        t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
+    edges = np.sort(s)
+    out[:] = 0.0
+    root_big, root_small = math.sqrt(big), math.sqrt(small)
+    m0 = m1 = m2 = m11 = m12 = m22 = 0.0
+    for panel in range(count - 1):
+        left, right = edges[panel], edges[panel + 1]
+        if right - left <= 1e-14:
+            continue
+        middle = 0.5 * (left + right)
+        low_mid, low_slope, high_mid, high_slope = chord_at(
+            s, t, count, middle
+        )  # affine in s between corners
+        if high_mid <= low_mid:
+            continue
+        width = right - left
+        tilt = max(abs(low_slope), abs(high_slope)) * width
+        rate_t = max(root_small, abs(gt))
+        length_s = width * max(root_big, abs(gs)) + tilt * rate_t
+        parts = int(length_s / LONGEST_INTERVAL) + 1
+        outer = _rule_for(length_s / parts)
+        for part in range(parts):
+            for i in range(rule.counts[outer]):
+                at_s = left + width * (part + rule.nodes[outer, i]) / parts
+                low = low_mid + low_slope * (at_s - middle)
+                high = high_mid + high_slope * (at_s - middle)
+                chord = high - low
+                if chord <= 0:
+                    continue
+                length_t = chord * rate_t
+                pieces = int(length_t / LONGEST_INTERVAL) + 1
+                inner = _rule_for(length_t / pieces)
+                scale = width / parts * rule.weights[outer, i] * chord / pieces
+                base = -gs * at_s - 0.5 * big * at_s * at_s
+                i0 = i1 = i2 = 0.0
+                for fraction in range(pieces):
+                    for j in range(rule.counts[inner]):
+                        at_t = low + chord * (fraction + rule.nodes[inner, j]) / pieces
+                        value = rule.weights[inner, j] * math.exp(
+                            base - gt * at_t - 0.5 * small * at_t * at_t
+                        )
+                        i0 += value
+                        i1 += value * at_t
+                        i2 += value * at_t * at_t
+                m0 += scale * i0
+                m1 += scale * i0 * at_s
+                m2 += scale * i1
+                m11 += scale * i0 * at_s * at_s
+                m12 += scale * i1 * at_s
+                m22 += scale * i2
+    out[0] = m0
+    out[1], out[2] = c * m1 - d * m2, d * m1 + c * m2
+    out[3] = c * c * m11 - 2 * c * d * m12 + d * d * m22
+    out[4] = c * d * m11 + (c * c - d * d) * m12 - c * d * m22
+    out[5] = d * d * m11 + 2 * c * d * m12 + c * c * m22
+
+
+@njit(cache=True, nogil=True)
+def lowest(
+    corners: Array, count: int, h11: float, h12: float, h22: float, g1: float, g2: float, at: Array
+) -> float:
+    """The least of g.x + x'Hx / 2 over a convex polygon, counter-clockwise; `at` receives where."""
+    det = h11 * h22 - h12 * h12
+    if det > 1e-14 * (h11 + h22) ** 2:
+        x1, x2 = (h12 * g2 - h22 * g1) / det, (h12 * g1 - h11 * g2) / det
+        inside = True
+        for corner in range(count):
+            following = corner + 1 if corner + 1 < count else 0
+            e1, e2 = corners[following, 0] - corners[corner, 0], corners[following, 1] - corners[corner, 1]
+            a1, a2 = x1 - corners[corner, 0], x2 - corners[corner, 1]
+            if e1 * a2 - e2 * a1 < -1e-12 * (abs(e1) + abs(e2)) - 1e-14 * (abs(a1) + abs(a2)):
+                inside = False
+                break
+        if inside:
+            at[0], at[1] = x1, x2
+            return g1 * x1 + g2 * x2 + 0.5 * (h11 * x1 * x1 + 2 * h12 * x1 * x2 + h22 * x2 * x2)
+    best = np.inf
+    for corner in range(count):
+        following = corner + 1 if corner + 1 < count else 0
+        x1, x2 = corners[corner, 0], corners[corner, 1]
+        d1, d2 = corners[following, 0] - x1, corners[following, 1] - x2
+        slope = d1 * (g1 + h11 * x1 + h12 * x2) + d2 * (g2 + h12 * x1 + h22 * x2)
+        curve = d1 * d1 * h11 + 2 * d1 * d2 * h12 + d2 * d2 * h22
+        share = min(max(-slope / curve, 0.0), 1.0) if curve > 0 else (0.0 if slope >= 0 else 1.0)
+        x1, x2 = x1 + share * d1, x2 + share * d2
+        value = g1 * x1 + g2 * x2 + 0.5 * (h11 * x1 * x1 + 2 * h12 * x1 * x2 + h22 * x2 * x2)
+        if value < best:
+            best = value
+            at[0], at[1] = x1, x2
+    return best
+
+
+class Pieces(NamedTuple):
+    """A partition as kernels take it: see `Partition`."""
+
+    corners: Array
+    counts: IntArray
+    centres: Array
+    log_areas: Array
+    ranges: Array
+    slopes: Array
+    lows: Array
+    highs: Array
+
+
+@njit(cache=True, nogil=True)
+def _bound(piece: int, reading: Array, weight: Array, lows: Array, highs: Array) -> float:
+    """A bound on the log likelihood of a piece, without constants; -inf where it is impossible."""
+    bound = 0.0
+    for beam in range(reading.size):
+        if weight[beam] == 0:
+            continue
+        low = lows[piece, beam]
+        if low == np.inf:
+            if reading[beam] != np.inf:
+                return -np.inf
+            continue
+        if reading[beam] == np.inf:
+            return -np.inf
+        away = max(low - reading[beam], reading[beam] - highs[piece, beam])
+        if away > 0:
+            bound -= 0.5 * weight[beam] * away * away
+    return bound
+
+
+@njit(cache=True, nogil=True)
+def moments(
+    pieces: Pieces, reading: Array, weight: Array, prior: Array, rule: Rules, mean: Array, covariance: Array
+) -> float:
+    """Mean and covariance of a posterior, and the log of the integral of prior times likelihood.
+
+    Args:
+        pieces: The pieces.
+        reading: Mean reading of each beam, m, (B,); inf = no wall.
+        weight: Number of readings over variance, 1 / m^2, (B,); 0 = not measured.
+        prior: A Gaussian factor of the prior, without constants: its precision p11, p12, p22 and mean, (5,).
+        rule: The rules.
+        mean, covariance: Receive the moments, (2,) and (2, 2).
+
+    Returns:
+        The log integral, without constants; -inf where no piece is possible.
+    """
+    count = len(pieces.counts)
+    bounds = np.empty(count)
+    first, best = -1, -np.inf
+    for piece in range(count):
+        bounds[piece] = pieces.log_areas[piece] + _bound(piece, reading, weight, pieces.lows, pieces.highs)
+        if bounds[piece] > best:
+            first, best = piece, bounds[piece]
+    total = np.zeros(7)
+    total[1] = -np.inf
+    k = pieces.corners.shape[1] + 8
+    work, spare, at, out = np.empty((k, 2)), np.empty((k, 2)), np.empty(2), np.empty(6)
+    for turn in range(-1, count):
+        piece = first if turn < 0 else turn
+        if piece < 0 or (turn >= 0 and piece == first):
+            continue
+        running = log_mass(total)
+        if not bounds[piece] > running - MARGIN_NATS or bounds[piece] == -np.inf:
+            continue
+        # the exponent about the centre: q0 + g.x + x'Hx / 2
+        x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
+        h11, h12, h22 = prior[0], prior[1], prior[2]
+        a1, a2 = x1 - prior[3], x2 - prior[4]
+        g1, g2 = h11 * a1 + h12 * a2, h12 * a1 + h22 * a2
+        q0 = 0.5 * (a1 * g1 + a2 * g2)
+        for beam in range(reading.size):
+            if weight[beam] == 0 or reading[beam] == np.inf:
+                continue
+            misfit = pieces.ranges[piece, beam] - reading[beam]
+            s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+            w = weight[beam]
+            q0 += 0.5 * w * misfit * misfit
+            g1 += w * misfit * s1
+            g2 += w * misfit * s2
+            h11 += w * s1 * s1
+            h12 += w * s1 * s2
+            h22 += w * s2 * s2
+        corners = pieces.counts[piece]
+        for corner in range(corners):
+            work[corner, 0] = pieces.corners[piece, corner, 0] - x1
+            work[corner, 1] = pieces.corners[piece, corner, 1] - x2
+        least = q0 + lowest(work, corners, h11, h12, h22, g1, g2, at)
+        if pieces.log_areas[piece] - least < running - MARGIN_NATS:
+            continue
+        # about the best point, where the gradient points into the piece
+        for corner in range(corners):
+            work[corner, 0] -= at[0]
+            work[corner, 1] -= at[1]
+        g1, g2 = g1 + h11 * at[0] + h12 * at[1], g2 + h12 * at[0] + h22 * at[1]
+        corners = _clip(work, corners, spare, h11, h12, h22, g1, g2)
+        if corners < 3:
+            continue
+        integrate_quadratic(work, corners, h11, h12, h22, g1, g2, rule, out)
+        add_part(total, -least, out, x1 + at[0], x2 + at[1])
+    return finish(total, mean, covariance)
+
+
+@njit(cache=True, nogil=True)
+def _clip(
+    work: Array, corners: int, spare: Array, h11: float, h12: float, h22: float, g1: float, g2: float
+) -> int:
+    """Cut off what lies MARGIN_NATS below the best point, the origin; returns the corners left."""
+    half, mean = 0.5 * (h11 - h22), 0.5 * (h11 + h22)
+    radius = math.sqrt(half * half + h12 * h12)
+    angle = 0.5 * math.atan2(h12, half)
+    c, d = math.cos(angle), math.sin(angle)
+    for axis in range(5):
+        if axis == 4:
+            n1, n2, level = g1, g2, MARGIN_NATS
+            if g1 == 0 and g2 == 0:
+                continue
+        else:
+            curvature = mean + radius if axis < 2 else mean - radius
+            if curvature <= 1e-12 * (mean + radius) or curvature <= 0:
+                continue
+            level = math.sqrt(2 * MARGIN_NATS / curvature)
+            sign = 1.0 if axis % 2 == 0 else -1.0
+            n1, n2 = (sign * c, sign * d) if axis < 2 else (-sign * d, sign * c)
+        outside = False
+        for corner in range(corners):
+            if n1 * work[corner, 0] + n2 * work[corner, 1] > level:
+                outside = True
+                break
+        if outside:
+            corners = cut_by(work, corners, n1, n2, level, spare)
+            work[:corners] = spare[:corners]
+    return corners
