@@ -18,8 +18,8 @@ import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, write_report
 from rangefix.evaluation.drawing import draw
+from rangefix.evaluation.results import FILE, load_pictures, read_part, write_npz, write_part
 from rangefix.evaluation.results import files as result_files
-from rangefix.evaluation.results import read_part, write_npz, write_part
 
 from ..conftest import make_problem
 
@@ -265,6 +265,33 @@ def test_scenes_that_are_none(folder: Path, name: str, array: Any) -> None:
         held = {each: arrays[each] for each in arrays.files}
     write_npz(folder / "scene.npz", held | {name: array})
     assert name in refused(folder, "scene.npz")
+
+
+PICTURE: dict[str, Any] = {
+    "0_estimator": np.array("ekf"),
+    "0_density": np.ones((2, 2)),
+    "0_extent": np.array([0.0, 4.0, 0.0, 6.0]),
+    "0_headings": np.zeros(0),
+    "0_heading_density": np.zeros(0),
+}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"0_density": np.ones(4)},
+        {"0_density": np.full((2, 2), -1.0)},
+        {"0_density": np.array([["a"]])},
+        {"0_extent": np.zeros(3)},
+        {"0_headings": np.zeros(7)},
+        {"1_estimator": np.array("ukf")},
+    ],
+)
+def test_pictures_that_are_none(folder: Path, change: dict[str, Any]) -> None:
+    write_part(folder / FILE, PICTURE, "key")
+    assert [picture.estimator for picture in load_pictures(folder)] == ["ekf"]
+    write_part(folder / FILE, PICTURE | change, "key")
+    refused(folder, "no pictures of beliefs")
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "timing.json", "scene.npz", f"{TRIALS}/{BLOCKS[0]}"])

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 
-MAX_JSON = 1 << 23  # bytes
+MAX_JSON = 5 << 20  # bytes
 MAX_DEPTH = 60  # of tables and lists in one another
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...filters import StateSpace
+from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json
 from .folder import MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
@@ -142,6 +143,7 @@ def load(folder: Path | str) -> Results:
     check_manifest(folder / MANIFEST, manifest)
     plan = FolderLayout.read(manifest)
     check_size(folder, plan, folder / MANIFEST)
+    load_pictures(folder)  # damaged ones are told before anything is drawn
     results = Results(
         manifest=manifest,
         space=StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"]),

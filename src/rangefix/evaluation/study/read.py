@@ -22,7 +22,7 @@ from .toml_lines import MOST_DEEP, deep_line, key_lines
 from .toml_lines import Path as Key
 
 EXAMPLES = Path(__file__).parent / "examples"
-MOST_BYTES = 4 << 20  # of a study file
+MOST_BYTES = 2 << 20  # of a study file
 MOST_NAME = 60  # letters of a key that are shown
 SOUND: dict[str, Any] = {  # stand where there are mistakes, and are not looked at
     "map": {"kind": "rectangle", "width_m": 1.0, "length_m": 1.0},
