@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .figures import FigureKind, drawn, figure_kinds, study_figures, styled, to_png, to_svg
+from .figures import FigureData, FigureKind, drawn, figure_kinds, styled, to_png, to_svg
 from .paper import table1
 from .paper.figures import PAPER_FIGURES
 from .results import FIGURES, MANIFEST, ResultsError, load, remove, write_bytes
@@ -30,7 +30,8 @@ def draw(folder: Path) -> list[Path]:
     if (folder / "table1.json").exists():
         kinds, figures = PAPER_FIGURES, drawn(PAPER_FIGURES, table1.load(folder))
     elif (folder / MANIFEST).exists():
-        kinds, figures = figure_kinds(), study_figures(load(folder))
+        kinds = figure_kinds()
+        figures = drawn(kinds, FigureData(load(folder)))
     else:
         raise ResultsError(
             f"{folder} holds no results: make some with rangefix paper or rangefix run, and --out"
