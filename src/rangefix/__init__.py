@@ -11,17 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .evaluation import credibility, load, load_study, run, summarise, write_report
-    from .filters import (
-        Gaussian,
-        Problem,
-        Rangefinder,
-        Stationary,
-        Uniform,
-        available,
-        build,
-        pose_space,
-        position_space,
-    )
+    from .filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, available, build
+    from .filters.space import pose_space, position_space
     from .maps import FloorPlan, MeshRoom, RectangularRoom
 
 __version__ = "0.1.0"

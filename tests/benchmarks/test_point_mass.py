@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from rangefix.filters import build
-from rangefix.filters.point_mass import cell_ranges
+from rangefix.filters.point_mass import mode_shape
 
 from . import peers
 from .race import race
@@ -62,7 +62,7 @@ class Case:
 
     def agrees(self, update):
         """Whether a peer gives our mean and covariance for every run."""
-        with mock.patch.object(cell_ranges, "add_unresolved"):
+        with mock.patch.object(mode_shape, "add_unresolved"):
             mean, covariance, _ = self.ours()
         for run, reading in enumerate(self.readings):
             theirs = update(reading)

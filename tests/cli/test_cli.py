@@ -15,7 +15,7 @@ import pytest
 
 from rangefix import __version__
 from rangefix.cli import main
-from rangefix.cli.arguments import gather_bearings
+from rangefix.cli.main import gather_bearings
 
 STUDY = """
 runs = 12
@@ -236,7 +236,7 @@ def test_compare(rangefix: Callable[..., Said], tmp_path: Path) -> None:
 
 
 def test_check(rangefix: Callable[..., Said], tmp_path: Path) -> None:
-    """How many checks ran; a fault is named with its mend; an expected one needs its reason."""
+    """How many checks ran; a fault is named with its fix; an expected one needs its reason."""
     said = rangefix("check", "ekf")
     assert said.code == 0
     assert "checks ran" in said.out
@@ -244,7 +244,7 @@ def test_check(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     said = rangefix("check", f"{plugin}:build")
     assert said.code == 1
     assert "no answer" in said.out
-    assert "mend:" in said.out
+    assert "fix:" in said.out
     document = json.loads(rangefix("check", f"{plugin}:build", "--json").out)
     failed = [each["name"] for each in document["checks"] if each["outcome"] == "failed"]
     reasons = [part for name in failed for part in ("--expect-failure", f"{name}=it is broken")]

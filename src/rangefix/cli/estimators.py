@@ -48,7 +48,17 @@ def check(
 
 def estimators(as_json: Json = False) -> None:
     """The estimators that there are, with their options."""
-    described = describe()
+    from ..evaluation.isolation import signature_of
+    from ..evaluation.isolation.look import inspect_plugin
+    from ..filters import available
+    from ..filters.registry import BUILT_IN, resolve
+
+    described = []
+    for name in available():  # plug-ins are imported in processes of their own
+        plugin = signature_of(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
+        options = dict(plugin.parameters)
+        row: dict[str, Any] = {"name": name, "summary": plugin.summary, "options": options}
+        described.append(row | ({"fault": plugin.fault} if plugin.fault else {}))
     if as_json:
         print_json({"estimators": described})
         return
@@ -58,24 +68,6 @@ def estimators(as_json: Json = False) -> None:
             continue
         listed = ", ".join(f"{name}={value}" for name, value in row["options"].items())
         typer.echo(f"{row['name']:<12} {row['summary']}\n{'':<12} options: {listed or 'none'}")
-
-
-def describe() -> list[dict[str, Any]]:
-    """Name, first line of the docstring and options (with defaults) of each estimator.
-
-    Plug-ins are imported in processes of their own; one that cannot be has a fault that says why.
-    """
-    from ..evaluation.isolation import signature_of
-    from ..evaluation.isolation.look import inspect_plugin
-    from ..filters import available
-    from ..filters.registry import BUILT_IN, resolve
-
-    described = []
-    for name in available():
-        plugin = signature_of(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
-        row = {"name": name, "summary": plugin.summary, "options": dict(plugin.parameters)}
-        described.append(row | ({"fault": plugin.fault} if plugin.fault else {}))
-    return described
 
 
 def read_options(given: Iterable[str]) -> dict[str, Any]:

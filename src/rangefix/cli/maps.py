@@ -9,38 +9,6 @@ import typer
 from .app import Json, print_json
 
 
-def cast(
-    map_name: str, at: tuple[float, float], heading_deg: float, bearings_deg: str, sensor_height: float | None
-) -> list[dict[str, float]]:
-    """Ranges from a position in a map; bearings as numbers joined by commas.
-
-    Raises:
-        ValueError: With all mistakes of the position, heading and bearings at once, or that of the map.
-    """
-    import numpy as np
-
-    from ..maps import open_map
-
-    try:
-        bearings = [float(part) for part in bearings_deg.split(",")]
-    except ValueError:
-        raise ValueError(f"--bearings-deg needs numbers, got {bearings_deg!r}") from None
-    numbers = {"--at": at, "--heading-deg": [heading_deg], "--bearings-deg": bearings}
-    wrong = [name for name, values in numbers.items() if not np.isfinite(values).all()]
-    if wrong:
-        raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
-    options: dict[str, Any] = {} if sensor_height is None else {"sensor_height": sensor_height}
-    room = open_map(map_name, **options)
-    if not room.is_free(np.array(at)):
-        raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")
-    pose = np.array([*at, np.deg2rad(heading_deg)])
-    found = room.ranges(pose, np.deg2rad(bearings))
-    return [
-        {"bearing_deg": bearing, "range_m": float(distance)}
-        for bearing, distance in zip(bearings, found, strict=True)
-    ]
-
-
 def ranges(
     map_name: Annotated[
         str, typer.Argument(metavar="MAP", help="A map file, or a room such as room:4x6 (m).")
@@ -54,7 +22,26 @@ def ranges(
     as_json: Json = False,
 ) -> None:
     """What a rangefinder would measure there, without noise."""
-    rows = cast(map_name, at, heading_deg, bearings_deg, sensor_height)
+    import numpy as np
+
+    from ..maps import open_map
+
+    try:
+        bearings = [float(part) for part in bearings_deg.split(",")]
+    except ValueError:
+        raise ValueError(f"--bearings-deg needs numbers, got {bearings_deg!r}") from None
+    numbers = {"--at": at, "--heading-deg": [heading_deg], "--bearings-deg": bearings}
+    if wrong := [name for name, values in numbers.items() if not np.isfinite(values).all()]:
+        raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
+    options: dict[str, Any] = {} if sensor_height is None else {"sensor_height": sensor_height}
+    room = open_map(map_name, **options)
+    if not room.is_free(np.array(at)):
+        raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")
+    found = room.ranges(np.array([*at, np.deg2rad(heading_deg)]), np.deg2rad(bearings)).tolist()
+    rows = [
+        {"bearing_deg": bearing, "range_m": distance}
+        for bearing, distance in zip(bearings, found, strict=True)
+    ]
     if as_json:
         print_json({"map": map_name, "at_m": list(at), "heading_deg": heading_deg, "beams": rows})
         return

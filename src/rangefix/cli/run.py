@@ -1,7 +1,8 @@
-"""The command `run`."""
+"""The commands `new` and `run`."""
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -10,10 +11,34 @@ import typer
 
 from .app import ExitCode, Json, named, print_json
 
-EXAMPLES = (
-    Path(__file__).parents[1] / "evaluation" / "study" / "examples"
-)  # listed without what a study loads
+EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
+
+
+def new(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The file to write.")], as_json: Json = False
+) -> None:
+    """Write a commented study to begin with."""
+    path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
+    text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
+    name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
+    text = text.replace("STUDY.toml", path.name.replace("\n", "_")).replace("NAME", name)
+    made = False
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            made = True
+            file.write(text)
+    except FileExistsError:
+        raise ValueError(f"{path} is there already: choose another name, or remove it") from None
+    except OSError as error:
+        if made:
+            path.unlink(missing_ok=True)
+        raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
+    if as_json:
+        print_json({"study": str(path)})
+    else:
+        typer.echo(f"{path}   Run it: rangefix run {path}")
 
 
 def run(
@@ -47,10 +72,9 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
-    from ..evaluation import check_gates, load_study, parse_gates, summarise
+    from ..evaluation import check_gates, decide, load_study, parse_gates, summarise
     from ..evaluation import run as run_study
-    from ..evaluation.consistency import need_sound
-    from ..evaluation.consistency.verdict import verdict_text
+    from ..evaluation.consistency.gates import need_sound
     from .progress import bars
 
     gates = parse_gates(gate or ())
@@ -85,7 +109,7 @@ def run(
                 "runs": results.runs,
                 "seed": results.manifest.get("seed"),
                 "folder": str(folder),
-                "rows": [row.flat() | {"verdict": verdict_text(row)} for row in rows],
+                "rows": [row.flat() | {"verdict": decide(row).words} for row in rows],
                 "gates": [
                     {"gate": line.gate.text, "passed": line.passed, "text": line.text} for line in lines
                 ],

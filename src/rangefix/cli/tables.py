@@ -12,20 +12,12 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from ..evaluation import Interval, Results, Row
-from ..evaluation.consistency import (
-    Comparison,
-    Difference,
-    beams_in_words,
-    factor,
-    format_number,
-    is_overconfident,
-    uniform_p_value,
-    unit,
-)
-from ..evaluation.consistency.intervals import UNKNOWN
+from ..evaluation import Results, Row
+from ..evaluation.consistency.compare import Comparison, Difference
+from ..evaluation.consistency.formatting import beams_in_words, format_number, unit
+from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import Metric
-from ..evaluation.consistency.verdict import verdict_text
+from ..evaluation.consistency.verdict import decide
 from ..evaluation.paper import BAND, CELLS, Paper
 
 NARROW = 130  # columns; below, the table of a study has fewer
@@ -108,15 +100,15 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
         last = f", after the last of {end + 1} measurements" if end else ""
         table.add_row(f"{beams_in_words(beams)}{last}", style="bold")
         for row in (row for row in rows if (row.beams, row.step) == (beams, end)):
-            style = "bold red" if is_overconfident(row) else ""
-            cells = [f"  {row.estimator}", str(row.ok), *_std_cells(row.names, row.g, row.p)]
+            verdict = decide(row)
+            style = "bold red" if verdict.overconfident else ""
+            cells = [f"  {row.estimator}", str(row.ok), *row.pairs_of_stds(row.g, row.p)]
             cells += [_cell(row, metric, component, narrow) for metric, component in figures]
             if not narrow:
-                cells += [format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"]
-                cells += [verdict_text(row)]
+                cells += [row.milliseconds, verdict.words]
             table.add_row(*cells, style=style)
             if narrow:
-                table.add_row(f"  {verdict_text(row)}", style=style)
+                table.add_row(f"  {verdict.words}", style=style)
         table.add_section()
     return table
 
@@ -142,14 +134,6 @@ def _std_headings(names: Iterable[str], pair: str) -> list[str]:
     return [f"{name} std, {unit(name)}\n{pair}" for name in names]
 
 
-def _std_cells(names: Iterable[str], *variances: Sequence[Interval]) -> list[str]:
-    """Two standard deviations of each component, in the unit in which it is shown."""
-    return [
-        " / ".join(format_number(factor(name) * each.sqrt().value) for each in pair)
-        for name, *pair in zip(names, *variances, strict=True)
-    ]
-
-
 def beliefs(rows: Sequence[Row]) -> Table | None:
     """What samples of the beliefs say, after the last measurement; None where none were sampled."""
     end = max(row.step for row in rows)
@@ -165,7 +149,7 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
             if found and row.beams == beams:
                 table.add_row(
                     f"  {row.estimator}",
-                    *_std_cells(row.names, found.whole, found.mode),
+                    *row.pairs_of_stds(found.whole, found.mode),
                     f"{100 * found.share.value:.3g} %",
                     f"{format_number(row.scores.energy.value)} / {format_number(found.energy.value)}",
                     format_number(uniform_p_value(found.ranks[-1])),

@@ -1,26 +1,14 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
-from .consistency import (
-    Interval,
-    Metric,
-    Row,
-    RunBlock,
-    Verdict,
-    anees_band,
-    check_gates,
-    coverage,
-    credibility,
-    decide,
-    is_positive,
-    mean_interval,
-    nees,
-    noncredibility,
-    parse_gates,
-    ratio_interval,
-    share_interval,
-    to_csv,
-)
+from .consistency.averages import ratio_interval
+from .consistency.from_arrays import coverage, credibility, noncredibility
+from .consistency.gates import check_gates, parse_gates
+from .consistency.intervals import Interval, mean_interval, share_interval
+from .consistency.metrics import Metric, RunBlock
+from .consistency.row import Row, to_csv
+from .consistency.scores import anees_band, is_positive, nees
 from .consistency.summarise import summarise
+from .consistency.verdict import Verdict, decide
 from .experiment import Experiment, NamedEstimator
 from .monte_carlo import Progress, run
 from .report import write_report

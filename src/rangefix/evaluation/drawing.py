@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .figures import FigureData, FigureKind, drawn, figure_kinds, styled, to_png, to_svg
+from .figures import FigureData, FigureKind
+from .figures.catalogue import drawn, figure_kinds
+from .figures.style import styled, to_png, to_svg
 from .paper import table1
 from .paper.figures import PAPER_FIGURES
 from .results import FIGURES, MANIFEST, ResultsError, load, remove, write_bytes

@@ -112,7 +112,8 @@ class Experiment:
             raise ValueError("the true and the assumed sensor must have the same number of beams")
         sets = [tuple(beam_set) for beam_set in self.beam_sets] or [tuple(range(1, beams + 1))]
         for beam_set in sets:
-            if not is_beam_set(beam_set, beams):
+            numbers = set(beam_set)
+            if not numbers or len(numbers) < len(beam_set) or not numbers <= set(range(1, beams + 1)):
                 text = f"a set of beams holds different numbers from 1 to {beams}, got {list(beam_set)}"
                 raise ValueError(text)
         if len(set(map(frozenset, sets))) != len(sets):
@@ -160,11 +161,6 @@ class Experiment:
         """Measurements (..., B) as a set of beams, counted from 0, shows them: NaN for the others."""
         beams = np.arange(1, measurement.shape[-1] + 1)
         return np.where(np.isin(beams, self.beam_sets[beam_set]), measurement, np.nan)
-
-
-def is_beam_set(beam_set: Sequence[int], beams: int) -> bool:
-    """Whether these are different numbers from 1 to `beams`, and at least one."""
-    return 0 < len(beam_set) == len(set(beam_set)) and all(1 <= beam <= beams for beam in beam_set)
 
 
 def beam_label(beams: Sequence[int]) -> str:

@@ -1,27 +1,16 @@
 """What an estimator believes after measuring."""
 
 from .estimator import EachRun, Estimate, Estimator, SingleRunEstimator
-from .models import (
-    BeamMixture,
-    Confined,
-    ConstantVelocity,
-    Gaussian,
-    GaussianPrior,
-    Mixture,
-    Odometry,
-    Quantised,
-    RandomWalk,
-    Rangefinder,
-    RangeProportional,
-    Stationary,
-    StudentT,
-    Uniform,
-    WithHeading,
-    WithVelocity,
-    in_line_of_sight,
-    sample_runs,
-    sweep,
-)
+from .models.beam_noise import BeamMixture, Quantised
+from .models.confined import Confined, in_line_of_sight, sample_runs
+from .models.gaussian_prior import GaussianPrior
+from .models.mixture_prior import Mixture
+from .models.motion import ConstantVelocity, RandomWalk, Stationary
+from .models.noise import Gaussian, RangeProportional, StudentT
+from .models.odometry import Odometry
+from .models.product_prior import WithHeading, WithVelocity
+from .models.rangefinder import Rangefinder, sweep
+from .models.uniform_prior import Uniform
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .registry import available, build
 from .space import StateSpace, pose_space, position_space, velocity_space

@@ -88,7 +88,25 @@ def resolve(name: str) -> Any:
         KeyError: If there is no such estimator.
         ImportError: If its code fails to import.
     """
-    return _load(_target(name), name)
+    target = _target(name)
+    where, _, attribute = target.rpartition(":")
+    try:
+        module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
+    except (Exception, SystemExit) as error:  # whatever a plug-in's code may raise
+        missing = error.name or where if isinstance(error, ModuleNotFoundError) else ""
+        if name == target and (isinstance(error, _NoFile) or f"{where}.".startswith(f"{missing or ' '}.")):
+            raise KeyError(f"no estimator {name!r}: {error}") from None
+        cause = f"{type(error).__name__}: {' '.join(str(error).split())}{plugin_line(error.__traceback__)}"
+        raise ImportError(f"estimator {name!r} failed to import: {cause}") from error
+    try:
+        return attrgetter(attribute)(module)
+    except AttributeError:
+        offered = [found for found, value in vars(module).items() if callable(value) and found[0] != "_"]
+        close = get_close_matches(attribute, offered, n=1)
+        text = f"{where} has no {attribute!r}" + (f"; did you mean {close[0]}?" if close else "")
+        if name == target:
+            raise KeyError(f"no estimator {name!r}: {text}") from None
+        raise ImportError(f"estimator {name!r} failed to import: {text}") from None
 
 
 def module_of(name: str) -> str:
@@ -110,28 +128,6 @@ def _target(name: str) -> str:
     if where and attribute:
         return name
     raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
-
-
-def _load(target: str, name: str) -> Any:
-    """The attribute that a target names, for the estimator of that name."""
-    where, _, attribute = target.rpartition(":")
-    try:
-        module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
-    except (Exception, SystemExit) as error:  # whatever a plug-in's code may raise
-        missing = error.name or where if isinstance(error, ModuleNotFoundError) else ""
-        if name == target and (isinstance(error, _NoFile) or f"{where}.".startswith(f"{missing or ' '}.")):
-            raise KeyError(f"no estimator {name!r}: {error}") from None
-        cause = f"{type(error).__name__}: {' '.join(str(error).split())}{plugin_line(error.__traceback__)}"
-        raise ImportError(f"estimator {name!r} failed to import: {cause}") from error
-    try:
-        return attrgetter(attribute)(module)
-    except AttributeError:
-        offered = [found for found, value in vars(module).items() if callable(value) and found[0] != "_"]
-        close = get_close_matches(attribute, offered, n=1)
-        text = f"{where} has no {attribute!r}" + (f"; did you mean {close[0]}?" if close else "")
-        if name == target:
-            raise KeyError(f"no estimator {name!r}: {text}") from None
-        raise ImportError(f"estimator {name!r} failed to import: {text}") from None
 
 
 class _NoFile(FileNotFoundError):

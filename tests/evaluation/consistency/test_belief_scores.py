@@ -11,16 +11,16 @@ from matplotlib.colors import to_rgba
 from scipy.spatial.distance import pdist
 
 from rangefix.evaluation import Experiment, NamedEstimator, load, run, streams, summarise
-from rangefix.evaluation.consistency import (
+from rangefix.evaluation.consistency.belief_scores import (
     RANK_DRAWS,
     belief_arrays,
-    histogram,
     judge_belief,
-    pit,
+    main_mode,
+    measure,
     rank_histogram,
-    uniform_p_value,
 )
-from rangefix.evaluation.consistency.belief_scores import main_mode, measure
+from rangefix.evaluation.consistency.calibration import histogram, pit
+from rangefix.evaluation.consistency.intervals import uniform_p_value
 from rangefix.evaluation.consistency.scores import crps, energy_score
 from rangefix.evaluation.figures import FigureData
 from rangefix.evaluation.figures.ranks import OUTSIDE, ranks_figure

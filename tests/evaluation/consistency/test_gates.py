@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Row, check_gates, credibility, parse_gates
-from rangefix.evaluation.consistency import need_sound
+from rangefix.evaluation.consistency.gates import need_sound
 
 
 @pytest.fixture(scope="module")

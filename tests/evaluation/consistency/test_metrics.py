@@ -23,8 +23,8 @@ from rangefix.evaluation import (
     write_report,
 )
 from rangefix.evaluation.consistency import metrics as table
-from rangefix.evaluation.consistency import need_sound
 from rangefix.evaluation.consistency.compare import compare
+from rangefix.evaluation.consistency.gates import need_sound
 from rangefix.evaluation.consistency.metrics import COMPONENT, METRICS, Metric, RunBlock, metrics
 
 ERRORS = np.random.default_rng(1).normal(size=(200, 2))

@@ -7,15 +7,15 @@ import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
 from rangefix.evaluation import credibility, is_positive, nees
-from rangefix.evaluation.consistency import (
+from rangefix.evaluation.consistency import scores as scores_module
+from rangefix.evaluation.consistency.calibration import (
     coverage_curve,
     histogram,
     pit,
     reliability,
     uniform_band,
-    uniform_p_value,
 )
-from rangefix.evaluation.consistency import scores as scores_module
+from rangefix.evaluation.consistency.intervals import uniform_p_value
 from rangefix.evaluation.consistency.scores import DIRECTIONS, crps, energy_score
 
 P = np.array([[0.5, 0.3], [0.3, 0.4]])

@@ -14,9 +14,9 @@ from PIL import Image
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.drawing import draw
-from rangefix.evaluation.figures import INK, FigureData, FigureKind, styled
+from rangefix.evaluation.figures import FigureData, FigureKind
 from rangefix.evaluation.figures.catalogue import FIGURES
-from rangefix.evaluation.figures.style import COLOURS
+from rangefix.evaluation.figures.style import COLOURS, INK, styled
 from rangefix.evaluation.paper import table1
 
 STUDY = {"map", "covariance", "anees", "errors", "runs", "time"}

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from rangefix.evaluation import Experiment, NamedEstimator, run
 from rangefix.evaluation.drawing import draw
-from rangefix.evaluation.figures import study_figures
-from rangefix.evaluation.figures.labels import LONGEST_LABEL, drawable_labels
+from rangefix.evaluation.figures.catalogue import study_figures
+from rangefix.evaluation.figures.data import LONGEST_LABEL, drawable_labels
 
 from ..conftest import make_problem
 

@@ -12,7 +12,9 @@ from pydantic import Field
 
 from rangefix.evaluation import Experiment, NamedEstimator, Study, parse_study
 from rangefix.evaluation.monte_carlo import keys
-from rangefix.evaluation.study.sections import EstimatorSection, MapSection, RectangleMap, SensorSection
+from rangefix.evaluation.study.sections.estimators import EstimatorSection
+from rangefix.evaluation.study.sections.map import MapSection, RectangleMap
+from rangefix.evaluation.study.sections.sensor import SensorSection
 from rangefix.maps import RectangularRoom
 
 from ..conftest import make_problem

@@ -18,8 +18,7 @@ from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, parse_gates, run, write_report
-from rangefix.evaluation.consistency import RANK_DRAWS, belief_arrays
-from rangefix.evaluation.consistency.belief_scores import measure
+from rangefix.evaluation.consistency.belief_scores import RANK_DRAWS, belief_arrays, measure
 from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.figures import FigureData, FigureKind
 from rangefix.evaluation.figures.catalogue import figure_kinds

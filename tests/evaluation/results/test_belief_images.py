@@ -10,8 +10,9 @@ import pytest
 
 from rangefix.cli.tables import comparison, console
 from rangefix.evaluation import load, load_study, parse_study, run, summarise
-from rangefix.evaluation.consistency import factor, unit
-from rangefix.evaluation.figures import study_figures, styled, write
+from rangefix.evaluation.consistency.formatting import factor, unit
+from rangefix.evaluation.figures.catalogue import study_figures
+from rangefix.evaluation.figures.style import styled, write
 from rangefix.evaluation.results import FILE, load_pictures, read_if_valid
 from rangefix.filters.estimator import sample_belief, show_belief
 from rangefix.filters.particle import ParticleFilter

@@ -11,8 +11,7 @@ from scipy import stats
 from rangefix.arrays import Array
 from rangefix.evaluation import streams
 from rangefix.evaluation.monte_carlo.simulate import follow
-from rangefix.evaluation.study.sections import Drive
-from rangefix.evaluation.study.sections.drives import random_drive, waypoint_drive
+from rangefix.evaluation.study.sections.drives import Drive, random_drive, waypoint_drive
 from rangefix.filters import (
     Confined,
     GaussianPrior,

@@ -10,8 +10,8 @@ import pytest
 from pydantic import BaseModel
 
 from rangefix.evaluation import Study, parse_study, study_names
-from rangefix.evaluation.study.sections import SensorSection
 from rangefix.evaluation.study.sections.base import kinds_of
+from rangefix.evaluation.study.sections.sensor import SensorSection
 
 PAGE = Path(__file__).parents[3] / "docs" / "studies.md"
 if not PAGE.is_file():  # a source distribution has it, an installed package has not

@@ -10,7 +10,9 @@ import pytest
 
 from rangefix.evaluation import Study, StudyError, load_study, parse_study, run, study_names
 from rangefix.evaluation.study import EstimatorSection
-from rangefix.evaluation.study.sections import RectangleMap, SensorSection, TruthSection
+from rangefix.evaluation.study.sections.map import RectangleMap
+from rangefix.evaluation.study.sections.sensor import SensorSection
+from rangefix.evaluation.study.sections.state import TruthSection
 from rangefix.evaluation.study.toml_lines import key_lines
 from rangefix.maps import RectangularRoom
 from rangefix.maps import load as load_map

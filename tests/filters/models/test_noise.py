@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from rangefix.filters import BeamMixture, Gaussian, Quantised, RangeProportional, StudentT
-from rangefix.filters.models import CumulativeNoise
+from rangefix.filters.models.noise import CumulativeNoise
 
 MIXTURE = BeamMixture(hit=0.7, short=0.12, max=0.08, random=0.1, std=0.05, rate=0.8, max_range=8.0)
 HITS = BeamMixture(hit=1.0, short=0.0, max=0.0, random=0.0, std=0.05, rate=1.0, max_range=8.0)

@@ -21,7 +21,7 @@ from rangefix.filters import (
     position_space,
     sweep,
 )
-from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
+from rangefix.filters.point_mass import PointMassFilter, mode_shape
 from rangefix.filters.point_mass.cell_error import add_unresolved, unresolved_covariance, unresolved_variance
 from rangefix.filters.point_mass.mode_shape import choose_probe_cells
 from rangefix.filters.point_mass.records import PROBE_CELLS
@@ -139,7 +139,7 @@ def test_two_modes_narrower_than_cells_are_claimed_across_their_line() -> None:
 
 def test_two_modes_need_the_term(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: the sum's covariance alone is next to nothing in some direction in most runs."""
-    monkeypatch.setattr(turning_ranges, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
     estimator, _, readings = sharp_scans()
     singular = np.linalg.eigvalsh(scaled(estimator, claims(estimator, readings)))[:, 0] < 1e-4
     assert singular.mean() > 0.5
@@ -171,16 +171,15 @@ def test_nothing_is_added_where_cells_are_fine(heading: bool, monkeypatch: pytes
     """Cells of half a deviation or less: no variance changes by more than 1e-3, for 20 runs."""
     if heading:
         estimator, _, readings = scans(Gaussian(1.0), 0.1, 4.0, 20)
-        module = turning_ranges
     else:
         space = position_space()
         sensor = Rangefinder(ROOM, np.deg2rad([326.3, 0.0, 33.7]), Gaussian(0.05), space)
         problem = Problem(space, Stationary(space), sensor, Uniform(ROOM, space))
         draw = np.random.default_rng(4)
         readings = sensor.sample(problem.prior.sample(20, draw), draw)
-        estimator, module = PointMassFilter(problem, 0.01), cell_ranges
+        estimator = PointMassFilter(problem, 0.01)
     claimed = np.diagonal(claims(estimator, readings), axis1=1, axis2=2)
-    monkeypatch.setattr(module, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
     summed = np.diagonal(claims(estimator, readings), axis1=1, axis2=2)
     np.testing.assert_allclose(claimed, summed, rtol=1e-3)
 

@@ -23,7 +23,7 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.point_mass import PointMassFilter, cell_ranges
+from rangefix.filters.point_mass import PointMassFilter, mode_shape
 from rangefix.maps import FloorPlan, Hits, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -80,7 +80,7 @@ def test_equals_brute_force_on_the_same_cells(monkeypatch: pytest.MonkeyPatch) -
 
     The sums themselves, without what is added for cells that are too wide.
     """
-    monkeypatch.setattr(cell_ranges, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
     problem = paper_problem()
     draw = np.random.default_rng(1)
     truths = problem.prior.sample(40, draw)

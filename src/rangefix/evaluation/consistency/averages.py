@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from .intervals import HUGE, LEVEL, UNKNOWN, Interval, Moments, share_interval
-from .normalised import is_positive
+from .scores import is_positive
 
 
 class Mean:

@@ -88,17 +88,8 @@ class Comparison:
 
     def to_json(self) -> dict[str, Any]:
         """Everything, as plain values."""
-        return {
-            "config": list(self.config),
-            "settings": {name: list(pair) for name, pair in self.settings.items()},
-            "same_truths": self.same_truths,
-            "only_a": [list(pair) for pair in self.only_a],
-            "only_b": [list(pair) for pair in self.only_b],
-            "differences": [
-                vars(difference) | {"change": list(difference.change), "significant": difference.significant}
-                for difference in self.differences
-            ],
-        }
+        differences = [vars(each) | {"significant": each.significant} for each in self.differences]
+        return vars(self) | {"differences": differences}
 
 
 def compare(a: Results, b: Results) -> Comparison:
@@ -138,10 +129,8 @@ def _settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any
         found: dict[str, Any] = {}
         for key in ("seed", "runs", "versions", "git", "machine", "threads", "estimators", "beam_sets"):
             value = manifest.get(key)
-            parts = (
-                {f"{key}.{name}": part for name, part in value.items()} if isinstance(value, dict) else None
-            )
-            found |= {key: value} if parts is None else parts
+            parts = value.items() if isinstance(value, dict) else None
+            found |= {key: value} if parts is None else {f"{key}.{name}": part for name, part in parts}
         return found
 
     one, other = flat(a), flat(b)

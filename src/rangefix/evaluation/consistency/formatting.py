@@ -68,10 +68,3 @@ def scaled(interval: Interval, by: float) -> Interval:
 def capital(sentence: str) -> str:
     """The sentence with a capital, and a full stop."""
     return sentence[:1].upper() + sentence[1:] + ("" if sentence.endswith((".", ":")) else ".")
-
-
-def format_percent_interval(share: Interval) -> str:
-    """A share with its interval, in per cent."""
-    if math.isnan(share.value):
-        return "-"
-    return f"{100 * share.value:.3g} % [{100 * share.low:.3g}, {100 * share.high:.3g}]"

@@ -14,11 +14,11 @@ from scipy.special import chdtri
 
 from ...arrays import Array, wrap
 from ..results import Status
-from .accumulator import Accumulator
 from .intervals import LEVEL, Interval, share_interval
 from .metrics import METRICS, RunBlock
-from .normalised import nees
 from .row import Row
+from .scores import nees
+from .summarise import Accumulator
 
 
 def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tuple[Interval, Interval]:

@@ -18,11 +18,11 @@ import numpy as np
 
 from ...errors import suggestion
 from ..results import BeliefScores
-from .accumulator import Accumulator
-from .formatting import beams_in_words, format_number
+from .formatting import format_number
 from .metrics import RunBlock
 from .row import Row
-from .verdict import decide, is_overconfident
+from .summarise import Accumulator
+from .verdict import decide
 
 LABELS = ("estimator", "beams")  # columns of a row that are no figures
 FORM = "ESTIMATOR, FIGURE=LOW:HIGH or ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25"
@@ -108,17 +108,15 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
     """
     every, known = figures(names, beliefs=True), figures(names, beliefs=beliefs)
     for gate in gates:
-        if gate.estimator is not None and gate.estimator not in labels:
-            if gate.figure is None and gate.text.strip() in every:
+        if gate.figure is None and gate.estimator not in labels:
+            if gate.text.strip() in every:
                 raise ValueError(f"gate {gate.text!r} has no band: write {FORM}")
-            if gate.figure is None and "=" in gate.text:
+            if "=" in gate.text:
                 band = gate.text.rpartition("=")[2].strip()
                 raise ValueError(f"gate {gate.text!r}: {band!r} is no band LOW:HIGH: write {FORM}")
-            raise ValueError(_no_estimator(gate, labels))
-        if gate.figure is not None and gate.figure not in known:
-            if gate.figure in every:
-                raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
-            raise ValueError(_no_figure(gate, known))
+        _need_there(gate, labels, every if gate.figure in every else known)
+        if gate.figure not in (None, *known):
+            raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
 
 
 def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
@@ -131,14 +129,15 @@ def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
     return tuple(name for name in row.flat() if name not in LABELS)
 
 
-def _no_estimator(gate: Gate, labels: Sequence[str]) -> str:
-    meant = suggestion(gate.estimator or "", labels, more=f"; or write {FORM}")
-    return f"gate {gate.text!r} names no estimator of this study: {meant}"
-
-
-def _no_figure(gate: Gate, known: Iterable[str]) -> str:
-    plain = [name for name in known if not name.endswith(("_low", "_high"))]
-    return f"gate {gate.text!r}: no figure {gate.figure!r}; {suggestion(gate.figure or '', plain)}"
+def _need_there(gate: Gate, labels: Sequence[str], known: Iterable[str]) -> None:
+    """Refuse a gate that names an estimator or figure that is not there."""
+    if gate.estimator not in (None, *labels):
+        meant = suggestion(gate.estimator or "", labels, more=f"; or write {FORM}")
+        raise ValueError(f"gate {gate.text!r} names no estimator of this study: {meant}")
+    if gate.figure not in (None, *known):
+        plain = [name for name in known if not name.endswith(("_low", "_high"))]
+        meant = suggestion(gate.figure or "", plain)
+        raise ValueError(f"gate {gate.text!r}: no figure {gate.figure!r}; {meant}")
 
 
 def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
@@ -149,26 +148,18 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
     """
     labels = list(dict.fromkeys(row.estimator for row in rows))
     lines = []
+    known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
     for gate in gates:
-        if gate.estimator is not None and gate.estimator not in labels:
-            raise ValueError(_no_estimator(gate, labels))
-        known = dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS)
-        if gate.figure is not None and gate.figure not in known:
-            raise ValueError(_no_figure(gate, known))
+        _need_there(gate, labels, known)
         its_rows = [row for row in rows if gate.estimator in (None, row.estimator)]
         lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in its_rows]
     return lines
 
 
-def _where(row: Row) -> str:
-    beams = f", {beams_in_words(row.beams)}" if row.beams else ""
-    return f"{row.estimator}{beams}, measurement {row.step + 1}"
-
-
 def _verdict_line(gate: Gate, row: Row) -> GateLine:
     verdict = decide(row)
-    passed = bool(row.ok) and not is_overconfident(row)
-    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {verdict.words}"
+    passed = bool(row.ok) and not verdict.overconfident
+    text = f"{'pass' if passed else 'FAIL'}  {row.where}: {verdict.words}"
     return GateLine(gate, row, passed, verdict.kind != "unsure", text)
 
 
@@ -180,7 +171,7 @@ def _line(gate: Gate, row: Row) -> GateLine:
     inside, meets = gate.low <= low and high <= gate.high, high >= gate.low and low <= gate.high
     settled = inside if passed else not meets
     band = f"[{gate.low:g}, {gate.high:g}]"
-    text = f"{'pass' if passed else 'FAIL'}  {_where(row)}: {gate.figure} = {format_number(value)}"
+    text = f"{'pass' if passed else 'FAIL'}  {row.where}: {gate.figure} = {format_number(value)}"
     text += f" [{format_number(low)}, {format_number(high)}]" if (low, high) != (value, value) else ""
     text += f" is {'in' if passed else 'not in'} {band}"
     text += "" if settled else f"; {row.ok} runs do not settle it"

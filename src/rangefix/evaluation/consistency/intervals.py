@@ -81,13 +81,11 @@ class Moments:
         """Hall's interval, cut at a lower bound, for a value that varies as the mean of the samples does."""
         if self.count < 2:
             return Interval(value, np.nan, np.nan)
-        spread = float(np.sqrt(self.square / (self.count - 1)))
-        if spread == 0.0:
+        error, c = self._error_and_skewness()
+        if error == 0.0:
             return Interval(value, value, value)
-        root = float(np.sqrt(self.count))
-        c = self.cube / self.count / spread**3 / root
         tail = float(stdtrit(self.count - 1, 0.5 + level / 2))
-        low, high = (value - spread / root * _unskew(t, c) for t in (tail, -tail))
+        low, high = (value - error * _unskew(t, c) for t in (tail, -tail))
         return Interval(value, max(float(low), bound), float(high))
 
     def p_value(self, value: float, honest: float) -> float:
@@ -98,14 +96,17 @@ class Moments:
         """
         if self.count < 2 or not np.isfinite(value):
             return float("nan")
-        spread = float(np.sqrt(self.square / (self.count - 1)))
-        if spread == 0.0:
+        error, c = self._error_and_skewness()
+        if error == 0.0:
             return float(value == honest)
-        root = float(np.sqrt(self.count))
-        c = self.cube / self.count / spread**3 / root
-        t, a = (value - honest) / (spread / root), c / 3
+        t, a = (value - honest) / error, c / 3
         corrected = t + a * t**2 + a**2 * t**3 / 3 + c / 6
         return float(2 * stdtr(self.count - 1, -abs(corrected)))
+
+    def _error_and_skewness(self) -> tuple[float, float]:
+        """Standard error of the mean of two samples at least, and its skewness."""
+        spread, root = float(np.sqrt(self.square / (self.count - 1))), float(np.sqrt(self.count))
+        return spread / root, self.cube / self.count / spread**3 / root if spread else 0.0
 
     def p_value_of_mean(self, honest: float) -> float:
         """The p-value of the mean; 0 where it is infinite."""

@@ -23,8 +23,7 @@ from ..results import BeliefScores, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
-from .normalised import is_positive, nees
-from .scores import crps, energy_score, log_score
+from .scores import crps, energy_score, is_positive, log_score, nees
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
@@ -148,14 +147,6 @@ class Metric:
         return scaled(interval, {"%": 100.0, COMPONENT: factor(component)}.get(self.unit, 1.0))
 
 
-def _true_and_claimed(runs: RunBlock) -> tuple[Array, Array]:
-    return runs.errors**2, runs.variances
-
-
-def _anees(runs: RunBlock) -> Array:
-    return runs.nees / len(runs.names)
-
-
 def _diagonal(covariance: Array) -> Array:
     return covariance.diagonal(axis1=1, axis2=2)
 
@@ -165,14 +156,6 @@ def _energy_score(runs: RunBlock) -> Array:
         return np.full(len(runs.errors), np.nan)
     where = [runs.names.index(name) for name in POSITION]
     return energy_score(runs.errors[:, where], runs.covariance[:, where][:, :, where])
-
-
-def _log_score(runs: RunBlock) -> Array:
-    return log_score(runs.nees, runs.covariance, runs.positive)
-
-
-def _crps(runs: RunBlock) -> Array:
-    return crps(runs.errors, np.sqrt(np.maximum(runs.variances, 0.0)))
 
 
 def _is_inside(runs: RunBlock, level: float) -> BoolArray:
@@ -185,10 +168,12 @@ VARIANCE = "m^2 or rad^2"
 METRICS = (
     Metric("G", VARIANCE, lambda runs: runs.errors**2, "mean", shown=COMPARED, label="{} true std"),
     Metric("P", VARIANCE, lambda runs: runs.variances, "mean", shown=COMPARED, label="{} claimed std"),
-    Metric("ratio", "", _true_and_claimed, "ratio of means", 1.0, "honest", label="G / P of {}"),
+    Metric("ratio", "", lambda runs: (runs.errors**2, runs.variances), "ratio of means", 1.0, "honest",
+           label="G / P of {}"),
     Metric("rmse", COMPONENT, lambda runs: runs.errors**2, "root mean", shown=("csv",)),
     Metric("bias", COMPONENT, lambda runs: runs.errors, "mean", 0.0, "honest", label="mean error of {}"),
-    Metric("anees", "", _anees, "mean", 1.0, "honest", (*TERMINAL, "compare"), "ANEES/n"),
+    Metric("anees", "", lambda runs: runs.nees / len(runs.names), "mean", 1.0, "honest",
+           (*TERMINAL, "compare"), "ANEES/n"),
     Metric("nci_db", "dB", lambda runs: runs.nees, "absolute log ratio", label="NCI"),
     Metric("inclination_db", "dB", lambda runs: runs.nees, "log ratio", label="inclination"),
     *(
@@ -200,9 +185,11 @@ METRICS = (
     Metric("share_diverged", "%", lambda runs: runs.status == Status.DIVERGED.code, "share",
            label="diverged"),
     Metric("share_improbable", "%", lambda runs: runs.improbable, "share", label="improbable measurements"),
-    Metric("log_score", "nats", _log_score, "mean", label="log score"),
+    Metric("log_score", "nats", lambda runs: log_score(runs.nees, runs.covariance, runs.positive), "mean",
+           label="log score"),
     Metric("energy_score", "m", _energy_score, "mean", shown=TERMINAL, label="energy score"),
-    Metric("crps", COMPONENT, _crps, "mean", label="CRPS of {}"),
+    Metric("crps", COMPONENT, lambda runs: crps(runs.errors, np.sqrt(np.maximum(runs.variances, 0.0))),
+           "mean", label="CRPS of {}"),
     Metric("log_evidence", "nats", lambda runs: runs.log_evidence, "mean", better="higher",
            label="log evidence"),
     Metric("belief_energy_score", "m", lambda runs: runs.belief and runs.belief.energy, "mean",

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 from ...arrays import Array
 from ..results import FAILURES, html_table
-from .formatting import beams_in_words, format_interval
+from .formatting import beams_in_words, factor, format_interval, format_number
 from .intervals import Interval, uniform_p_value
 from .metrics import LEVELS, Metric, Place, metrics
-from .normalised import anees_band
+from .scores import anees_band
 
 
 class ClaimScores(NamedTuple):
@@ -168,9 +169,26 @@ class Row:
         """The figures of a report as a table, for notebooks."""
         return html_table(self._title(), ("figure", "value [95 %]"), self._lines("report"))
 
-    def _title(self) -> str:
+    @property
+    def where(self) -> str:
+        """Whose it is: the estimator, the beams and the measurement, in words."""
         beams = f", {beams_in_words(self.beams)}" if self.beams else ""
-        return f"{self.estimator}{beams}, measurement {self.step + 1}: {self.ok} of {self.planned} runs ok"
+        return f"{self.estimator}{beams}, measurement {self.step + 1}"
+
+    @property
+    def milliseconds(self) -> str:
+        """The time per update and run as tables show it, ms."""
+        return format_number(1e3 * self.seconds) if math.isfinite(self.seconds) else "-"
+
+    def pairs_of_stds(self, *variances: Sequence[Interval]) -> list[str]:
+        """The roots of two variances of each component beside each other, as tables show them."""
+        return [
+            " / ".join(format_number(factor(name) * variance.sqrt().value) for variance in pair)
+            for name, *pair in zip(self.names, *variances, strict=True)
+        ]
+
+    def _title(self) -> str:
+        return f"{self.where}: {self.ok} of {self.planned} runs ok"
 
     def _lines(self, place: Place) -> Iterator[tuple[str, str]]:
         for metric, component, interval in self.shown(place):

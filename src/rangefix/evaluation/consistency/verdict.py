@@ -52,26 +52,16 @@ class Verdict:
     notes: tuple[str, ...] = ()
 
     @property
-    def alarm(self) -> bool:
-        """Whether the runs speak against the estimator."""
-        return self.kind not in ("honest", "unsure")
-
-    @property
     def severe(self) -> bool:
         """Whether it must not be trusted: much more error than claimed, or no answer at all."""
         return self.kind in ("uneven", "failed") or (
             self.kind == "overconfident" and self.factor.value > LARGE_FACTOR
         )
 
-
-def is_overconfident(row: Row) -> bool:
-    """Whether the errors are larger than claimed, on the whole or in a component."""
-    return decide(row).kind in ("overconfident", "uneven")
-
-
-def verdict_text(row: Row) -> str:
-    """One phrase on a row, for readers who do not know what ANEES is."""
-    return decide(row).words
+    @property
+    def overconfident(self) -> bool:
+        """Whether the errors are larger than claimed, on the whole or in a component."""
+        return self.kind in ("overconfident", "uneven")
 
 
 def decide(row: Row, family: int = 1) -> Verdict:
@@ -85,7 +75,12 @@ def decide(row: Row, family: int = 1) -> Verdict:
     value, low, high = row.anees
     if not row.ok:
         return Verdict("failed", row.anees, "no run went well", _caveats(row))
-    notes = (*_component_notes(row, family), *_caveats(row))
+    ratios, biases = (_suspects(row, figure, family) for figure in ("ratio", "bias"))
+    uneven = ", ".join(
+        ("" if ratio > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
+    )
+    biased = [_bias_words(name, bias) for name, bias in biases.items()]
+    notes = (*([f"{uneven} (G over mean P)"] if uneven else []), *biased, *_caveats(row))
     if value > CERTAIN:
         share = format_percent(row.indefinite.value)
         indefinite = f"in {share} of the runs its covariance is not positive definite"
@@ -93,17 +88,18 @@ def decide(row: Row, family: int = 1) -> Verdict:
         return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", (why, *notes))
     p = row.p_values.get("anees", math.nan if low <= 1 <= high else 0.0)
     if value > 1 and (p < BY_ANEES / family or value > family / BY_ANEES):
-        return Verdict("overconfident", row.anees, _factor_words(value), notes)
+        large = "DO NOT TRUST: " if value > LARGE_FACTOR else "a little "
+        return Verdict("overconfident", row.anees, large + _factor_words(value), notes)
     if value < 1 and p < BY_CAUTION / family:
-        return Verdict("cautious", row.anees, _factor_words(value), notes)
-    if wrong := _suspects(row, "ratio_", family):
-        parts = ", ".join(_ratio_words(row, name) for name in wrong)
-        over = any(row.ratio[row.names.index(name)].value > 1 for name in wrong)
+        large = "too " if value * LARGE_FACTOR < 1 else "a little "
+        return Verdict("cautious", row.anees, large + _factor_words(value), notes)
+    if uneven:
+        over = any(ratio > 1 for ratio in ratios.values())
         kind: Kind = "uneven" if over else "cautious"
-        return Verdict(kind, row.anees, f"{'DO NOT TRUST: ' * over}{parts}", notes)
-    if wrong := _suspects(row, "bias_", family):
-        parts = ", ".join(_bias_words(row, name) for name in wrong)
-        return Verdict("biased", row.anees, f"errs as much as it claims, but is biased: {parts}", notes)
+        return Verdict(kind, row.anees, "DO NOT TRUST: " * over + uneven, notes)
+    if biased:
+        told = f"errs as much as it claims, but is biased: {', '.join(biased)}"
+        return Verdict("biased", row.anees, told, notes)
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         return Verdict("unsure", row.anees, f"cannot tell with {row.ok} runs", (_needed(row), *notes))
     off = 100 * (max(high, 1 / low) - 1)
@@ -124,17 +120,15 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     verdicts = [(decide(row, len(rows)), row) for row in rows]
     worst, row = min(verdicts, key=lambda pair: (WORST_FIRST.index(pair[0].kind), -_size(pair[0].factor)))
     alike = sum(verdict.kind == worst.kind for verdict, _ in verdicts)
-    settings = "settings" if any(row.step for row in rows) else "sets of beams"
-    where = beams_in_words(row.beams)
-    if settings == "settings":
-        where += f", measurement {row.step + 1}"
+    moving = any(row.step for row in rows)
+    settings = "settings" if moving else "sets of beams"
     words = worst.words
-    if len(rows) > 1:
-        if alike == len(rows):
-            words += f", in all {len(rows)} {settings}"
-        else:
-            words += f" (in {alike} of {len(rows)} {settings}"
-            words += ")" if worst.kind in ("unsure", "honest") else f"; worst: {where})"
+    if len(rows) > 1 and alike == len(rows):
+        words += f", in all {len(rows)} {settings}"
+    elif len(rows) > 1:
+        where = beams_in_words(row.beams) + f", measurement {row.step + 1}" * moving
+        example = "" if worst.kind in ("unsure", "honest") else f"; worst: {where}"
+        words += f" (in {alike} of {len(rows)} {settings}{example})"
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
 
@@ -143,46 +137,25 @@ def _size(factor: Interval) -> float:
     return abs(math.log(factor.value)) if 0 < factor.value < math.inf else math.inf
 
 
-def _factor_words(value: float) -> str:
-    if value > 1:
-        words = f"overconfident by a factor of {format_factor(value)}"
-        return f"DO NOT TRUST: {words}" if value > LARGE_FACTOR else f"a little {words}"
-    inverse = format_factor(1 / value) if value else "any number"
-    return f"{'too' if value * LARGE_FACTOR < 1 else 'a little'} cautious by a factor of {inverse}"
+def _factor_words(value: float, component: str = "") -> str:
+    """How much larger or smaller than claimed squared errors are, on the whole or in a component."""
+    kind, where = "overconfident" if value > 1 else "cautious", f" in {component}" if component else ""
+    return f"{kind}{where} by a factor of {format_factor(max(value, 1 / value)) if value else 'any number'}"
 
 
-def _suspects(row: Row, prefix: str, family: int) -> list[str]:
+def _suspects(row: Row, figure: str, family: int) -> dict[str, float]:
     """Components whose figure speaks against the estimator; a circular mean may be biased by rights."""
-    if row.ok < COMPONENT_RUNS:
-        return []
-    level = BY_COMPONENTS / (2 * len(row.names) * family)
-    return [
-        name
+    level = BY_COMPONENTS / (2 * len(row.names) * family) if row.ok >= COMPONENT_RUNS else 0.0
+    return {
+        name: row.figures[f"{figure}_{name}"].value
         for name in row.names
-        if row.p_values.get(prefix + name, math.nan) < level and (prefix, name) != ("bias_", "heading")
-    ]
+        if row.p_values.get(f"{figure}_{name}", math.nan) < level and (figure, name) != ("bias", "heading")
+    }
 
 
-def _ratio_words(row: Row, name: str) -> str:
-    value = row.ratio[row.names.index(name)].value
-    if value > 1:
-        return f"overconfident in {name} by a factor of {format_factor(value)}"
-    return f"too cautious in {name} by a factor of {format_factor(1 / value) if value else 'any number'}"
-
-
-def _bias_words(row: Row, name: str) -> str:
-    bias = row.bias[row.names.index(name)]
-    side = "low" if bias.value > 0 else "high"
-    size = format_number(factor(name) * abs(bias.value))
+def _bias_words(name: str, bias: float) -> str:
+    side, size = "low" if bias > 0 else "high", format_number(factor(name) * abs(bias))
     return f"estimates of {name} are {size} {unit(name)} too {side} on average"
-
-
-def _component_notes(row: Row, family: int) -> list[str]:
-    notes = []
-    if ratios := _suspects(row, "ratio_", family):
-        notes.append(f"{', '.join(_ratio_words(row, name) for name in ratios)} (G over mean P)")
-    notes += [_bias_words(row, name) for name in _suspects(row, "bias_", family)]
-    return notes
 
 
 def _caveats(row: Row) -> tuple[str, ...]:

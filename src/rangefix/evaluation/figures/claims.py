@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..consistency import Interval, Row, beams_in_words, factor, format_number, scaled, unit
+from ..consistency.formatting import beams_in_words, factor, format_number, scaled, unit
+from ..consistency.intervals import Interval
+from ..consistency.row import Row
 from .data import FigureData
 from .style import CLAIMED, COLOURS, MARKERS, TRUE, finish, plain_numbers, symbol
 
 CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
+HATCHED: dict[str, Any] = {"facecolor": "#F0C060", "edgecolor": "0.35", "hatch": "////", "linewidth": 0.4}
+HOLLOW: dict[str, Any] = {"fmt": "o", "markersize": 7.5, "markerfacecolor": "white", "markeredgewidth": 1.5}
+BESIDE: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center", "fontsize": 8}
 DECADES = 1e3  # a longer logarithmic axis has no room to label more than its powers of ten
 
 
@@ -31,13 +37,11 @@ def _places(rows: Sequence[Row]) -> tuple[list[float], list[tuple[float, str]]]:
     return heights, heads
 
 
-def _list_axes(
-    axes: Axes, rows: Sequence[Row], heights: Sequence[float], heads: Sequence[tuple[float, str]]
-) -> None:
+def _list_axes(axes: Axes, rows: Sequence[Row]) -> None:
     """Estimators down the side, each beam set under its heading."""
-    axes.set_yticks(
-        [*heights, *(y for y, _ in heads)], [*(row.estimator for row in rows), *(t for _, t in heads)]
-    )
+    heights, heads = _places(rows)
+    labels = [*(row.estimator for row in rows), *(text for _, text in heads)]
+    axes.set_yticks([*heights, *(y for y, _ in heads)], labels)
     for label in axes.get_yticklabels()[len(heights) :]:
         label.set_fontweight("bold")
     for y, _ in heads[1:]:
@@ -65,28 +69,17 @@ def covariance_figure(data: FigureData) -> Figure:
     """Standard deviations: what each estimator claims (root mean P) beside what is true (root G)."""
     rows = data.last_rows
     names = rows[0].names
-    heights, heads = _places(rows)
+    heights, _ = _places(rows)
     figure = Figure(figsize=(1.6 + 3.4 * len(names), 1.7 + 0.24 * -heights[-1]), layout="constrained")
     panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         for row, y in zip(rows, heights, strict=True):
             claimed, true = (scaled(variance.sqrt(), factor(name)) for variance in (row.p[i], row.g[i]))
             axes.plot([claimed.value, true.value], [y, y], color="0.6", linewidth=2.5, zorder=1)
-            _bar(
-                axes,
-                claimed,
-                y,
-                fmt="o",
-                markersize=7.5,
-                markerfacecolor="white",
-                color=CLAIMED,
-                markeredgewidth=1.5,
-                label="claimed: root mean P",
-                zorder=2,
-            )
+            _bar(axes, claimed, y, color=CLAIMED, label="claimed: root mean P", zorder=2, **HOLLOW)
             _bar(axes, true, y, fmt="D", markersize=3.8, color=TRUE, label="true: root G", zorder=3)
         axes.set_xscale("log")
-        _list_axes(axes, rows, heights, heads)
+        _list_axes(axes, rows)
         axes.set_xlabel(f"standard deviation of {symbol(name)}, {unit(name)}")
     return finish(figure, data.heading("What is claimed against what is true"), panels[:1], columns=2)
 
@@ -94,7 +87,7 @@ def covariance_figure(data: FigureData) -> Figure:
 def anees_figure(data: FigureData) -> Figure:
     """ANEES / n with intervals; the band for Gaussian posteriors is a labelled reference and no more."""
     rows = data.last_rows
-    heights, heads = _places(rows)
+    heights, _ = _places(rows)
     figure = Figure(figsize=(7.2, 1.7 + 0.24 * -heights[-1]), layout="constrained")
     axes = figure.subplots()
     values = [end for row in rows for end in row.anees if np.isfinite(end) and end > 0]
@@ -102,37 +95,14 @@ def anees_figure(data: FigureData) -> Figure:
     axes.axvline(1.0, color="black", linewidth=1.0, linestyle="--", label="honest: 1")
     for row, y in zip(rows, heights, strict=True):
         low, high = row.anees_band
-        axes.fill_betweenx(
-            [y - 0.42, y + 0.42],
-            low,
-            high,
-            facecolor="#F0C060",
-            edgecolor="0.35",
-            hatch="////",
-            linewidth=0.4,
-            label=CHI_SQUARE,
-        )
-        _bar(
-            axes,
-            row.anees,
-            y,
-            fmt="D",
-            markersize=4.5,
-            color=TRUE,
-            label="ANEES / n with 95 % interval",
-            zorder=3,
-        )
+        axes.fill_betweenx([y - 0.42, y + 0.42], low, high, label=CHI_SQUARE, **HATCHED)
+        label = "ANEES / n with 95 % interval"
+        _bar(axes, row.anees, y, fmt="D", markersize=4.5, color=TRUE, label=label, zorder=3)
         if np.isfinite(row.anees.value):
-            axes.annotate(
-                format_number(row.anees.value),
-                (max(row.anees.value, np.nan_to_num(row.anees.high), high), y),
-                xytext=(5, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-            )
+            end = max(row.anees.value, np.nan_to_num(row.anees.high), high)
+            axes.annotate(format_number(row.anees.value), (end, y), **BESIDE)
     axes.set_xlim(min(0.5, *values) / 1.4, max(2.0, *values) * 2.2)
-    _list_axes(axes, rows, heights, heads)
+    _list_axes(axes, rows)
     axes.set_xlabel(r"ANEES / n, no unit: left of 1 claims too much error, right of 1 too little")
     title = data.heading("ANEES / n: squared error over claimed covariance")
     return finish(figure, title, [axes], columns=1)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ..consistency import Row, beams_in_words
+from ..consistency.formatting import beams_in_words, visible
+from ..consistency.row import Row
 from ..consistency.summarise import summarise
 from ..results import Picture, Results, load_pictures
-from .labels import LONGEST_LABEL, drawable_labels, drawable_text
+
+LONGEST_LABEL = 40  # letters of an estimator's label in a figure
 
 
 @dataclass(frozen=True)
@@ -85,3 +88,28 @@ class FigureData:
     def has_times(self) -> bool:
         """Whether an estimator that answered was timed."""
         return any(np.isfinite(row.seconds) and np.isfinite(row.g[0].value) for row in self.last_rows)
+
+
+def drawable_labels(labels: Iterable[str]) -> dict[str, str]:
+    """Label -> the label as a figure shows it, distinct from the others."""
+    shown: dict[str, str] = {}
+    for label in labels:
+        plain, number = drawable_text(label), 1
+        distinct = plain
+        while distinct in shown.values():
+            number += 1
+            distinct = f"{plain} ({number})"
+        shown[label] = distinct
+    return shown
+
+
+def drawable_text(text: str, longest: int = LONGEST_LABEL) -> str:
+    """A text as a figure can hold it.
+
+    In figures $ begins a formula, what cannot be seen has no glyph, and a long label leaves no room to draw.
+    """
+    shown = " ".join(visible(text).split()) or "-"
+    if len(shown) > longest:  # labels of one kind often differ at their ends
+        end = longest // 3
+        shown = f"{shown[: longest - end - 1]}\u2026{shown[-end:]}"
+    return shown.replace("$", r"\$")

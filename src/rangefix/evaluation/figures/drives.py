@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...arrays import Array
-from ..consistency import Interval, factor, unit
+from ..consistency.formatting import factor, unit
 from .data import FigureData
 from .errors import ellipse
 from .room import draw_walls
@@ -40,7 +36,9 @@ def steps_figure(data: FigureData) -> Figure:
             panels[i].plot(place, true, **style, label=f"{estimator}: true")
             panels[i].plot(place, claimed, linestyle="--", linewidth=1.1, **style, markerfacecolor="white",
                            label=f"{estimator}: claimed")  # fmt: skip
-        _credibility(panels[-1], place, [row.anees for row in course], style)
+        value, low, high = np.array([row.anees for row in course], dtype=float).T
+        panels[-1].fill_between(place, low, high, facecolor=colour, alpha=0.25, linewidth=0)
+        panels[-1].plot(place, value, **style)
     for axes, name in zip(panels, names, strict=False):
         axes.set_yscale("log")
         axes.set_ylabel(f"std of {symbol(name)}, {unit(name)}")
@@ -55,12 +53,6 @@ def steps_figure(data: FigureData) -> Figure:
         plain_numbers(axes.yaxis)
     title = data.heading("True and claimed errors along the way", with_beams=True)
     return finish(figure, title, panels[:1], columns=min(4, len(estimators)))
-
-
-def _credibility(axes: Axes, place: Array, figures: Sequence[Interval], style: dict[str, object]) -> None:
-    value, low, high = np.array(figures, dtype=float).T
-    axes.fill_between(place, low, high, facecolor=str(style["color"]), alpha=0.25, linewidth=0)
-    axes.plot(place, value, **style)  # type: ignore[arg-type]
 
 
 def ways_figure(data: FigureData) -> Figure:

@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import FuncFormatter, MaxNLocator, SymmetricalLogLocator
 
 from ...arrays import Array
-from ..consistency import beams_in_words, factor, unit
+from ..consistency.formatting import beams_in_words, factor, unit
 from .data import FigureData
 from .style import CLAIMED, finish, panel_title, symbol
 
@@ -54,16 +54,9 @@ def _runs_panel(axes: Axes, errors: Array, stds: Array, linear: float) -> str:
     shown = np.argsort(stds[:SHOWN_RUNS], kind="stable")
     band, error, held = BAND_95 * stds[shown], errors[shown], inside[shown]
     place = np.arange(len(shown))
-    axes.fill_between(
-        place,
-        -band,
-        band,
-        step="mid",
-        facecolor="#9CC7E4",
-        edgecolor=CLAIMED,
-        linewidth=0.6,
-        label="claimed 95 % band, $\\pm$1.96 std",
-    )
+    label = "claimed 95 % band, $\\pm$1.96 std"
+    style: dict[str, Any] = {"step": "mid", "facecolor": "#9CC7E4", "edgecolor": CLAIMED, "linewidth": 0.6}
+    axes.fill_between(place, -band, band, label=label, **style)
     axes.plot(place[held], error[held], ".", markersize=3, color="black", label="error inside")
     axes.plot(place[~held], error[~held], "x", markersize=4, color="#D55E00", label="error outside")
     axes.set_yscale("symlog", linthresh=linear)

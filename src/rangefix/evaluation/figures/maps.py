@@ -29,11 +29,6 @@ def _frame(axes: Axes, low: Array, high: Array) -> None:
     axes.spines[:].set_visible(False)
 
 
-def _free_space(axes: Axes, scene: Scene) -> None:
-    axes.imshow(scene["free"], origin="lower", extent=tuple(scene["extent"]), cmap=FREE, vmin=0, vmax=1,
-                interpolation="nearest", zorder=0)  # fmt: skip
-
-
 def _box(axes: Axes, scene: Scene) -> None:
     """The prior's box, where it is not the whole map."""
     lower, upper = scene["prior_lower"], scene["prior_upper"]
@@ -71,7 +66,8 @@ def map_figure(data: FigureData) -> Figure:
         _frame(near, box[0] - margin, box[1] + margin)
         near.set_title("Where the object may be, and the beams of the first run")
     for axes, width in zip(panels, (0.7, 1.5) if part else (1.6,), strict=True):
-        _free_space(axes, scene)
+        axes.imshow(scene["free"], origin="lower", extent=tuple(scene["extent"]), cmap=FREE, vmin=0, vmax=1,
+                    interpolation="nearest", zorder=0)  # fmt: skip
         draw_walls(axes, scene, width)
         _box(axes, scene)
     ways = results.truth[:MOST_TRUTHS][..., results.space.position_indices]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..consistency import uniform_band
+from ..consistency.calibration import uniform_band
 from .data import FigureData
 from .style import CLAIMED, symbol
 
@@ -43,7 +43,6 @@ def ranks_figure(data: FigureData) -> Figure:
         line[0].set_ylabel("runs, %")
     for axes, name in zip(panels[-1], columns, strict=True):
         axes.set_xlabel(f"{name}, %")
-    figure.suptitle(
-        data.heading("Ranks of the truth among samples of the belief", with_beams=True), fontsize=10.5
-    )
+    title = data.heading("Ranks of the truth among samples of the belief", with_beams=True)
+    figure.suptitle(title, fontsize=10.5)
     return figure

@@ -15,6 +15,7 @@ from ..results import Scene
 from .style import INK, STAR
 
 BEAM = "#B03A00"
+DISC = {"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none"}  # behind a number
 
 
 def draw_walls(axes: Axes, scene: Scene, width: float = 1.6) -> None:
@@ -37,17 +38,8 @@ def draw_beams(axes: Axes, scene: Scene, numbers: Iterable[int], named: bool = T
         line = np.stack([start, start + reach * step])
         axes.plot(*line.T, color=BEAM, linewidth=1.1, linestyle=(0, (5, 2)))
         if named:
-            where = start + _label_distance(axes, start, step, reach) * step
-            axes.text(
-                where[0],
-                where[1],
-                str(number),
-                color=BEAM,
-                fontsize=8,
-                ha="center",
-                va="center",
-                bbox={"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none"},
-            )
+            x1, x2 = start + _label_distance(axes, start, step, reach) * step
+            axes.text(x1, x2, str(number), color=BEAM, fontsize=8, ha="center", va="center", bbox=DISC)
 
 
 def _label_distance(axes: Axes, start: Array, step: Array, reach: float) -> float:

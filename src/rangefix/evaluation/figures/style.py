@@ -21,30 +21,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..results import write_bytes
 
-SETTINGS: dict[str, Any] = {
-    "font.family": "DejaVu Sans",  # ships with matplotlib: the same letters on every machine
-    "font.size": 9.0,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": False,
-    "grid.color": "0.88",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "legend.fontsize": 8.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "lines.linewidth": 1.4,
-    "figure.dpi": 100.0,
-    "savefig.dpi": 160.0,
-    "hatch.linewidth": 0.6,
-    "svg.hashsalt": "rangefix",
-    "svg.fonttype": "path",
-    "path.simplify": True,
-}
+STYLE = Path(__file__).with_name("rangefix.mplstyle")
 # Okabe and Ito's colours in an order that alternates dark and light, so that they also differ in grey.
 COLOURS = ("#0072B2", "#E69F00", "#000000", "#CC79A7", "#009E73", "#D55E00", "#56B4E9", "#7F7F7F")
 # White where nothing is likely, darker and darker towards the peak: in grey too.
@@ -62,8 +39,7 @@ def styled() -> Iterator[None]:
     """Our settings on matplotlib's own defaults, whatever the caller has set; given back at the end."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        settings: Any = matplotlib.rcParams  # its keys are literal types that change with the version
-        settings.update(SETTINGS)
+        matplotlib.rc_file(STYLE, use_default_template=False)
         yield
 
 

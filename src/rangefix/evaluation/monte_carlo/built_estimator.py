@@ -101,7 +101,7 @@ class BuiltEstimator(NamedTuple):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
                 if truth is not None:
-                    from ..consistency import judge_belief
+                    from ..consistency.belief_scores import judge_belief
 
                     begin("sample", step)
                     true, space = truth[:, step], self.trial.problem.space
@@ -115,7 +115,7 @@ class BuiltEstimator(NamedTuple):
             raise TrialError(f"{what} failed: {type(error).__name__}: {text}{where}") from error
         if not (known := [score for score in scores if score is not None]):
             return outcome
-        from ..consistency import belief_arrays
+        from ..consistency.belief_scores import belief_arrays
 
         return outcome._replace(beliefs=belief_arrays(known))
 

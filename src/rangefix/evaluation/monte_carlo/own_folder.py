@@ -204,7 +204,7 @@ def _figures(folder: Path) -> list[Path]:
     """The figures that `draw` has written; the pictures of others in the same folder are not ours."""
     if not (folder / FIGURES).is_dir():
         return []
-    from ..figures import figure_kinds
+    from ..figures.catalogue import figure_kinds
 
     names = (f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg"))
     return [path for path in (folder / FIGURES / name for name in names) if path.is_file()]

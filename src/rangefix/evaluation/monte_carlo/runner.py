@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from ..consistency import to_csv
+from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..experiment import Experiment
 from ..results import (

@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 
-from ..consistency import beams_in_words
-from ..figures import draw_beams, draw_density, draw_truth, draw_walls, finish, label_positions
+from ..consistency.formatting import beams_in_words
+from ..figures.room import draw_beams, draw_density, draw_truth, draw_walls
+from ..figures.style import finish, label_positions
 from .table1 import Paper, Table1Row
+
+BARS: dict[str, Any] = {  # of the posterior mean
+    "fmt": "o", "markersize": 4.5, "color": "black", "markerfacecolor": "white", "elinewidth": 1.0,
+    "capsize": 2.5,
+}  # fmt: skip
 
 
 def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> AxesImage:
     image = draw_density(axes, paper.densities[row.beams], paper.scene["extent"])
     draw_truth(axes, paper.scene, size=star)
-    bars = axes.errorbar(
-        row.mean[0],
-        row.mean[1],
-        xerr=row.std[0],
-        yerr=row.std[1],
-        fmt="o",
-        markersize=4.5,
-        color="black",
-        markerfacecolor="white",
-        elinewidth=1.0,
-        capsize=2.5,
-        zorder=6,
-        label=r"posterior mean $\pm$ 1 standard deviation",
-    )
+    label = r"posterior mean $\pm$ 1 standard deviation"
+    (x1, x2), (std1, std2) = row.mean, row.std
+    bars = axes.errorbar(x1, x2, std2, std1, zorder=6, label=label, **BARS)
     for artist in bars.get_children()[1:]:
         artist.set_path_effects([withStroke(linewidth=2.6, foreground="white")])
     return image

@@ -11,13 +11,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...arrays import Array, IntArray
-from ..consistency import beams_in_words
-from ..figures import INK, STAR
+from ..consistency.formatting import beams_in_words
+from ..figures.style import INK, STAR
 from .table1 import Paper
 
 COARSE = 10  # cells between the lines of a surface where it is flat
 AZIMUTH = -58.0  # deg, from where the surfaces are seen
 CLOSE_UP = 0.3  # m
+SURFACE: dict[str, Any] = {
+    "cmap": INK, "linewidth": 0, "antialiased": False, "rasterized": True, "shade": False, "zorder": 2,
+}  # fmt: skip
 
 
 def _lines(density: Array, axis: int) -> IntArray:
@@ -50,15 +53,10 @@ def _surface(axes: Any, paper: Paper, beams: str, half_width: float = np.inf) ->
     axes.plot_surface(
         *np.meshgrid(x1[columns], x2[rows]),
         density[np.ix_(rows, columns)],
-        cmap=INK,
         norm=PowerNorm(0.6, -0.06 * peak, peak),
         rcount=len(rows),
         ccount=len(columns),
-        linewidth=0,
-        antialiased=False,
-        rasterized=True,
-        shade=False,
-        zorder=2,
+        **SURFACE,
     )
     towards = np.array([np.cos(np.radians(AZIMUTH)), np.sin(np.radians(AZIMUTH))])
     for x1a, x2a, x1b, x2b in scene["segments"] if np.isinf(half_width) else ():

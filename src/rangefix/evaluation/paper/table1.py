@@ -177,7 +177,6 @@ def solve(draws: int = 1000, seed: int = 0) -> Paper:
     )
     grid = finest.grid
     density = grid.image(finest.posterior(_update(finest, noise_free))) / grid.step.prod()
-    edges = np.reshape(grid.extent, (2, 2))
     return Paper(
         rows=tuple(Table1Row(*row) for row in rows),
         convergence=convergence,
@@ -186,7 +185,7 @@ def solve(draws: int = 1000, seed: int = 0) -> Paper:
         seed=seed,
         axes=tuple(
             low + step * (np.arange(count) + 0.5)
-            for (low, _), step, count in zip(edges, grid.step, grid.shape, strict=True)
+            for low, step, count in zip(grid.lower, grid.step, grid.shape, strict=True)
         ),
         densities=dict(zip(PRINTED, np.nan_to_num(np.swapaxes(density, 1, 2)), strict=True)),
         scene=scene(problem.sensor, problem.prior, truth),

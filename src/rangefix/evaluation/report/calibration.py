@@ -8,22 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..consistency import (
-    RANK_DRAWS,
-    Curve,
-    Interval,
-    Reliability,
-    coverage_curve,
-    curve,
-    factor,
-    format_number,
-    histogram,
-    pit,
-    rank_histogram,
-    reliability,
-    uniform_band,
-    unit,
-)
+from ..consistency import calibration
+from ..consistency.belief_scores import RANK_DRAWS, rank_histogram
+from ..consistency.formatting import factor, format_number, unit
+from ..consistency.intervals import Interval
 from ..consistency.metrics import RunBlock
 from .tables import Cell
 
@@ -59,25 +47,26 @@ class Strip(NamedTuple):
 
 def calibration_of(runs: RunBlock) -> list[Strip]:
     """How well the claims and errors of runs agree, where one at least went well."""
-    claimed = coverage_curve(runs.nees, len(runs.names))
+    claimed = calibration.coverage_curve(runs.nees, len(runs.names))
     strips = [_coverage("Coverage, %", claimed)]
     if runs.belief is not None:
         levels, ranks = claimed.levels, (runs.belief.distance_rank + 0.5) / (RANK_DRAWS + 1)
-        strips.append(_coverage("Coverage, % (of the sampled belief)", curve(ranks, levels, levels)))
+        drawn = calibration.curve(ranks, levels, levels)
+        strips.append(_coverage("Coverage, % (of the sampled belief)", drawn))
     stds = np.sqrt(np.maximum(runs.variances, 0.0))
     for i, name in enumerate(runs.names):
         if runs.belief is None:
-            counts = histogram(pit(runs.errors[:, i], stds[:, i]))
+            counts = calibration.histogram(calibration.pit(runs.errors[:, i], stds[:, i]))
             strips.append(_histogram(f"PIT of {name}, %", counts, "pit"))
         else:
             strips.append(_histogram(f"Ranks of {name}, %", rank_histogram(runs.belief.ranks[:, i]), "ranks"))
     for i, name in enumerate(runs.names):
-        groups = reliability(factor(name) * runs.errors[:, i], factor(name) * stds[:, i])
+        groups = calibration.reliability(factor(name) * runs.errors[:, i], factor(name) * stds[:, i])
         strips.append(_reliability(f"Reliability of {name}, {unit(name)}", groups))
     return strips
 
 
-def _coverage(title: str, found: Curve) -> Strip:
+def _coverage(title: str, found: calibration.Curve) -> Strip:
     """The share of truths inside the ellipses of each level."""
     cells = []
     for level, share in zip(found.levels[EVERY_OTHER], found.shares[EVERY_OTHER], strict=True):
@@ -91,7 +80,7 @@ def _coverage(title: str, found: Curve) -> Strip:
 def _histogram(title: str, counts: Array, kind: str) -> Strip:
     """Shares of runs in tenths, with the band that holds them all if the claim is honest."""
     total, bins = float(counts.sum()), len(counts)
-    low, high = (end / total for end in uniform_band(int(total), bins))
+    low, high = (end / total for end in calibration.uniform_band(int(total), bins))
     shares = counts / total
     top = 1.08 * max(shares.max(), high)
     wrong = (shares < low) | (shares > high)
@@ -106,7 +95,7 @@ def _histogram(title: str, counts: Array, kind: str) -> Strip:
     return Strip(title, note, cells)
 
 
-def _reliability(title: str, groups: Sequence[Reliability]) -> Strip:
+def _reliability(title: str, groups: Sequence[calibration.Reliability]) -> Strip:
     """Root mean squared error beside the claimed standard deviation, in groups of runs by that claim."""
     cells = []
     for claimed, true, _ in groups:

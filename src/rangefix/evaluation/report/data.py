@@ -7,21 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..consistency import (
-    CERTAIN,
-    LARGE_FACTOR,
-    Gate,
-    GateLine,
-    Kind,
-    Row,
-    Verdict,
-    check_gates,
-    decide,
-    decide_overall,
-    format_factor,
-    format_interval,
-)
+from ..consistency.formatting import format_factor, format_interval
+from ..consistency.gates import Gate, GateLine, check_gates
+from ..consistency.row import Row
 from ..consistency.summarise import run_blocks, summarise
+from ..consistency.verdict import CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
 from .tables import Table, overview, scores

@@ -17,7 +17,9 @@ from typing import NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ..consistency import ALARMS, LARGE_FACTOR, Gate, beams_in_words, capital, format_interval, visible
+from ..consistency.formatting import beams_in_words, capital, format_interval, visible
+from ..consistency.gates import Gate
+from ..consistency.verdict import ALARMS, LARGE_FACTOR
 from ..results import FAILURES, REPORT, Results, load, write_bytes
 from .data import MAX_REASONS_SHOWN, Badge, collect
 
@@ -100,7 +102,8 @@ def environment() -> Environment:
 
 def figures(results: Results) -> Iterator[ShownFigure]:
     """All figures of a study, drawn anew from its results."""
-    from ..figures import study_figures, styled, to_svg
+    from ..figures.catalogue import study_figures
+    from ..figures.style import styled, to_svg
 
     with styled():
         for kind, figure in study_figures(results):

@@ -6,18 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..consistency import (
-    Interval,
-    Row,
-    beams_in_words,
-    factor,
-    format_interval,
-    format_number,
-    uniform_p_value,
-    unit,
-)
-from ..consistency.intervals import UNKNOWN
+from ..consistency.formatting import beams_in_words, format_interval, format_number, unit
+from ..consistency.intervals import UNKNOWN, Interval, uniform_p_value
 from ..consistency.metrics import Metric
+from ..consistency.row import Row
 
 SMALLEST_P_VALUE_SHOWN = 1e-6
 BELIEF = "belief_"  # how the names of figures of sampled beliefs begin
@@ -64,10 +56,10 @@ def overview(rows: Sequence[Row]) -> Table:
     def cells(row: Row) -> list[Cell]:
         return [
             Cell(str(row.ok) if row.ok == row.planned else f"{row.ok} of {row.planned}"),
-            *(Cell(stds if row.ok else "-") for stds in _pairs_of_stds(row, row.g, row.p)),
+            *(Cell(stds if row.ok else "-") for stds in row.pairs_of_stds(row.g, row.p)),
             Cell.of(row.anees),
             Cell.of(row.scores.energy),
-            Cell(format_number(1e3 * row.seconds) if math.isfinite(row.seconds) else "-"),
+            Cell(row.milliseconds),
         ]
 
     return Table.of(columns, rows, cells)
@@ -93,7 +85,7 @@ def scores(rows: Sequence[Row], sampled: bool) -> Table:
             return line
         if (belief := row.beliefs) is None:
             return line + [Cell("-")] * (len(columns) - len(line))
-        line += map(Cell, _pairs_of_stds(row, belief.whole, belief.mode))
+        line += map(Cell, row.pairs_of_stds(belief.whole, belief.mode))
         p_value = _format_p_value(uniform_p_value(belief.ranks[-1]))
         return [*line, Cell(f"{100 * belief.share.value:.3g} %"), Cell(p_value)]
 
@@ -113,14 +105,6 @@ def _score(row: Row, metric: Metric, name: str, both: bool) -> Cell:
         return Cell.of(metric.in_shown_unit(claim, name))
     values = [metric.in_shown_unit(interval, name).value for interval in (claim, belief)]
     return Cell(" / ".join("-" if math.isnan(value) else format_number(value) for value in values))
-
-
-def _pairs_of_stds(row: Row, *variances: Sequence[Interval]) -> list[str]:
-    """The roots of two variances of each component beside each other."""
-    return [
-        " / ".join(format_number(factor(name) * variance.sqrt().value) for variance in pair)
-        for name, *pair in zip(row.names, *variances, strict=True)
-    ]
 
 
 def _format_p_value(p: float) -> str:

@@ -2,7 +2,7 @@
 
 from .mistakes import StudyError
 from .read import load_study, parse_study, study_names
-from .sections import EstimatorSection
+from .sections.estimators import EstimatorSection
 from .study import Study
 
 __all__ = ["EstimatorSection", "Study", "StudyError", "load_study", "parse_study", "study_names"]

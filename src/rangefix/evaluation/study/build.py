@@ -18,8 +18,8 @@ from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
 from .mistakes import Mistakes
-from .sections import Drive, EstimatorSection
-from .sections.estimators import Variant
+from .sections.drives import Drive
+from .sections.estimators import EstimatorSection, Variant
 
 if TYPE_CHECKING:
     from .study import Study

@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ...errors import one_line, suggestion
-from .sections import Misfit
-from .sections.base import kinds_of
+from .sections.base import Misfit, kinds_of
 from .toml_lines import Path, line_of
 
 T = TypeVar("T")

@@ -15,8 +15,7 @@ from ...errors import one_line
 from ...maps.readers import kind_of, map_table
 from .build import build_world
 from .mistakes import Mistakes, StudyError
-from .sections import Section
-from .sections.base import kinds_of
+from .sections.base import Section, kinds_of
 from .study import Study
 from .toml_lines import MOST_DEEP, deep_line, key_lines
 from .toml_lines import Path as Key
@@ -153,11 +152,7 @@ def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
 
 
 def _with_kind(name: str, told: Any) -> Any:
-    """A section with its kind where that is left out: the file of a map tells it, or there is a usual one.
-
-    Raises:
-        MapError: If the name or the file of a map tells of no kind.
-    """
+    """A section with its kind where that is left out: the file of a map tells it, or there is a usual one."""
     if name == "map" and isinstance(told, str):
         told = map_table(told)
     if not isinstance(told, dict) or "kind" in told or name not in Study.model_fields:

@@ -15,21 +15,13 @@ from ...filters import Problem
 from ..experiment import Builder, Experiment, NamedEstimator
 from .build import World, build_world
 from .mistakes import Mistakes
-from .sections import (
-    AnyMap,
-    AnyMotion,
-    AnyPrior,
-    EstimatorSection,
-    MapSection,
-    MotionSection,
-    Section,
-    SensorSection,
-    StateSection,
-    StationaryMotion,
-    TruthSection,
-    UniformPrior,
-)
-from .sections.base import with_extensions
+from .sections.base import Section, with_extensions
+from .sections.estimators import EstimatorSection
+from .sections.map import AnyMap, MapSection
+from .sections.motion import AnyMotion, MotionSection, StationaryMotion
+from .sections.prior import AnyPrior, UniformPrior
+from .sections.sensor import SensorSection
+from .sections.state import StateSection, TruthSection
 
 if not TYPE_CHECKING:
     AnyMap = with_extensions(MapSection, AnyMap, "rangefix.maps")

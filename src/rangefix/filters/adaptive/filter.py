@@ -11,7 +11,7 @@ from numpy.random import Generator
 from ...arrays import TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
-from ..models import Stationary
+from ..models.motion import Stationary
 from ..problem import Prior, Problem, expects_map_ranges
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .mode_gaussians import sample_modes
@@ -172,11 +172,7 @@ class AdaptivePointMassFilter(BriefRepr):
         return belief.log_evidence + (cells.log_integral if len(belief.measurements) else 0.0)
 
     def _cells(self, belief: AdaptiveBelief) -> Quadrature:
-        """The belief on lattices.
-
-        Raises:
-            TooManyCells: If it is spread over more cells than `most_cells`.
-        """
+        """The belief on lattices."""
         if belief.posterior is not None:
             return belief.posterior
         prior = belief.prior

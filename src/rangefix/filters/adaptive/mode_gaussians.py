@@ -18,9 +18,7 @@ from .lattice import Lattice
 KERNEL_STEPS = 0.6  # of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
 TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as one; of 2 components, of more
 COARSEST_TOGETHER = 1.0  # the same where that leaves too many points
-NARROW_SHARE = (
-    1 / 3
-)  # of that: where what spreads points besides is narrower, they are taken as one only so far
+NARROW_SHARE = 1 / 3  # of that: so far where what spreads points besides is narrower
 MAX_KERNEL_SHARE = 0.5  # of a variance that kernels may make up
 KEPT_PROBABILITY = 1.0 - 1e-5  # share of a mode's probability that is kept
 
@@ -62,16 +60,13 @@ def smoothed(
     index, weights = mode.index[kept].astype(float), weights[kept] / weights[kept].sum()
     mean, spread = _moments(index, weights)
     widest = together * _conditional(spread)
-    blocks = np.maximum(
-        1, np.floor(np.clip(_conditional(noise) / KERNEL_STEPS, NARROW_SHARE * widest, widest))
-    )
+    narrow = _conditional(noise)
+    blocks = np.maximum(1, np.floor(np.clip(narrow / KERNEL_STEPS, NARROW_SHARE * widest, widest)))
     index, weights = _taken_together(index, weights, blocks)
     between = _moments(index, weights)[1]
     root = np.linalg.cholesky(spread)
     inverse = np.linalg.inv(root)
-    wanted = np.diag(
-        np.maximum((KERNEL_STEPS * blocks) ** 2 - (0.0 if stays else _conditional(noise) ** 2), 0.0)
-    )
+    wanted = np.diag(np.maximum((KERNEL_STEPS * blocks) ** 2 - (0.0 if stays else narrow**2), 0.0))
     values, vectors = np.linalg.eigh(inverse @ (spread - between + wanted) @ inverse.T)
     turned = root @ vectors
     covariance = (turned * np.clip(values, 0.0, MAX_KERNEL_SHARE)) @ turned.T

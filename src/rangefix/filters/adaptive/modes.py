@@ -216,9 +216,6 @@ def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, 
 
     Its steps are doubled where it takes too many cells: where they were cut, until they are whole; if it is
     but a lobe, far below other modes, any time.
-
-    Raises:
-        TooManyCells: If a mode that is no lobe fills more cells than allowed.
     """
     space, spacing, edge = target.sensor.space, accuracy.spacing, accuracy.edge(len(peak))
     axes, shares = _axes(target, peak, information)

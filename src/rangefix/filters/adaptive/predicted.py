@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray
-from ..models import Confined, Stationary
+from ..models.confined import Confined
+from ..models.motion import Stationary
 from ..problem import Motion, RangeMap
 from ..space import StateSpace
 from .gauss_newton import quick_scores
@@ -25,7 +26,7 @@ from .target import Target
 
 MAX_POINTS_MOVED = 20_000
 WALL_REACH_FACTOR = 1.7  # times the farthest of the steps tried: how far walls matter
-WALL_DIRECTIONS = 120  # in which walls are looked for
+WALL_DIRECTIONS = TWO_PI / 120 * np.arange(120, dtype=float)  # in which walls are looked for, rad
 STEP_DRAWS = 128  # steps tried from each point, where walls are near
 GUESS_BEAMS = 24  # that choose among predicted points
 HOPELESS_NATS = 100.0  # below the best point at which a point is no guess any more
@@ -175,19 +176,14 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     noise = _noise_in_steps(mode, free, control)
     moved = smoothed(mode, noise, together)
     weights = moved.log_weights + share
-    if not isinstance(motion, Confined):
-        return [_part(space, moved._replace(log_weights=weights), free, control)]
-    if not _walls_near(moved, _ends(moved, motion, control, STEP_DRAWS // 16), motion):
+    if not isinstance(motion, Confined) or not _walls_near(moved, motion, control):
         return [_part(space, moved._replace(log_weights=weights), free, control)]
     starts = np.ascontiguousarray(moved.states[:, space.position_indices])
-    directions = TWO_PI / WALL_DIRECTIONS * np.arange(WALL_DIRECTIONS, dtype=float)
-    fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), directions)
+    fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), WALL_DIRECTIONS)
     ends = _ends(moved, motion, control, STEP_DRAWS)
     met = reached(ends, motion.room.is_free(ends), starts, fans)
     goes, nearest = met.mean(axis=1), ends[np.arange(len(ends)), met.argmax(axis=1)]
-    with np.errstate(
-        divide="ignore"
-    ):  # (1 - (1 - Z)^k) / Z and (1 - Z)^k of "Motion that keeps out of walls"
+    with np.errstate(divide="ignore"):  # the two factors of docs/theory.md, "Motion that keeps out of walls"
         again = -np.expm1(motion.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
         through, stays = weights + np.log(again), weights + motion.tries * np.log1p(-goes)
     parts = []
@@ -239,16 +235,15 @@ def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tup
     return motion.mean(states, control), covariance + smallest * np.eye(states.shape[1])
 
 
-def _walls_near(kernels: Kernels, ends: Array, motion: Confined) -> bool:
+def _walls_near(kernels: Kernels, motion: Confined, control: Array) -> bool:
     """Whether a wall stands, or free space ends, within a disc that holds all starts and ends of steps."""
+    ends = _ends(kernels, motion, control, STEP_DRAWS // 16)
     starts = kernels.states[:, motion.space.position_indices]
     middle = np.exp(kernels.log_weights) @ starts
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
     if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
         return True
-    fan = motion.room.ranges(
-        np.append(middle, 0.0), TWO_PI / WALL_DIRECTIONS * np.arange(WALL_DIRECTIONS, dtype=float)
-    )
+    fan = motion.room.ranges(np.append(middle, 0.0), WALL_DIRECTIONS)
     return bool(fan.min() <= WALL_REACH_FACTOR * radius)
 
 

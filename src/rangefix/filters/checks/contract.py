@@ -96,10 +96,8 @@ def moments_are_sound(subject: Subject) -> None:
         need((least > 1e-12 * top).all(), f"the least eigenvalue of P is {least.min():.3g} {stage}")
         if computed:
             need(np.isfinite(log_evidence).all(), f"the log evidence is not finite {stage}")
-            zero = np.abs(log_evidence).max() < 1e-6 or stage not in (
-                "before any measurement",
-                "after predict",
-            )
+            early = stage in ("before any measurement", "after predict")
+            zero = not early or np.abs(log_evidence).max() < 1e-6
             need(zero, f"the log evidence is not 0 but {log_evidence} {stage}")
         else:
             need(np.isnan(log_evidence).all(), f"the log evidence was NaN at first and is not {stage}")

@@ -11,7 +11,10 @@ from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array, BoolArray
 from ..estimator import Estimate, Estimator, filtered
-from ..models import Gaussian, GaussianPrior, Rangefinder, Stationary
+from ..models.gaussian_prior import GaussianPrior
+from ..models.motion import Stationary
+from ..models.noise import Gaussian
+from ..models.rangefinder import Rangefinder
 from ..problem import Motion, Problem
 from ..space import pose_space, position_space
 

@@ -12,7 +12,10 @@ from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
 from ..estimator import BriefRepr, Estimate, brief
-from ..models import GaussianPrior, Mixture, Stationary, Uniform
+from ..models.gaussian_prior import GaussianPrior
+from ..models.mixture_prior import Mixture
+from ..models.motion import Stationary
+from ..models.uniform_prior import Uniform
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import Nodes, Tables, moments_of_any, nodes_for, tabulate

@@ -172,11 +172,7 @@ def _to_map(heading: Array, forward: Array | float, right: Array | float) -> tup
 
 
 def _pair(states: Array, control: Array) -> tuple[Array, Array]:
-    """States (..., n) and controls (..., 3) with their leading axes broadcast.
-
-    Raises:
-        ValueError: If a control does not have three components.
-    """
+    """States (..., n) and controls (..., 3) with their leading axes broadcast."""
     states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
     if control.shape[-1:] != (3,):
         raise ValueError(f"odometry's control is forward, right, turn: shape (..., 3), got {control.shape}")

@@ -24,13 +24,14 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import image_of_points
-from ..models import Stationary
+from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
 from .metropolis import (
     Posterior,
+    Target,
     covariance_root,
     kernel_step,
     metropolis,
@@ -43,7 +44,6 @@ from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
 MIN_EFFECTIVE = 100  # particles; with fewer, the covariance of an object that moves is not to be trusted
-Target = Posterior | LastStep
 
 
 @dataclass(frozen=True, repr=False)

@@ -19,7 +19,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
-from ..models import Confined
+from ..models.confined import Confined
 from ..problem import Motion, Problem
 from ..space import StateSpace
 

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..models import in_line_of_sight
+from ..models.confined import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
+from .last_step import LastStep
 
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 MIN_PLACES = 64  # points in fewer places than that are spread
 MIN_STEP, MAX_STEP = 0.02, 1.7  # of Metropolis steps, in units of the cloud's spread
-
-
-class MetropolisTarget(Protocol):
-    """What Metropolis steps leave as it is."""
-
-    def log_densities(self, states: Array) -> tuple[Array, Array]:
-        """Unnormalised log density without the fresh measurement, and that one's log density: (N,) each."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -57,8 +49,11 @@ class Posterior:
         return known, fresh
 
 
+Target = Posterior | LastStep
+
+
 def metropolis_steps(
-    states: Array, log_densities: tuple[Array, Array], target: MetropolisTarget,
+    states: Array, log_densities: tuple[Array, Array], target: Target,
     propose: Callable[[Array], Array], power: float, steps: int, rng: Generator,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Metropolis steps: proposals are taken or not, so that the target stays as it is.

@@ -4,50 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from ...arrays import Array, BoolArray
 from ..problem import Sensor, expects_map_ranges
-from .cell_error import add_unresolved
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid
-from .mode_shape import lattice_errors
+from .mode_shape import add_lattice_errors
 from .records import CellMass, CellTable, Moments, Readings, SharedRanges
 from .turning_kernels import HEADINGS_PER_BLOCK
-from .turning_ranges import cast_turning, directions
+from .turning_ranges import RangesByDirection, cast_turning, directions
 
 CHECKED_CELLS = 16  # in which a sensor is asked whether it expects what its map says
 
 
-class CellRanges(Protocol):
-    """Expected ranges of all cells, and what Gaussian readings make of them; see `RangesByCell`."""
-
-    def expected(self, first: int, last: int) -> Array:
-        """Ranges in cells first to last, (last - first, B), m."""
-        ...
-
-    def top(self, log_mass: Array) -> Array:
-        """Greatest log mass of each block of cells, (M, G) -> (M, ...)."""
-        ...
-
-    def moments(self, readings: Readings, mass: CellMass) -> Moments:
-        """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
-
-        The covariance has what cells wider than the posterior miss: see `mode_shape`. The mass is that of
-        each cell, (1 or M, G), and what `top` makes of it.
-        """
-        ...
-
-    def misfit(self, reading: Array, precision: Array) -> Array:
-        """1/2 sum_j precision_j (reading_j - range_j)^2 in all cells, (B,) -> (G,); inf = not possible."""
-        ...
-
-
 @dataclass(frozen=True)
 class RangesByCell:
-    """Ranges kept for each cell.
+    """Expected ranges kept for each cell, and what Gaussian readings make of them.
 
     Attributes:
         grid: The cells.
@@ -71,24 +45,26 @@ class RangesByCell:
         return SharedRanges(kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
 
     def expected(self, first: int, last: int) -> Array:
-        """See `CellRanges`."""
+        """Ranges in cells first to last, (last - first, B), m."""
         return self.ranges[first:last]
 
     def top(self, log_mass: Array) -> Array:
-        """See `CellRanges`."""
+        """Greatest log mass of each block of cells, (M, G) -> (M, ...)."""
         return block_bounds(log_mass.T)[1].T.copy()
 
     def moments(self, readings: Readings, mass: CellMass) -> Moments:
-        """See `CellRanges`."""
+        """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
+
+        The covariance has what cells wider than the posterior miss: see `mode_shape`. The mass is that of
+        each cell, (1 or M, G), and what `top` makes of it.
+        """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         gaussian_moments(readings, self.table, mass, sums)
-        error = lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
-        sums.covariances[sums.log_sums == -np.inf] = 0.0
-        add_unresolved(sums.covariances, error)
+        add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
-        """See `CellRanges`."""
+        """1/2 sum_j precision_j (reading_j - range_j)^2 in all cells, (B,) -> (G,); inf = not possible."""
         total = np.zeros(len(self.ranges))
         for beam in np.flatnonzero(precision):
             expected = self.ranges[:, beam]
@@ -97,6 +73,9 @@ class RangesByCell:
             else:
                 total += 0.5 * precision[beam] * (reading[beam] - expected) ** 2
         return total
+
+
+CellRanges = RangesByCell | RangesByDirection
 
 
 def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:

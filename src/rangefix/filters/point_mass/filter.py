@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ...arrays import LOG_TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import image_of_cells
-from ..models import Stationary
+from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from .cell_ranges import CellRanges, cast_cells

@@ -61,12 +61,6 @@ class Grid:
         """Whether the last axis is a whole circle of headings."""
         return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TWO_PI) < 1e-9
 
-    @property
-    def extent(self) -> tuple[float, ...]:
-        """Lower and upper edge of each axis in turn, (lower1, upper1, lower2, upper2, ...)."""
-        upper = self.lower + self.step * self.shape
-        return tuple(float(edge) for pair in zip(self.lower, upper, strict=True) for edge in pair)
-
 
 def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Grid:
     """Cover the prior's support with cells no larger than asked and keep those it allows.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, IntArray
 from ..compiled import njit, prange
-from .cell_error import MIN_CURVATURE, unresolved_covariance
+from .cell_error import MIN_CURVATURE, add_unresolved, unresolved_covariance
 from .grid import Grid
 from .records import Moments, Readings, SharedRanges
 
@@ -212,7 +212,7 @@ def _errors(
     sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array, box: Box, offsets: IntArray,
     errors: Array,
 ) -> None:  # fmt: skip
-    """Mean squared errors of the means, in cells, written in place, (M, n, n); see `lattice_errors`."""
+    """Mean squared errors of the means, in cells, written in place, (M, n, n); see `add_lattice_errors`."""
     size = box.shape.size
     near = 1 + 2 * size
     for run in prange(len(errors)):
@@ -242,10 +242,10 @@ def _errors(
                 errors[run] += error / probe_cells.size
 
 
-def lattice_errors(
+def add_lattice_errors(
     grid: Grid, sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array
-) -> Array:
-    """Mean squared errors of the means of lattice sums, (M, n, n), zero where no cell is possible.
+) -> None:
+    """Add to the covariances of lattice sums what their means err by; 0 where no cell is possible.
 
     Args:
         grid: The cells.
@@ -259,4 +259,5 @@ def lattice_errors(
     box = Box(grid.index, grid.cell_at, np.array(grid.shape), grid.goes_round)
     _errors(sums, readings, ranges, log_mass, box, stencil(size), errors)
     errors *= np.outer(grid.step, grid.step)
-    return errors
+    sums.covariances[sums.log_sums == -np.inf] = 0.0
+    add_unresolved(sums.covariances, errors)

@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import TWO_PI, Array, IntArray
-from ..models import Gaussian, Rangefinder
+from ..models.noise import Gaussian
+from ..models.rangefinder import Rangefinder
 from ..problem import Sensor
 from ..space import StateSpace
-from .cell_error import add_unresolved
 from .grid import Grid
-from .mode_shape import MeasuredBeams, lattice_errors
+from .mode_shape import MeasuredBeams, add_lattice_errors
 from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 from .turning_kernels import (
     HEADINGS_PER_BLOCK,
@@ -40,7 +40,7 @@ TRANSFORM_ERROR_NATS = 1e-7  # the error that a transform may make
 
 @dataclass(frozen=True)
 class RangesByDirection:
-    """Ranges expected in the cells of a grid whose last axis is the heading; see `cell_ranges.CellRanges`.
+    """Ranges expected in the cells of a grid whose last axis is the heading; see `RangesByCell`.
 
     Attributes:
         grid: The cells.
@@ -59,7 +59,7 @@ class RangesByDirection:
         return float(table.max(initial=0.0, where=np.isfinite(table)))
 
     def expected(self, first: int, last: int) -> Array:
-        """See `CellRanges`."""
+        """See `RangesByCell`."""
         kind, shift, table, period, headings = self.ranges
         place, heading = np.divmod(np.arange(first, last)[:, None], headings)
         return table[place, kind, (heading + shift) % period]
@@ -70,14 +70,14 @@ class RangesByDirection:
         return MeasuredBeams(reading[used], 0.5 * precision[used], kind[used], shift[used])
 
     def top(self, log_mass: Array) -> Array:
-        """See `CellRanges`; (M, G) -> (M, P, K) for P blocks of places and K of headings."""
+        """See `RangesByCell`; (M, G) -> (M, P, K) for P blocks of places and K of headings."""
         starts = np.arange(0, len(self.blocks.places), PLACES_PER_BLOCK)
         by_place = log_mass.reshape(len(log_mass), -1, self.ranges.headings)
         most, turns = np.maximum.reduceat(by_place, starts, axis=1), np.arange(0, self.ranges.headings)
         return np.asarray(np.maximum.reduceat(most, turns[::HEADINGS_PER_BLOCK], axis=2))
 
     def moments(self, readings: Readings, mass: CellMass) -> Moments:
-        """See `CellRanges`."""
+        """See `RangesByCell`."""
         values, precisions = readings
         cells = mass._replace(logs=mass.logs.reshape(len(mass.logs), -1, self.ranges.headings))
         order = np.random.default_rng(0).permutation(len(self.ranges.kind))  # neighbours say much the same
@@ -94,13 +94,11 @@ class RangesByDirection:
             if best > -np.inf:
                 chosen = np.flatnonzero(logs > best - NEGLIGIBLE_NATS)
                 sum_up(chosen, logs[chosen], best, self.blocks, sums, int(run))
-        error = lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
-        sums.covariances[sums.log_sums == -np.inf] = 0.0
-        add_unresolved(sums.covariances, error)
+        add_lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:
-        """See `CellRanges`."""
+        """See `RangesByCell`."""
         beams = self.measured(reading, precision)
         enough = len(beams.reading) > TRANSFORM_COST * self.ranges.ranges.shape[1]
         if enough and self._transforms(reading, precision):

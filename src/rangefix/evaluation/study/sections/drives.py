@@ -75,7 +75,10 @@ def waypoint_drive(
         parts = max(1, int(np.ceil(abs(angle) / turn * (1 - 1e-12))))
         controls += [(length / count, 0.0, 0.0)] * (count - 1)
         controls += [(length / count, 0.0, angle / parts), *[(0.0, 0.0, angle / parts)] * (parts - 1)]
-    return _drive(np.array([*points[0], headings[0]]), np.array(controls))
+    motion, states = Odometry(pose_space()), [np.array([*points[0], headings[0]])]
+    for control in np.array(controls):
+        states.append(motion.mean(states[-1], control))
+    return Drive(np.stack(states), np.array(controls))
 
 
 def count_steps(waypoints: Array, step: float, turn: float = TURN_A_STEP) -> float:
@@ -136,11 +139,3 @@ def random_drive(
         here = goal
     drive = waypoint_drive(waypoints, step, turn)
     return Drive(drive.states[: steps + 1], drive.controls[:steps])
-
-
-def _drive(start: Array, controls: Array) -> Drive:
-    """The drive from a pose by controls, without noise."""
-    motion, states = Odometry(pose_space()), [start]
-    for control in controls:
-        states.append(motion.mean(states[-1], control))
-    return Drive(np.stack(states), controls)

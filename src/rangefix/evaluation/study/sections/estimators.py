@@ -48,11 +48,6 @@ class EstimatorSection(Section):
                 raise Misfit(name, f"must be a number of degrees, got {repr(value)[:60]}")
         return options
 
-    @property
-    def title(self) -> str:
-        """The label, or the name."""
-        return self.label or self.name
-
     def converted(self) -> dict[str, Any]:
         """Options as estimators take them: `cell_m` becomes cell, `width_deg` becomes width in rad."""
         return dict(_converted(name, value) for name, value in self.options.items())
@@ -64,7 +59,7 @@ class EstimatorSection(Section):
         variants = []
         for chosen in product(*values):
             given = dict(zip(self.options, chosen, strict=True))
-            label = " ".join([self.title, *(f"{name}={_shown(given[name])}" for name in grids)])
+            label = " ".join([self.label or self.name, *(f"{name}={_shown(given[name])}" for name in grids)])
             variants.append(Variant(label, self.name, dict(_converted(*option) for option in given.items())))
         return variants
 

@@ -8,16 +8,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ....arrays import Array
-from ....filters import (
-    Confined,
-    ConstantVelocity,
-    Motion,
-    Odometry,
-    RandomWalk,
-    RangeMap,
-    StateSpace,
-    Stationary,
-)
+from ....filters import Confined, Motion, Odometry, RangeMap, StateSpace
+from ....filters.models.motion import ConstantVelocity, RandomWalk, Stationary
 from .base import Misfit, NotNegative, Point, Positive, Section
 from .drives import Drive, count_steps, random_drive, waypoint_drive
 

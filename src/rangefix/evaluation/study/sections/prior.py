@@ -9,17 +9,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from ....arrays import Array
-from ....filters import (
-    GaussianPrior,
-    Mixture,
-    RangeMap,
-    StateSpace,
-    Uniform,
-    WithHeading,
-    WithVelocity,
-    pose_space,
-    position_space,
-)
+from ....filters import GaussianPrior, Mixture, RangeMap, StateSpace, Uniform, pose_space, position_space
+from ....filters.models.product_prior import WithHeading, WithVelocity
 from ....filters.problem import SpacedPrior
 from ....raster import Raster
 from .base import Misfit, Point, Positive, Section

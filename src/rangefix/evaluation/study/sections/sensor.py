@@ -9,19 +9,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ....arrays import Array
-from ....filters import (
-    BeamMixture,
-    Gaussian,
-    Noise,
-    Quantised,
-    Rangefinder,
-    RangeMap,
-    RangeProportional,
-    StateSpace,
-    StudentT,
-    sweep,
-)
-from ....filters.models import CumulativeNoise
+from ....filters import Noise, Rangefinder, RangeMap, StateSpace, sweep
+from ....filters.models.beam_noise import BeamMixture, Quantised
+from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT
 from .base import Misfit, NotNegative, Positive, Section, Size
 
 PerBeam = Size | Annotated[list[Size], Field(min_length=1)]
