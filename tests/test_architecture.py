@@ -121,7 +121,7 @@ maps.readers
 maps.mesh maps.floor_plan maps.rectangle
 maps.free_space
 maps.mesh_files maps.walls maps.polygon
-maps._open3d maps.base
+maps._open3d maps.base maps.mesh_text
 raster extensions
 arrays errors rangefix
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from enum import IntEnum
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -17,6 +18,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
+
+def named(text: str) -> Path:
+    """A path that was given: an empty one would be the current folder.
+
+    Raises:
+        typer.BadParameter: If it is empty.
+    """
+    if not text.strip():
+        raise typer.BadParameter("it is empty: name a file or folder")
+    return Path(text)
 
 
 class ExitCode(IntEnum):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, print_json
+from .app import Json, named, print_json
 
 
 def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
@@ -24,7 +24,10 @@ def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_
 
 def report(
     folder: Annotated[Path, typer.Argument(help="Folder of results.")],
-    out: Annotated[Path | None, typer.Option(help="The page; DIR/report.html unless given.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(parser=named, metavar="PATH", help="The page; DIR/report.html unless given."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write one self-contained page about a folder of results."""
@@ -60,7 +63,8 @@ def compare(
 
 def paper(
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the table, the posteriors and figures.")
+        Path | None,
+        typer.Option(parser=named, metavar="PATH", help="Folder for the table, the posteriors and figures."),
     ] = None,
     as_json: Json = False,
     draws: Annotated[int, typer.Option(min=20, help="Noise draws for the bands.")] = 1000,

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from .app import ExitCode, Json, Stopped, print_json
+from .app import ExitCode, Json, Stopped, named, print_json
 
 EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
@@ -45,7 +45,10 @@ def run(
     study: Annotated[str, typer.Argument(help=f"A study file, or one of ours: {OURS}.")],
     runs: Annotated[int | None, typer.Option(help="Monte Carlo runs, instead of the study's.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the study's.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of results; results/STUDY unless given.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(parser=named, metavar="PATH", help="Folder of results; results/STUDY unless given."),
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes; they change no number.")] = 1,
     cluster: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://HOST:8786, instead.")
@@ -63,6 +66,9 @@ def run(
             "ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25; may be repeated.",
         ),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Remove the results of another study from the folder.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
@@ -88,6 +94,8 @@ def run(
                 progress=progress,
                 command_line=["rangefix", *sys.argv[1:]],
                 resume=resume,
+                force=force,
+                say=lambda line: print(f"rangefix: {line}", file=sys.stderr),
             )
     except KeyboardInterrupt:
         raise Stopped(f"stopped; what was finished is in {folder}: run again to go on") from None

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from .figures.catalogue import drawn, study_figures
-from .figures.style import styled, write
+from .figures import FigureData, FigureKind
+from .figures.catalogue import drawn, figure_kinds
+from .figures.style import styled, to_png, to_svg
 from .paper import table1
 from .paper.figures import PAPER_FIGURES
-from .results import ResultsError, load
+from .results import FIGURES, MANIFEST, ResultsError, load, remove, write_bytes
 
 
 def draw(folder: Path) -> list[Path]:
-    """Draw all figures of a results folder into its folder `figures`, as PNG and SVG.
+    """Draw all figures of a results folder into its folder `figures`, as PNG and SVG: all, or none.
 
     The same results give the same bytes with the same version of matplotlib.
 
@@ -25,13 +28,30 @@ def draw(folder: Path) -> list[Path]:
     Raises:
         ResultsError: If the folder holds no results, or damaged ones.
     """
-    if (folder / "table1.json").is_file():
-        figures = drawn(PAPER_FIGURES, table1.load(folder))
-    elif (folder / "manifest.json").is_file():
-        figures = study_figures(load(folder))
+    kinds: Sequence[FigureKind[Any]]
+    if (folder / "table1.json").exists():
+        kinds, figures = PAPER_FIGURES, drawn(PAPER_FIGURES, table1.load(folder))
+    elif (folder / MANIFEST).exists():
+        kinds = figure_kinds()
+        figures = drawn(kinds, FigureData(load(folder)))
     else:
         raise ResultsError(
             f"{folder} holds no results: make some with rangefix paper or rangefix run, and --out"
         )
     with styled():
-        return [path for kind, figure in figures for path in write(figure, folder / "figures", kind.name)]
+        contents = {
+            folder / FIGURES / f"{kind.name}.{suffix}": to_bytes(figure)
+            for kind, figure in figures
+            for suffix, to_bytes in (("png", to_png), ("svg", to_svg))
+        }
+    known = {folder / FIGURES / f"{kind.name}.{suffix}" for kind in kinds for suffix in ("png", "svg")}
+    for older in known - contents.keys():
+        remove(older)
+    try:
+        for path, content in contents.items():
+            write_bytes(path, content)
+    except BaseException:  # all or none
+        for path in contents:
+            remove(path)
+        raise
+    return list(contents)

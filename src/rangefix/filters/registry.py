@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -123,7 +124,8 @@ def _target(name: str) -> str:
         return BUILT_IN[name]
     for entry in entry_points(group=GROUP, name=name):
         return f"{entry.module}:{entry.attr}"
-    if ":" in name:
+    where, _, attribute = name.rpartition(":")
+    if where and attribute:
         return name
     raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
 
@@ -135,7 +137,7 @@ class _NoFile(FileNotFoundError):
 def _file_module(path: Path) -> ModuleType:
     """A module made from a file outside any package."""
     spec = importlib.util.spec_from_file_location(f"rangefix_file_{path.stem}", path)
-    if spec is None or spec.loader is None or not path.is_file():
+    if spec is None or spec.loader is None or not os.path.isfile(path):  # it says so of names too long, too
         raise _NoFile(f"no file {path}")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look there while they are made

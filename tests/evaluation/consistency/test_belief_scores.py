@@ -174,7 +174,7 @@ def test_beliefs_survive_in_parts(tmp_path):
         truth = results.truth[first:end, 0]
         found = judge_belief(EachRun(Ring()), [None] * (end - first), truth, SPACE, 1, range(first, end), 0)  # type: ignore[type-var]
         assert found is not None
-        write_part(path, read_part(path) | belief_arrays([found]), plan.key("prior", "all"))
+        write_part(path, read_part(path) | belief_arrays([found]), plan.key("prior", "all", first, end))
     again = load(tmp_path)
     found = again.trials[0].belief(0)
     assert found is not None

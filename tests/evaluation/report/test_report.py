@@ -96,7 +96,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path = trials_path(folder, "prior", "all", first, end)
         draws = rng.uniform([0, 0], [4, 6], size=(5, end - first, RANK_DRAWS, 2))
         found = [measure(draws[t], results.truth[first:end, t], problem.space) for t in range(5)]
-        write_part(path, read_part(path) | belief_arrays(found), plan.key("prior", "all"))
+        write_part(path, read_part(path) | belief_arrays(found), plan.key("prior", "all", first, end))
     return folder
 
 

@@ -6,6 +6,7 @@ import datetime
 import importlib.util
 import inspect
 import io
+import os
 import pickle
 import sys
 from collections.abc import Collection
@@ -75,7 +76,7 @@ def plugin_source(builder: Builder) -> str:
     where = builder.name.rpartition(":")[0]
     if where.endswith(".py"):
         path = Path(where)
-        return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+        return sha256(path.read_bytes()).hexdigest() if os.path.isfile(path) else ""
     with suppress(KeyError, ValueError):  # its trials will say that there is no such estimator
         return _module_source(module_of(builder.name))
     return "not found"

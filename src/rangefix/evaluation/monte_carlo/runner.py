@@ -7,21 +7,25 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..experiment import Experiment
 from ..results import (
     MANIFEST,
+    SCENE,
+    SUMMARY,
     TIMING,
     FolderLayout,
     Results,
+    ResultsError,
     hash_of,
+    if_valid,
     load,
-    read_if_valid,
-    read_part,
     read_timing,
+    read_trials,
+    read_world,
     remove_partial_files,
     trials_path,
     world_path,
@@ -33,6 +37,7 @@ from ..results import (
 from .backends import in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
+from .own_folder import check_disk, locked, remove_files, what_is_older
 from .record_beliefs import save_pictures
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
@@ -68,6 +73,8 @@ def run(
     command_line: Sequence[str] | None = None,
     resume: bool = True,
     timing: bool = True,
+    force: bool = False,
+    say: Callable[[str], None] | None = None,
 ) -> Results:
     """Run an experiment or study and save its results.
 
@@ -77,22 +84,30 @@ def run(
 
     Args:
         study: What to run.
-        out: Folder for the results, made if need be; without it nothing is kept but what is returned.
+        out: Folder for the results, made if need be; without it nothing is kept but what is returned. It
+            belongs to the study of that name, and to one run at a time; what is older than its numbers
+            (figures, report, parts of other settings) is removed.
         workers: Processes. They change no number.
         cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either.
         progress: Called with how far each estimator has come.
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
+        force: Whether to remove the results of another study from the folder, and to replace a manifest there
+            that is not ours. Nothing else is removed.
+        say: Called with a line on what was removed or is made anew, and on much disk to be taken.
 
     Returns:
         The results, as `load` reads them from the folder.
 
     Raises:
-        ResultsError: If the folder cannot be written, or the workers or the cluster fail.
+        ResultsError: If the folder cannot be written, belongs to another study or is in use, or the
+            workers or the cluster fail.
         StudyError: If the study is not sound.
-        ValueError: If there is no worker.
+        ValueError: If there is no worker, or the folder has no name.
     """
+    if out == "":
+        raise ValueError("out is empty: name a folder")
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
     experiment = study if isinstance(study, Experiment) else study.experiment()
@@ -102,7 +117,14 @@ def run(
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
+        size = check_disk(folder, plan)
+        stack.enter_context(locked(folder))
+        older = what_is_older(folder, plan, experiment.name, force)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
+        remove_files(older.files, folder)
+        for line in filter(None, (older.line, size)):
+            if say:
+                say(line)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         _simulate_all(experiment, plan, folder, resume)
         with closing(Worker(experiment)) as worker:
@@ -113,15 +135,15 @@ def run(
         save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
-        write_bytes(folder / "summary.csv", to_csv(summarise(results)).encode())
+        write_bytes(folder / SUMMARY, to_csv(summarise(results)).encode())
         return results.in_memory() if out is None else results
 
 
 def _simulate_all(experiment: Experiment, plan: FolderLayout, folder: Path, resume: bool) -> None:
     for first, end in plan.blocks():
         path = world_path(folder, first, end)
-        if not resume or read_if_valid(path, plan.world) is None:
-            write_part(path, simulate(experiment, first, end)._asdict(), plan.world)
+        if not resume or if_valid(read_world, folder, plan, first, end) is None:
+            write_part(path, simulate(experiment, first, end)._asdict(), plan.world_key(first, end))
 
 
 def _work_all(
@@ -145,15 +167,13 @@ def _work_all(
 
     @lru_cache(maxsize=MAX_BLOCKS_IN_MEMORY)
     def block(first: int, end: int) -> Simulation:
-        return Simulation(**read_part(world_path(folder, first, end), plan.world))
+        return Simulation(**read_world(folder, plan, first, end))
 
     def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
-    def place(task: Task) -> tuple[Path, str]:  # where its part is, and the part's key
-        beams = experiment.beam_labels[task.beams]
-        path = trials_path(folder, task.estimator, beams, task.first, task.end)
-        return path, plan.key(task.estimator, beams)
+    def place(task: Task) -> tuple[str, str, int, int]:  # estimator, beams, first run and end of its part
+        return task.estimator, experiment.beam_labels[task.beams], task.first, task.end
 
     tasks = []
     for label in experiment.estimators:
@@ -161,7 +181,7 @@ def _work_all(
         for beams in range(len(experiment.beam_labels)):
             for first, end in plan.blocks():
                 task = Task(label, beams, first, end)
-                saved = read_if_valid(*place(task)) if resume else None
+                saved = if_valid(read_trials, folder, plan, *place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
                 else:
@@ -175,25 +195,33 @@ def _work_all(
     else:
         parts = on_workers(experiment, tasks, world, workers)
     for task, part in parts:
-        path, key = place(task)
-        write_part(path, part, key)
+        write_part(trials_path(folder, *place(task)), part, plan.key(*place(task)))
         report(task.estimator, task.end - task.first, len(part["failed"]))
 
 
 def _time_all(worker: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
     """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
     path, experiment = folder / TIMING, worker.experiment
-    before = read_timing(path) if resume else {}
-    first, end = plan.blocks()[0]
-    measurement = read_part(world_path(folder, first, end), plan.world)["measurement"]
+    before = _timed_before(path) if resume else {}
+    first, end = next(plan.blocks())
+    measurement = read_world(folder, plan, first, end)["measurement"]
     rows = {}
     for label in experiment.estimators:
         for beams, beam_label in enumerate(experiment.beam_labels):
-            key = hash_of(plan.key(label, beam_label), MAX_RUNS_TIMED, min(MAX_RUNS_TIMED, experiment.runs))
-            part = read_part(trials_path(folder, label, beam_label, first, end))
+            made_by = plan.made_by(label, beam_label)
+            key = hash_of(made_by, MAX_RUNS_TIMED, min(MAX_RUNS_TIMED, experiment.runs))
+            part = read_trials(folder, plan, label, beam_label, first, end)
             ok = measurement[part["status"] == 0][:MAX_RUNS_TIMED]
             rows[key] = before.get(key) or worker.time(label, beams, ok)
     write_json(path, rows)
+
+
+def _timed_before(path: Path) -> dict[str, dict[str, Any]]:
+    """What was timed; nothing where that is damaged."""
+    try:
+        return read_timing(path)
+    except ResultsError:
+        return {}
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:
@@ -204,6 +232,6 @@ def _save_scene(experiment: Experiment, folder: Path) -> None:
     try:
         arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)
     except (AttributeError, TypeError):
-        (folder / "scene.npz").unlink(missing_ok=True)
+        (folder / SCENE).unlink(missing_ok=True)
         return
-    write_npz(folder / "scene.npz", arrays)
+    write_npz(folder / SCENE, arrays)

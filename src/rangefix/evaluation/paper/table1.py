@@ -7,7 +7,6 @@ far one draw may be from another.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
+from ...errors import one_line
 from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
 from ...filters.estimator import filtered
 from ...filters.point_mass import PointMassBelief, PointMassFilter
 from ...maps import RectangularRoom
-from ..results import scene, write_json, write_npz
+from ..results import ResultsError, read_json, read_npz, scene, write_json, write_npz
 from ..seeds import streams
 
 WIDTH, LENGTH = 4.0, 6.0  # m
@@ -220,26 +220,35 @@ def load(folder: Path) -> Paper:
     """The example as `save` left it.
 
     Raises:
-        FileNotFoundError: If the folder holds no saved example.
+        ResultsError: If the folder holds no saved example, or a damaged one.
     """
-    text = json.loads((folder / "table1.json").read_text(encoding="utf-8"))
-    with np.load(folder / "paper.npz", allow_pickle=False) as arrays:
-        saved = {name: arrays[name] for name in arrays.files}
+    try:
+        return _read(read_json(folder / "table1.json"), read_npz(folder / "paper.npz"))
+    except ResultsError:
+        raise
+    except Exception as error:  # whatever is not as `save` left it
+        cause = one_line(error)[:200]
+        raise ResultsError(f"{folder / 'table1.json'} is damaged ({cause}): make it again") from None
+
+
+def _read(text: Any, saved: Mapping[str, NDArray[Any]]) -> Paper:
+    """The example of the two files of a folder."""
     rows = []
     for beams, row in text["table1"].items():
         std, mean, band, percentile = (
-            np.array(row[name]) for name in ("std_m", "mean_m", "band_std_m", "paper_percentile")
+            np.array(row[name], dtype=float) for name in ("std_m", "mean_m", "band_std_m", "paper_percentile")
         )
         rows.append(Table1Row(beams, std, mean, PRINTED[beams], band, percentile))
     draws = text["noise_draws"]
     return Paper(
         rows=tuple(rows),
         convergence={
-            entry["cell_m"]: np.array(list(entry["std_m"].values())) for entry in text["convergence"]
+            entry["cell_m"]: np.array(list(entry["std_m"].values()), dtype=float)
+            for entry in text["convergence"]
         },
-        agreeing=draws["share_with_all_printed_figures"],
-        draws=draws["count"],
-        seed=draws["seed"],
+        agreeing=float(draws["share_with_all_printed_figures"]),
+        draws=int(draws["count"]),
+        seed=int(draws["seed"]),
         axes=(saved["x1"], saved["x2"]),
         densities=_under(saved, "density "),
         scene=_under(saved, "scene "),

@@ -20,7 +20,7 @@ from markupsafe import Markup
 from ..consistency.formatting import beams_in_words, capital, format_interval, visible
 from ..consistency.gates import Gate
 from ..consistency.verdict import ALARMS, LARGE_FACTOR
-from ..results import FAILURES, Results, load, write_bytes
+from ..results import FAILURES, REPORT, Results, load, write_bytes
 from .data import MAX_REASONS_SHOWN, Badge, collect
 
 DPI = 96.0  # at which a figure has its natural width on a screen
@@ -72,7 +72,7 @@ def write_report(folder: Path | str, out: Path | str | None = None, gates: Seque
         ResultsError: If the folder holds no study, or damaged results, or the file cannot be written.
         ValueError: If a gate names what is not there.
     """
-    path = Path(folder) / "report.html" if out is None else Path(out)
+    path = Path(folder) / REPORT if out is None else Path(out)
     write_bytes(path, render(load(folder), gates).encode("utf-8"))
     return path
 

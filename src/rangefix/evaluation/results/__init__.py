@@ -4,25 +4,26 @@ from .belief_images import FILE, Picture, load_pictures
 from .files import (
     ResultsError,
     hash_of,
-    read_part,
+    read_json,
+    remove,
     remove_partial_files,
     write_bytes,
     write_json,
-    write_npz,
-    write_part,
 )
 from .folder import (
+    FIGURES,
     MANIFEST,
+    REPORT,
+    SCENE,
+    SUMMARY,
     TIMING,
     FolderLayout,
-    part_arrays,
-    read_if_valid,
-    read_timing,
     trials_path,
     world_path,
 )
 from .map_snapshot import Scene, scene
 from .notebook import html_table
+from .npz import read_npz, read_part, write_npz, write_part
 from .outcome import (
     FAILURES,
     PREFIX,
@@ -35,5 +36,6 @@ from .outcome import (
     failures_of,
     with_status,
 )
-from .results import MAX_RUNS_IN_MEMORY, Results, load
+from .parts import if_valid, part_arrays, read_if_valid, read_trials, read_world
+from .results import MAX_RUNS_IN_MEMORY, Results, load, read_timing
 from .trials import Source, Trials

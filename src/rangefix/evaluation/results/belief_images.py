@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ...arrays import Array
-from .files import read_part
+from .files import ResultsError
+from .npz import read_part
 
 FILE = "pictures.npz"
+NAMES = ("density", "extent", "headings", "heading_density")
 
 
 @dataclass(frozen=True)
@@ -36,8 +40,23 @@ def load_pictures(folder: Path) -> tuple[Picture, ...]:
     if not path.exists():
         return ()
     arrays = read_part(path)
-    names = ("density", "extent", "headings", "heading_density")
-    return tuple(
-        Picture(str(arrays[f"{place}_estimator"]), *(arrays[f"{place}_{name}"] for name in names))
-        for place in range(sum(name.endswith("_estimator") for name in arrays))
-    )
+    try:
+        pictures = tuple(
+            Picture(str(arrays[f"{place}_estimator"]), *(arrays[f"{place}_{name}"] for name in NAMES))
+            for place in range(sum(name.endswith("_estimator") for name in arrays))
+        )
+        sound = all(map(_is_sound, pictures))
+    except (KeyError, TypeError):
+        sound = False
+    if not sound:
+        raise ResultsError(f"{path} is damaged (no pictures of beliefs): delete it and run the study again")
+    return pictures
+
+
+def _is_sound(picture: Picture) -> bool:
+    """Whether its arrays fit each other and are densities."""
+    density, extent, edges, along = (getattr(picture, name) for name in NAMES)
+    fit = density.ndim == 2 and extent.shape == (4,) and edges.ndim == along.ndim == 1
+    fit = fit and density.size and len(edges) in (0, len(along) + 1)
+    numbers = all(np.isfinite(array).all() for array in (extent, edges))
+    return bool(fit and numbers and np.isfinite(density).all() and (density >= 0).all())

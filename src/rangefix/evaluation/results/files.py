@@ -1,21 +1,18 @@
-"""Files that are whole or absent: arrays without pickle, sealed with a key and a checksum."""
+"""Files that are whole or absent when written, and looked at before they are read."""
 
 from __future__ import annotations
 
-import io
 import json
 import os
-from collections.abc import Mapping
-from contextlib import suppress
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import IO, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-Arrays = Mapping[str, NDArray[Any]]
+MAX_JSON = 5 << 20  # bytes
+MAX_DEPTH = 60  # of tables and lists in one another
 
 
 class ResultsError(ValueError):
@@ -44,10 +41,19 @@ def write_bytes(path: Path, content: bytes) -> None:
 def remove_partial_files(folder: Path) -> None:
     """Remove files that were being written when a run was killed."""
     for left in folder.glob("**/*.tmp"):
-        try:
-            left.unlink(missing_ok=True)
-        except OSError as error:
-            raise ResultsError(f"cannot remove {left}: {error.strerror or error}") from None
+        remove(left)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, if it is there.
+
+    Raises:
+        ResultsError: If it cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise ResultsError(f"cannot remove {path}: {error.strerror or error}") from None
 
 
 def write_json(path: Path, document: Any) -> None:
@@ -55,77 +61,64 @@ def write_json(path: Path, document: Any) -> None:
     write_bytes(path, (json.dumps(document, indent=2, ensure_ascii=False, default=str) + "\n").encode())
 
 
-def write_npz(path: Path, arrays: Arrays) -> None:
-    """Write arrays as .npz; the same arrays give the same bytes.
+@contextmanager
+def open_regular(path: Path, most: int) -> Iterator[IO[bytes]]:
+    """A file to read that is a file, neither a pipe nor a device, and not too large.
 
     Raises:
-        ResultsError: If it cannot be written, or an array would need pickle.
-    """
-    if objects := [name for name, array in arrays.items() if np.asarray(array).dtype.hasobject]:
-        raise ResultsError(f"cannot save {', '.join(objects)} in {path}: arrays of Python objects")
-    content = io.BytesIO()
-    np.savez(content, **arrays)  # type: ignore[arg-type]
-    write_bytes(path, content.getvalue())
-
-
-def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a .npz, read without pickle.
-
-    Raises:
-        ResultsError: If the file is missing, cut short or damaged.
+        FileNotFoundError: If there is none.
+        ResultsError: If it is something else, too large, or cannot be read.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except FileNotFoundError:
-        raise ResultsError(f"{path} is missing: run the study again with the same --out to make it") from None
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise ResultsError(f"{path} is damaged ({error}): delete it and run the study again") from None
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            raise ResultsError(f"{path} is not a regular file: run the study again")
+        if found.st_size > most:
+            raise ResultsError(f"{path} has {found.st_size} bytes, more than the {most} it may have")
+        file = path.open("rb")
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(str(path)) from None
+    except OSError as error:
+        raise ResultsError(f"cannot read {path}: {error.strerror or error}") from None
+    with file:
+        yield file
 
 
 def read_json(path: Path) -> Any:
-    """A JSON document.
+    """A JSON document, not too large and not too deep.
 
     Raises:
-        ResultsError: If the file is missing or not JSON.
+        ResultsError: If the file is missing or not such a document.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        with open_regular(path, MAX_JSON) as file:
+            document = json.loads(file.read().decode("utf-8"))
     except FileNotFoundError:
         raise ResultsError(f"no {path.name} in {path.parent}: it is not a folder of results") from None
+    except ResultsError:
+        raise
+    except RecursionError:
+        raise ResultsError(f"{path} is damaged (nested too deeply): run the study again") from None
     except (OSError, ValueError) as error:
         raise ResultsError(f"{path} is damaged ({error}): run the study again") from None
+    if too_deep(document):
+        raise ResultsError(f"{path} is damaged (nested too deeply): run the study again")
+    return document
 
 
-def checksum(arrays: Arrays) -> str:
-    """SHA-256 over names, types, shapes and bytes of the arrays, in the order of their names."""
-    digest = sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name} {array.dtype.str} {np.shape(arrays[name])}\n".encode())
-        digest.update(array.tobytes())
-    return digest.hexdigest()
-
-
-def write_part(path: Path, arrays: Arrays, key: str) -> None:
-    """Write a part: arrays, the key of what made them, and their checksum."""
-    sealed = dict(arrays) | {"key": np.array(key)}
-    write_npz(path, sealed | {"sha256": np.array(checksum(sealed))})
-
-
-def read_part(path: Path, key: str | None = None) -> dict[str, NDArray[Any]]:
-    """The arrays of a part whose checksum, and key if one is given, are right.
-
-    Raises:
-        ResultsError: If the part is missing or damaged, or something else made it.
-    """
-    sealed = read_npz(path)
-    seal = str(sealed.pop("sha256", ""))
-    if seal != checksum(sealed):
-        raise ResultsError(f"{path} is damaged (wrong checksum): delete it and run the study again")
-    if str(sealed.pop("key", "")) != key and key is not None:
-        raise ResultsError(f"{path} was made by another study, seed or version: run the study again")
-    return sealed
+def too_deep(document: Any, most: int = MAX_DEPTH) -> bool:
+    """Whether tables and lists lie in one another more than so many times."""
+    level = [document]
+    for _ in range(most):
+        level = [
+            inner
+            for each in level
+            if isinstance(each, dict | list)
+            for inner in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return False
+    return True
 
 
 def hash_of(*parts: object) -> str:

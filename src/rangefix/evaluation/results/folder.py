@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...arrays import Array
 from ..experiment import Experiment, NamedEstimator
-from .files import ResultsError, hash_of, read_json, read_part
-from .outcome import Outcome
+from .files import hash_of
+from .npz import part_key
 
-FORMAT = 1
-TIMING = "timing.json"
+FORMAT = 2
 MANIFEST = "manifest.json"
+TIMING = "timing.json"
+SCENE = "scene.npz"
+SUMMARY = "summary.csv"
+REPORT = "report.html"
+FIGURES = "figures"
+PARTS = "parts"
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,27 @@ class FolderLayout:
         labels = tuple(plan.pop("estimators")), tuple(plan.pop("beams"))
         return cls(*labels, shape=(steps, size, beams), **plan)
 
-    def key(self, estimator: str, beams: str) -> str:
-        """The key of one estimator's trials on one set of beams."""
+    def made_by(self, estimator: str, beams: str) -> str:
+        """What one estimator's trials on one set of beams depend on, as a hash."""
         return hash_of(self.trials[estimator], beams)
 
-    def blocks(self) -> list[tuple[int, int]]:
-        """First run and end of each part."""
-        return run_blocks(self.runs, self.block)
+    def key(self, estimator: str, beams: str, first: int, end: int) -> str:
+        """The key of one estimator's trials on one set of beams over a block."""
+        return part_key(self.made_by(estimator, beams), estimator, beams, first, end)
+
+    def world_key(self, first: int, end: int) -> str:
+        """The key of the truths and measurements of a block."""
+        return part_key(self.world, "world", "", first, end)
+
+    def blocks(self, first: int = 0, end: int | None = None) -> Iterator[tuple[int, int]]:
+        """First run and end of each part; only of those with runs first to end - 1."""
+        end = self.runs if end is None else min(end, self.runs)
+        for low in range(first - first % self.block, end, self.block):
+            yield low, min(low + self.block, self.runs)
+
+    def as_json(self) -> dict[str, Any]:
+        """The plan as a manifest holds it."""
+        return {**vars(self), "trials": dict(self.trials)}
 
     def manifest(
         self, experiment: Experiment, around: Mapping[str, Any], command_line: Sequence[str]
@@ -89,7 +104,7 @@ class FolderLayout:
             "command_line": list(command_line),
             "config": experiment.config,
             **around,
-            "plan": {**vars(self), "trials": dict(self.trials)},
+            "plan": self.as_json(),
         }
 
 
@@ -100,48 +115,16 @@ def run_blocks(runs: int, size: int) -> list[tuple[int, int]]:
 
 def world_path(folder: Path, first: int, end: int) -> Path:
     """Where the truths and measurements of a block are."""
-    return folder / "parts" / "world" / f"{first:08d}-{end:08d}.npz"
+    return folder / PARTS / "world" / f"{first:08d}-{end:08d}.npz"
 
 
 def trials_path(folder: Path, estimator: str, beams: str, first: int, end: int) -> Path:
     """Where the trials of one estimator on one set of beams over a block are."""
     name = f"{first:08d}-{end:08d}.npz"
-    return folder / "parts" / _file_name(estimator) / _file_name(beams) / name
+    return folder / PARTS / _file_name(estimator) / _file_name(beams) / name
 
 
 def _file_name(label: str) -> str:
     """A label as a file name that every system takes; never "world"."""
     safe = re.sub(r"[^A-Za-z0-9+.-]+", "_", label)[:40].strip(".")
     return safe if safe == label and safe != "world" else f"{safe}_{crc32(label.encode()):08x}"
-
-
-def part_arrays(outcome: Outcome, floor: Array) -> dict[str, NDArray[Any]]:
-    """The arrays of a part of trials."""
-    failed = sorted(outcome.reasons)
-    return {
-        "mean": outcome.mean,
-        "covariance": outcome.covariance,
-        "log_evidence": outcome.log_evidence,
-        "log_evidence_floor": floor,
-        "status": outcome.status,
-        "failed": np.array(failed, dtype=np.int64),
-        "reasons": np.array([outcome.reasons[place] for place in failed], dtype=str),
-        **outcome.beliefs,
-    }
-
-
-def read_if_valid(path: Path, key: str) -> dict[str, NDArray[Any]] | None:
-    """A part that is there, undamaged and made with the key; None if it must be made again."""
-    try:
-        return read_part(path, key)
-    except ResultsError:
-        return None
-
-
-def read_timing(path: Path) -> dict[str, dict[str, Any]]:
-    """Key -> what was timed; empty where nothing can be read."""
-    try:
-        rows = read_json(path)
-    except ResultsError:
-        return {}
-    return rows if isinstance(rows, dict) else {}

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...filters import StateSpace
+from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
-from .files import ResultsError, read_json, read_npz
-from .folder import FORMAT, MANIFEST, TIMING, FolderLayout, read_timing, run_blocks
+from .files import ResultsError, read_json
+from .folder import MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
 from .notebook import html_table
+from .npz import read_npz
+from .parts import check_size
+from .schema import SCENE_FORMS, check_manifest, check_timing
 from .trials import InFolder, InMemory, Source, Trials
 
 MAX_RUNS_IN_MEMORY = 10_000  # whose trials are held at once; of more, nothing is read until asked for
@@ -136,28 +140,53 @@ def load(folder: Path | str) -> Results:
     """
     folder = Path(folder)
     manifest = read_json(folder / MANIFEST)
-    try:
-        if manifest["format"] != FORMAT:
-            made = f"{folder} has results of format {manifest['format']}"
-            raise ResultsError(f"{made}, this version reads {FORMAT}")
-        plan, complete = FolderLayout.read(manifest), manifest["state"] == "complete"
-        space = StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"])
-    except (KeyError, TypeError) as error:
-        raise ResultsError(f"{folder / MANIFEST} lacks {error}: run the study again") from None
-    timing = {
-        (row["estimator"], row["beams"]): np.nan if row["seconds"] is None else float(row["seconds"])
-        for row in read_timing(folder / TIMING).values()
-    }
-    scene = folder / "scene.npz"
+    check_manifest(folder / MANIFEST, manifest)
+    plan = FolderLayout.read(manifest)
+    check_size(folder, plan, folder / MANIFEST)
+    load_pictures(folder)  # damaged ones are told before anything is drawn
     results = Results(
         manifest=manifest,
-        space=space,
+        space=StateSpace(tuple(manifest["space"]["names"]), heading=manifest["space"]["heading"]),
         estimators=plan.estimators,
         beam_sets=plan.beams,
         runs=plan.runs,
-        source=InFolder(folder, plan, complete),
-        timing=timing,
-        scene=read_npz(scene) if scene.exists() else {},
+        source=InFolder(folder, plan, manifest["state"] == "complete"),
+        timing=_times(folder / TIMING),
+        scene=_scene(folder / SCENE, plan.shape[2]),
         folder=folder,
     )
     return replace(results, source=results.in_memory().source) if plan.runs <= MAX_RUNS_IN_MEMORY else results
+
+
+def read_timing(path: Path) -> dict[str, dict[str, Any]]:
+    """Key -> what was timed; empty where there is no such file.
+
+    Raises:
+        ResultsError: If it is damaged.
+    """
+    if not path.exists():
+        return {}
+    rows: dict[str, dict[str, Any]] = read_json(path)
+    check_timing(path, rows)
+    return rows
+
+
+def _times(path: Path) -> dict[tuple[str, str], float]:
+    """(estimator, beams) -> seconds per update and run; NaN where none could be told."""
+    rows = read_timing(path).values()
+    return {
+        (row["estimator"], row["beams"]): np.nan if row["seconds"] is None else float(row["seconds"])
+        for row in rows
+    }
+
+
+def _scene(path: Path, beams: int) -> dict[str, NDArray[Any]]:
+    """The arrays of a map that was saved; none where none was."""
+    if not path.exists():
+        return {}
+    arrays = read_npz(path, SCENE_FORMS)
+    for name, array in arrays.items():
+        finite = ~np.isnan(array) if name == "ranges" else np.isfinite(array)
+        if not finite.all() or (name in ("bearings", "ranges") and len(array) != beams):
+            raise ResultsError(f"{path} is damaged ({name} holds what cannot be): run the study again")
+    return arrays

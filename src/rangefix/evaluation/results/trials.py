@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
-from .files import read_part
 from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
+from .parts import read_trials, read_world
 
 
 @dataclass(frozen=True)
@@ -124,24 +124,21 @@ class InFolder:
     plan: FolderLayout
     complete: bool
 
-    def _blocks(self, first: int, end: int) -> list[tuple[int, int]]:
-        return [(low, high) for low, high in self.plan.blocks() if low < end and high > first]
-
     def world(self, first: int, end: int) -> tuple[Array, Array]:
         """True states and measurements, read part by part into arrays of their full size."""
         steps, size, beams = self.plan.shape
         truth = np.full((end - first, steps, size), np.nan)
         measurement = np.full((end - first, steps, beams), np.nan)
-        for low, high in self._blocks(first, end):
-            path = world_path(self.folder, low, high)
-            if self.complete or path.exists():
-                part, (mine, its) = read_part(path, self.plan.world), _overlap(low, high, first, end)
+        for low, high in self.plan.blocks(first, end):
+            if self.complete or world_path(self.folder, low, high).exists():
+                part = read_world(self.folder, self.plan, low, high)
+                mine, its = _overlap(low, high, first, end)
                 truth[mine], measurement[mine] = part["truth"][its], part["measurement"][its]
         return truth, measurement
 
     def trials(self, estimator: str, beams: str, first: int, end: int) -> Trials:
         """Trials, read part by part into arrays of their full size."""
-        runs, (steps, size, _), key = end - first, self.plan.shape, self.plan.key(estimator, beams)
+        runs, (steps, size, _) = end - first, self.plan.shape
         arrays: dict[str, NDArray[Any]] = {
             "mean": np.full((runs, steps, size), np.nan),
             "covariance": np.full((runs, steps, size, size), np.nan),
@@ -151,13 +148,14 @@ class InFolder:
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
-        for low, high in self._blocks(first, end):
+        for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
                 missed = range(max(low, first), min(high, end))
                 reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
                 continue
-            part, (mine, its) = read_part(path, key), _overlap(low, high, first, end)
+            part = read_trials(self.folder, self.plan, estimator, beams, low, high)
+            mine, its = _overlap(low, high, first, end)
             for name, array in arrays.items():
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():

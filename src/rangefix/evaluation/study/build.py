@@ -19,13 +19,21 @@ from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
 from .mistakes import Mistakes
 from .sections.drives import Drive
-from .sections.estimators import EstimatorSection
+from .sections.estimators import EstimatorSection, Variant
 
 if TYPE_CHECKING:
     from .study import Study
 
 T = TypeVar("T")
 UNITS = ("_m", "_deg")
+MOST_ESTIMATORS = 2000
+LARGEST_OPTIONS = {
+    "iterations": 10_000,
+    "particles": 20_000_000,
+    "members": 1_000_000,
+    "moves": 10_000,
+}  # of our options
+MOST_EXTENT_M = 1e6
 STAND_IN = RectangularRoom(width=1.0, length=1.0)  # to check the rest on where the map cannot be built
 
 
@@ -75,7 +83,13 @@ def _room(study: Study, mistakes: Mistakes) -> RangeMap | None:
     files = study.map.files()
     where = ("map", "path") if files else ("map",)
     try:
-        return study.map.build(study.folder)
+        room = study.map.build(study.folder)
+        extent = float(np.max(np.subtract(*room.bounds[::-1])))
+        if extent <= MOST_EXTENT_M:
+            return room
+        mistakes.add(
+            where, f"the map spans {extent:g} m, more than {MOST_EXTENT_M:g} m: lengths are in metres"
+        )
     except FileNotFoundError:
         mistakes.add(where, f"no file {study.folder / files[0]}" if files else "no such file")
     except Exception as error:  # readers of foreign files raise what they like
@@ -182,12 +196,18 @@ def _check_estimators(
         if not mistakes.sound(*at):
             continue
         variants = entry.variants()
+        if len(labels) + len(variants) > MOST_ESTIMATORS:
+            mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
+            break
         for label in (variant.label for variant in variants):
             if label in labels:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
             labels.add(label)
         if entry.name in BUILT_IN:
-            if _options_fit(entry, signature_of(entry.name, resolve(entry.name)), at, mistakes):
+            plugin = signature_of(entry.name, resolve(entry.name))
+            if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
+                entry, variants, plugin, at, mistakes
+            ):
                 for variant in variants:
                     try:
                         build(variant.name, problem or _stand_in(), **variant.options)
@@ -228,3 +248,24 @@ def _options_fit(
         text = suggestion(given, [name + unit for name in known])
         mistakes.add((*at, "options", given), f"{entry.name} has no such option; {text}")
     return not unknown
+
+
+def _sizes_fit(
+    entry: EstimatorSection,
+    variants: list[Variant],
+    plugin: PluginInfo,
+    at: tuple[str | int, ...],
+    mistakes: Mistakes,
+) -> bool:
+    """Whether numbers among the options of one of ours are numbers, and small enough to end."""
+    for given, name in zip(entry.options, entry.converted(), strict=True):
+        for value in (variant.options[name] for variant in variants):
+            if isinstance(value, bool) and not isinstance(plugin.parameters[name], bool):
+                mistakes.add((*at, "options", given), f"must be a number, got {str(value).lower()}")
+                return False
+            if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
+                mistakes.add(
+                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {value:g}"
+                )
+                return False
+    return True

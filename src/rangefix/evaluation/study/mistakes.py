@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import islice
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -14,6 +15,9 @@ from .sections.base import Misfit, kinds_of
 from .toml_lines import Path, line_of
 
 T = TypeVar("T")
+MOST_SHOWN = 200  # letters of a wrong value
+MOST_LOOKED_AT = 100  # mistakes whose cause is looked for
+MOST_TOLD = 20  # mistakes; more are counted
 FORMS = {  # what pydantic calls a mistake -> what we say
     "greater_than": "must be greater than {gt:g}",
     "greater_than_equal": "must be at least {ge:g}",
@@ -24,6 +28,7 @@ FORMS = {  # what pydantic calls a mistake -> what we say
     "too_long": "takes no more than {max_length} of them",
     "literal_error": "must be {expected}",
     "string_too_short": "must not be empty",
+    "string_too_long": "must have at most {max_length} letters",
     "string_pattern_mismatch": "names a folder: no slashes, and not dots alone",
     "float_type": "must be a number",
     "int_type": "must be a whole number",
@@ -96,7 +101,8 @@ class Mistakes:
         faults = error.errors(include_url=False)
         places = [_place(fault, raw, model) for fault in faults]
         misspelt = {
-            (*fault["loc"][:-1], meant) for fault, (_, inner) in zip(faults, places, strict=True)
+            (*fault["loc"][:-1], meant)
+            for fault, (_, inner) in islice(zip(faults, places, strict=True), MOST_LOOKED_AT)
             if fault["type"] == "extra_forbidden"
             for meant in get_close_matches(str(fault["loc"][-1]), _keys(inner), n=1)
         }  # fmt: skip
@@ -109,7 +115,7 @@ class Mistakes:
                 continue  # the unknown key says so
             if fault["type"].startswith("union_tag") and len(path) == 1 + (path[0] == "assumed"):
                 path = (*path, "kind")
-            text = _sentence(fault, path, inner)
+            text = _sentence(fault, path, inner) if len(told) < MOST_LOOKED_AT else str(fault["msg"])
             if isinstance(misfit := fault.get("ctx", {}).get("error"), Misfit):
                 path = (*path, *misfit.path)
             told.append((path, text))
@@ -121,7 +127,9 @@ class Mistakes:
         """Raise StudyError if there is any mistake."""
         if self.noted:
             noted = sorted(self.noted, key=lambda mistake: line_of(mistake[0], self.lines) or 0)
-            raise StudyError(list(dict.fromkeys(text for _, text in noted)))
+            texts = list(dict.fromkeys(text for _, text in noted))
+            more = [f"{self.source}: and {len(texts) - MOST_TOLD} more"] * (len(texts) > MOST_TOLD)
+            raise StudyError(texts[:MOST_TOLD] + more)
 
 
 def dotted(path: Path) -> str:
@@ -184,4 +192,5 @@ def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
         example = f' with, for example, kind = "{first}"' if first else ""
         return f"must be a table [{dotted(path)}]{example}"
     said = FORMS[kind].format(**context) if kind in FORMS else str(error["msg"])
-    return f"{said}, got {value!r}{example}"
+    shown = repr(value)
+    return f"{said}, got {shown if len(shown) <= MOST_SHOWN else shown[:MOST_SHOWN] + '...'}{example}"

@@ -17,10 +17,12 @@ from .build import build_world
 from .mistakes import Mistakes, StudyError
 from .sections.base import Section, kinds_of
 from .study import Study
+from .toml_lines import MOST_DEEP, deep_line, key_lines
 from .toml_lines import Path as Key
-from .toml_lines import key_lines
 
 EXAMPLES = Path(__file__).parent / "examples"
+MOST_BYTES = 2 << 20  # of a study file
+MOST_NAME = 60  # letters of a key that are shown
 SOUND: dict[str, Any] = {  # stand where there are mistakes, and are not looked at
     "map": {"kind": "rectangle", "width_m": 1.0, "length_m": 1.0},
     "sensor": {"bearings_deg": [0.0], "std_m": 1.0},
@@ -55,6 +57,12 @@ def load_study(
     if path.suffix != ".toml" and str(target) in study_names():
         path = EXAMPLES / f"{target}.toml"
     try:
+        if path.exists() and not path.is_file():
+            raise StudyError([f"{target}: is no file"])
+        if path.stat().st_size > MOST_BYTES:
+            raise StudyError(
+                [f"{target}: has more than {MOST_BYTES} bytes: put a large map in a file of its own"]
+            )
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         names = ", ".join(study_names())
@@ -80,10 +88,14 @@ def parse_study(
     Raises:
         StudyError: With every mistake, one line each.
     """
+    if (deep := deep_line(text)) is not None:
+        raise StudyError([_too_deep(source, deep, text)])
     try:
         raw = {"name": Path(source).stem} | tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise StudyError([_not_toml(source, error)]) from None
+    except (RecursionError, ValueError) as error:  # quoted names nest too; numbers of thousands of digits
+        raise StudyError([f"{source}: not TOML that can be read: {one_line(error)}"]) from None
     changed = {key: value for key, value in (changes or {}).items() if value is not None}
     typed: dict[Key, str] = {(key,): "" for key in changed}
     mistakes = Mistakes(source, key_lines(text), typed)
@@ -109,6 +121,14 @@ def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     if place := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
         return f"{source}:{place[2]}: not TOML: {place[1]} ({place[3]})"
     return f"{source}: not TOML: {text}"
+
+
+def _too_deep(source: str, line: int, text: str) -> str:
+    """The mistake, with the key on whose line it is."""
+    start = text.splitlines()[line - 1].lstrip("[ ")
+    key = start.partition("=")[0].strip()
+    key = key if len(key) <= MOST_NAME else f"{key[:MOST_NAME]}..."
+    return f"{source}:{line}: {key}: names, lists or tables lie more than {MOST_DEEP} deep in one another"
 
 
 def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:

@@ -10,7 +10,28 @@ _DOTTED = rf"{_NAME}(?:\s*\.\s*{_NAME})*"
 _TABLE = re.compile(rf"^\s*\[\s*({_DOTTED})\s*\]")
 _ARRAY = re.compile(rf"^\s*\[\[\s*({_DOTTED})\s*\]\]")
 _KEY = re.compile(rf"^\s*({_DOTTED})\s*=")
+MOST_DEEP = 40  # names, lists and tables in one another
+_BRACKET = re.compile(r"[\[\]{}]")
 _SKIPPED = re.compile(r'"(?:\\.|[^"\\])*"|\'[^\']*\'|#.*')  # strings and comments hold no brackets of ours
+
+
+_DEEP_NAME = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){{{MOST_DEEP},}}""")
+
+
+def deep_line(text: str) -> int | None:
+    """The first line where names, lists or tables lie too deep in one another; None where all is well.
+
+    By the look of the text: parsing it may take for ever.
+    """
+    if name := _DEEP_NAME.search(text):
+        return text.count("\n", 0, name.start()) + 1
+    depth = 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        for mark in _BRACKET.findall(_SKIPPED.sub("", line)):
+            depth = depth + 1 if mark in "[{" else max(0, depth - 1)
+            if depth > MOST_DEEP:
+                return number
+    return None
 
 
 def key_lines(text: str) -> dict[Path, int]:

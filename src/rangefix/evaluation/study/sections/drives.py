@@ -68,8 +68,7 @@ def waypoint_drive(
         blocked = ~np.append(room.is_free(points[:1]), in_line_of_sight(room, points[:-1], points[1:]))
         if blocked.any():
             raise ValueError(f"the way to waypoint {int(np.argmax(blocked)) + 1} is not in free space")
-    headings = np.arctan2(legs[:, 0], legs[:, 1])
-    turns = np.append(wrap(np.diff(headings)), 0.0)
+    headings, turns = _turns(legs)
     controls: list[tuple[float, float, float]] = []
     for length, angle in zip(lengths, turns, strict=True):
         count = max(1, int(np.ceil(length / step * (1 - 1e-12))))
@@ -80,6 +79,21 @@ def waypoint_drive(
     for control in np.array(controls):
         states.append(motion.mean(states[-1], control))
     return Drive(np.stack(states), np.array(controls))
+
+
+def count_steps(waypoints: Array, step: float, turn: float = TURN_A_STEP) -> float:
+    """How many steps `waypoint_drive` makes of these waypoints; inf where they cannot be counted."""
+    legs = np.diff(waypoints, axis=0)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        counts = np.ceil(np.hypot(legs[:, 0], legs[:, 1]) / step * (1 - 1e-12))
+        parts = np.ceil(np.abs(_turns(legs)[1]) / turn * (1 - 1e-12))
+    return float((np.maximum(1, counts) + np.maximum(1, parts) - 1).sum())
+
+
+def _turns(legs: Array) -> tuple[Array, Array]:
+    """Headings of legs and the turns at their ends, rad, (L,) each; at the last there is none."""
+    headings = np.arctan2(legs[:, 0], legs[:, 1])
+    return headings, np.append(wrap(np.diff(headings)), 0.0)
 
 
 def random_drive(
@@ -115,8 +129,7 @@ def random_drive(
     here = lattice.nearest(start) if start is not None else int(rng.choice(lattice.largest()))
     reached = lattice.reached(here)
     waypoints = [lattice.centres[here]]
-    drive = None
-    while drive is None or len(drive.controls) < steps:
+    while len(waypoints) < 2 or count_steps(np.array(waypoints), step, turn) < steps:
         goal = int(rng.choice(reached))
         if goal == here:
             if len(reached) == 1:
@@ -124,5 +137,5 @@ def random_drive(
             continue
         waypoints += lattice.way(here, goal)
         here = goal
-        drive = waypoint_drive(waypoints, step, turn)
+    drive = waypoint_drive(waypoints, step, turn)
     return Drive(drive.states[: steps + 1], drive.controls[:steps])

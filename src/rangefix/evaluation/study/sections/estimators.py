@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from itertools import product
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator
 
-from .base import Section
+from .base import Misfit, Section
+
+MOST_VARIANTS = 1000  # of an estimator, by grids of its options
+MOST_DEGREES = 1e6
 
 
 class Variant(NamedTuple):
@@ -27,7 +31,7 @@ class EstimatorSection(Section):
     all combinations. A value that is itself a list is written in one more: `weights = [[0.2, 0.8]]`.
     """
 
-    name: str = Field(min_length=1, description='for example name = "point-mass"')
+    name: str = Field(min_length=1, max_length=1000, description='for example name = "point-mass"')
     label: str | None = Field(default=None, min_length=1)
     options: dict[str, Any] = Field(default_factory=dict)
 
@@ -36,6 +40,12 @@ class EstimatorSection(Section):
     def _no_empty_grid(cls, options: dict[str, Any]) -> dict[str, Any]:
         if empty := [name for name, value in options.items() if value == []]:
             raise ValueError(f"{', '.join(empty)}: an empty list runs nothing; a list as a value is [[]]")
+        count = prod(len(value) for value in options.values() if isinstance(value, list))
+        if count > MOST_VARIANTS:
+            raise ValueError(f"these lists make {count:.3g} estimators, more than {MOST_VARIANTS}")
+        for name, value in options.items():
+            if name.endswith("_deg") and not _are_numbers(value):
+                raise Misfit(name, f"must be a number of degrees, got {repr(value)[:60]}")
         return options
 
     def converted(self) -> dict[str, Any]:
@@ -57,6 +67,15 @@ class EstimatorSection(Section):
 def _shown(value: Any) -> str:
     """A value as it stands in a study."""
     return f"{value:g}" if isinstance(value, float) else json.dumps(value, default=str).strip('"')
+
+
+def _are_numbers(value: Any) -> bool:
+    """Whether a value, or all that a list holds, are numbers as computers have them."""
+    if isinstance(value, list):
+        return all(map(_are_numbers, value))
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= MOST_DEGREES
 
 
 def _converted(name: str, value: Any) -> tuple[str, Any]:

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ....filters import RangeMap
 from ....maps import open_map
-from .base import Misfit, Point, Positive, Section
+from .base import Misfit, Point, Positive, Section, Size
 
 CORNERS = "corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
 
@@ -34,8 +34,8 @@ class RectangleMap(MapSection):
     """A rectangular room with its lower left corner at (0, 0)."""
 
     kind: Literal["rectangle"] = "rectangle"
-    width_m: Positive = Field(description="size along x1, for example width_m = 4.0")
-    length_m: Positive = Field(description="size along x2, for example length_m = 6.0")
+    width_m: Size = Field(description="size along x1, for example width_m = 4.0")
+    length_m: Size = Field(description="size along x2, for example length_m = 6.0")
 
 
 class FloorPlanMap(MapSection):

@@ -11,10 +11,12 @@ from ....arrays import Array
 from ....filters import Confined, Motion, Odometry, RangeMap, StateSpace
 from ....filters.models.motion import ConstantVelocity, RandomWalk, Stationary
 from .base import Misfit, NotNegative, Point, Positive, Section
-from .drives import Drive, random_drive, waypoint_drive
+from .drives import Drive, count_steps, random_drive, waypoint_drive
 
+MOST_STEPS = 100_000
 MoreThanNone = Annotated[int, Field(ge=1)]
-Steps = Annotated[MoreThanNone, Field(description="moves, a measurement after each, for example steps = 20")]
+StepCount = Annotated[int, Field(ge=1, le=MOST_STEPS)]
+Steps = Annotated[StepCount, Field(description="moves, a measurement after each, for example steps = 20")]
 
 
 class MotionSection(Section):
@@ -46,7 +48,7 @@ class StationaryMotion(MotionSection):
     """The object stays where it is; `steps` are further measurements from there."""
 
     kind: Literal["stationary"] = "stationary"
-    steps: Annotated[int, Field(ge=0)] = 0
+    steps: Annotated[int, Field(ge=0, le=MOST_STEPS)] = 0
 
     def build(self, room: RangeMap, space: StateSpace) -> Motion:
         """The motion in a map."""
@@ -131,7 +133,7 @@ class OdometryMotion(WalledMotion):
     waypoints_m: Annotated[list[Point], Field(min_length=2)] | None = Field(
         default=None, description="points to pass, for example [[1, 1], [3, 1], [3, 5]]"
     )
-    steps: MoreThanNone | None = Field(
+    steps: StepCount | None = Field(
         default=None, description="moves, a measurement after each, for example steps = 50"
     )
     step_m: Positive = Field(default=0.3, description="longest step")
@@ -169,6 +171,14 @@ class OdometryMotion(WalledMotion):
             rng = np.random.default_rng(self.drive_seed)
             return random_drive(
                 room, self.steps, self.step_m, rng, self.clearance_m, turn, start=self.start_m
+            )
+        needed = count_steps(np.array(self.waypoints_m), self.step_m, turn)
+        if not needed <= MOST_STEPS:
+            key = (
+                "turn_deg" if count_steps(np.array(self.waypoints_m), self.step_m) <= MOST_STEPS else "step_m"
+            )
+            raise Misfit(
+                key, f"the way along waypoints_m takes {needed:g} such steps, more than {MOST_STEPS}"
             )
         drive = waypoint_drive(self.waypoints_m, self.step_m, turn, room)
         if self.steps is None:

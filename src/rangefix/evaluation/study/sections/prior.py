@@ -16,6 +16,7 @@ from ....raster import Raster
 from .base import Misfit, Point, Positive, Section
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+MOST_CELLS = 20_000_000  # to look for the place of a box
 LATTICE = 40  # steps along the shorter side of a box that looks for its place
 
 
@@ -211,7 +212,12 @@ def box_with_most_free_space(room: RangeMap, size: Array) -> tuple[Array, Array]
     lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
     size = np.minimum(size, upper - lower)
     step = float(size.min()) / LATTICE
-    counts = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9))).astype(int)
+    sizes = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9)))
+    if sizes.prod() > MOST_CELLS:
+        raise Misfit(
+            "size_m", f"is too small or thin to be looked for in a map of this size: {sizes.prod():.0e} cells"
+        )
+    counts = sizes.astype(int)
     free = room.is_free(Raster(lower, step, tuple(counts.tolist())).centres)
     sums = np.pad(free.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     wide, high = np.clip(np.round(size / step).astype(int), 1, counts)

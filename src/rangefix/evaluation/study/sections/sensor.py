@@ -12,9 +12,10 @@ from ....arrays import Array
 from ....filters import Noise, Rangefinder, RangeMap, StateSpace, sweep
 from ....filters.models.beam_noise import BeamMixture, Quantised
 from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT
-from .base import Misfit, NotNegative, Positive, Section
+from .base import Misfit, NotNegative, Positive, Section, Size
 
-PerBeam = Positive | Annotated[list[Positive], Field(min_length=1)]
+PerBeam = Size | Annotated[list[Size], Field(min_length=1)]
+MOST_BEAMS = 100_000
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -73,7 +74,7 @@ class MixtureNoise(NoiseSection):
     short: Share = Field(description="share of readings of what stands before it, for example short = 0.05")
     max: Share = Field(description="share of beams that do not return, for example max = 0.05")
     random: Share = Field(description="share of readings of anything, for example random = 0.05")
-    std_m: Positive = Field(description="standard deviation of hits, for example std_m = 0.05")
+    std_m: Size = Field(description="standard deviation of hits, for example std_m = 0.05")
     rate_per_m: Positive = Field(
         default=1.0, description="rate of short readings, for example rate_per_m = 1.0"
     )
@@ -96,7 +97,7 @@ class SensorSection(Section):
     """A rangefinder: its beams, clockwise from straight ahead, and its noise."""
 
     alternatives: ClassVar = (frozenset({"std_m", "noise"}), frozenset({"bearings_deg", "resolution_deg"}))
-    bearings_deg: Annotated[list[float], Field(min_length=1)] | None = None
+    bearings_deg: Annotated[list[float], Field(min_length=1, max_length=MOST_BEAMS)] | None = None
     resolution_deg: Positive | None = None
     blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=True)] = float("inf")
@@ -113,6 +114,8 @@ class SensorSection(Section):
     def _one_way(self) -> SensorSection:
         if (self.bearings_deg is None) == (self.resolution_deg is None):
             raise ValueError("give either bearings_deg, for example [326.3, 0.0, 33.7], or resolution_deg")
+        if self.resolution_deg is not None and self.resolution_deg < 360.0 / MOST_BEAMS:
+            raise Misfit("resolution_deg", f"makes more than {MOST_BEAMS} beams, got {self.resolution_deg:g}")
         if self.std_m is None and self.noise is None:
             raise Misfit(
                 "std_m",

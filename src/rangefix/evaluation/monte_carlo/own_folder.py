@@ -1,0 +1,242 @@
+"""A folder of results belongs to one study, and to one run at a time."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..results import (
+    FIGURES,
+    FILE,
+    MANIFEST,
+    REPORT,
+    SCENE,
+    SUMMARY,
+    TIMING,
+    FolderLayout,
+    ResultsError,
+    read_json,
+    remove,
+    trials_path,
+    world_path,
+)
+
+LOCK = ".lock"
+WORTH_TELLING = 1e9  # bytes
+OURS = (TIMING, SCENE, FILE, SUMMARY, REPORT)
+PART = re.compile(r"(\d{8,})-(\d{8,})\.npz")
+
+
+class Older(NamedTuple):
+    """What a folder holds that is older than the numbers to come.
+
+    Attributes:
+        line: What of it is removed or made anew; "" if nothing is.
+        files: What to remove.
+    """
+
+    line: str = ""
+    files: Sequence[Path] = ()
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
+
+    Raises:
+        ResultsError: If another process holds it, which is named, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = _hold(folder / LOCK)
+    except BlockingIOError as error:
+        raise ResultsError(
+            f"{folder} is in use by process {error.args[0]}: wait for it, or choose another --out"
+        ) from None
+    except OSError as error:
+        raise ResultsError(f"cannot write {folder}: {error.strerror or error}") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            (folder / LOCK).unlink(missing_ok=True)  # while it is held: nobody else's
+        os.close(handle)
+
+
+def _hold(path: Path) -> int:
+    """The handle of a lock file with this process in it.
+
+    Raises:
+        BlockingIOError: With the process that holds it.
+    """
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0), 0o644)
+        try:
+            _lock(handle)
+            if os.fstat(handle).st_ino == path.stat().st_ino:
+                os.ftruncate(handle, 0)
+                os.write(handle, f"{os.getpid()}\n".encode())
+                return handle
+        except BlockingIOError:
+            holder = os.read(handle, 20).decode(errors="replace").strip()
+            os.close(handle)
+            raise BlockingIOError(holder if holder.isdigit() else "(unknown)") from None
+        except FileNotFoundError:
+            pass  # whoever held it has removed it: once more
+        except OSError:
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+def _lock(handle: int) -> None:
+    """Lock an open file; where the system has no such locks, go on without."""
+    try:
+        fcntl: Any = importlib.import_module("fcntl")
+    except ModuleNotFoundError:
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        return
+
+
+def check_disk(folder: Path, plan: FolderLayout) -> str:
+    """Compare what the arrays of a plan take with what the disk has.
+
+    Returns:
+        What they take, a line; "" where it is little.
+
+    Raises:
+        ResultsError: If they do not fit.
+    """
+    steps, size, beams = plan.shape
+    pairs = len(plan.estimators) * len(plan.beams)
+    needed = 8 * plan.runs * steps * (size + beams + pairs * (size * size + size + 2))
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(there).free
+    what = f"{plan.runs} runs take about {needed / 1e9:.3g} GB"
+    if needed > free and needed > free + sum(part.stat().st_size for part in _parts(folder)):
+        raise ResultsError(f"{what}, and the disk of {folder} has {free / 1e9:.3g} GB: take fewer runs")
+    return f"{what} in {folder}" if needed > WORTH_TELLING else ""
+
+
+def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = False) -> Older:
+    """What a folder holds that is older than the numbers of a study; what is not its own is refused.
+
+    Args:
+        folder: The folder of results.
+        plan: What is to be there.
+        name: Of the study.
+        force: Whether to remove the results of another study, and to replace a manifest that is not ours.
+
+    Returns:
+        What to remove as soon as the manifest of the study is written.
+
+    Raises:
+        ResultsError: If the folder belongs to something else.
+    """
+    path = folder / MANIFEST
+    if not os.path.lexists(path):
+        return Older()
+    before = _manifest(path)
+    if before is None:
+        if force:
+            return Older(f"{path} is replaced; it was none of ours")
+        raise ResultsError(f"{path} is no manifest of ours: choose another --out, or --force to replace it")
+    owner = before["name"]
+    if owner != name:
+        if not force:
+            raise ResultsError(
+                f"{folder} has the results of another study, {owner[:80]!r}, not of {name!r}: choose another "
+                "--out, or --force to remove them"
+            )
+        ours = [*_figures(folder), *_parts(folder), *(folder / each for each in OURS)]
+        return Older(f"{folder}: the results of {owner[:80]!r} are removed", ours)
+    return _other_settings(folder, plan, before)
+
+
+def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) -> Older:
+    """What other settings of the same study, or a part of its runs, have left in a folder."""
+    now = json.loads(json.dumps(plan.as_json()))
+    if before["plan"] == now and before.get("state") == "complete":
+        return Older()
+    old_keys = before["plan"].get("trials")
+    shared = old_keys.keys() & now["trials"].keys() if isinstance(old_keys, dict) else ()
+    anew = any(before["plan"].get(key) != now[key] for key in ("world", "block", "shape")) or any(
+        old_keys[label] != now["trials"][label] for label in shared
+    )
+    shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
+    orphans = _orphans(folder, plan)
+    files = [*shown, *orphans, folder / SUMMARY, *([folder / TIMING] if anew else [])]
+    removed = ", ".join(
+        text
+        for text, found in (("the older figures and report", shown), (f"{len(orphans)} older parts", orphans))
+        if found
+    )
+    lines = ["its numbers are made anew"] * anew + [f"{removed} are removed"] * bool(removed)
+    why = "is finished" if before["plan"] == now else "has other settings than before"
+    return Older(f"{folder} {why}: {', '.join(lines)}" if lines else "", files)
+
+
+def _manifest(path: Path) -> dict[str, Any] | None:
+    """A manifest that rangefix wrote, of any version; None for anything else."""
+    try:
+        found = read_json(path)
+    except ResultsError:
+        return None
+    ours = isinstance(found, dict) and isinstance(found.get("format"), int)
+    ours = ours and isinstance(found.get("name"), str) and isinstance(found.get("plan"), dict)
+    return found if ours else None
+
+
+def _figures(folder: Path) -> list[Path]:
+    """The figures that `draw` has written; the pictures of others in the same folder are not ours."""
+    if not (folder / FIGURES).is_dir():
+        return []
+    from ..figures.catalogue import figure_kinds
+
+    names = (f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg"))
+    return [path for path in (folder / FIGURES / name for name in names) if path.is_file()]
+
+
+def _parts(folder: Path) -> list[Path]:
+    """All files that are called like parts and lie in the folder itself, not behind a link."""
+    root = folder.resolve()
+    found = [*folder.glob("parts/world/*.npz"), *folder.glob("parts/*/*/*.npz")]
+    return [
+        path for path in found if PART.fullmatch(path.name) and path.parent.resolve().is_relative_to(root)
+    ]
+
+
+def _orphans(folder: Path, plan: FolderLayout) -> list[Path]:
+    """The parts that are not of a plan."""
+    pairs = product(plan.estimators, plan.beams)
+    places = {trials_path(folder, *pair, 0, 1).parent for pair in pairs} | {world_path(folder, 0, 1).parent}
+
+    def belongs(part: Path) -> bool:
+        first, end = map(int, part.stem.split("-"))
+        fits = first % plan.block == 0 and first < plan.runs and end == min(first + plan.block, plan.runs)
+        return fits and part.parent in places
+
+    return [part for part in _parts(folder) if not belongs(part)]
+
+
+def remove_files(files: Sequence[Path], folder: Path) -> None:
+    """Remove files, and folders within the folder that are empty then."""
+    for path in files:
+        remove(path)
+    around = {parent for path in files for parent in path.parents if folder in parent.parents}
+    for inner in sorted(around, key=lambda path: len(path.parts), reverse=True):
+        with suppress(OSError):
+            inner.rmdir()

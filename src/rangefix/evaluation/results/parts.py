@@ -1,0 +1,142 @@
+"""The parts of a folder of results: what arrays they hold, and whether these can be what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from .files import ResultsError
+from .folder import FolderLayout, trials_path, world_path
+from .npz import Form, Forms, read_part
+from .outcome import PREFIX, STATUSES, BeliefScores, Outcome, Status, is_covariance
+
+Part = dict[str, NDArray[Any]]
+LONGEST_REASON = 2000  # letters of why a trial is not ok that are kept
+OVERHEAD = 1 << 16  # bytes of the headers of a part
+PLAN_FLOOR = 1 << 26  # bytes: a plan of less is believed whatever is there
+PLAN_RATIO = 1000  # of all arrays to the truths and measurements that are there
+PAIR_BYTES = 1 << 10  # that an estimator on a set of beams takes, whatever it holds
+
+
+def part_arrays(outcome: Outcome, floor: Array) -> Part:
+    """The arrays of a part of trials."""
+    failed = sorted(outcome.reasons)
+    return {
+        "mean": np.asarray(outcome.mean, dtype=np.float64),
+        "covariance": np.asarray(outcome.covariance, dtype=np.float64),
+        "log_evidence": np.asarray(outcome.log_evidence, dtype=np.float64),
+        "log_evidence_floor": floor,
+        "status": outcome.status,
+        "failed": np.array(failed, dtype=np.int64),
+        "reasons": np.array([outcome.reasons[place][:LONGEST_REASON] for place in failed], dtype=str),
+        **outcome.beliefs,
+    }
+
+
+def read_world(folder: Path, plan: FolderLayout, first: int, end: int) -> Part:
+    """The truths and measurements of a block.
+
+    Raises:
+        ResultsError: If they are missing, damaged or others.
+    """
+    steps, size, beams = plan.shape
+    forms = {"truth": Form((end - first, steps, size)), "measurement": Form((end - first, steps, beams))}
+    return read_part(
+        world_path(folder, first, end), plan.world_key(first, end), forms, _most(plan, first, end)
+    )
+
+
+def read_trials(folder: Path, plan: FolderLayout, estimator: str, beams: str, first: int, end: int) -> Part:
+    """The trials of one estimator on one set of beams over a block.
+
+    Raises:
+        ResultsError: If they are missing, damaged or others, or what they hold cannot be.
+    """
+    path, key = trials_path(folder, estimator, beams, first, end), plan.key(estimator, beams, first, end)
+    part = read_part(path, key, _trial_forms(plan, end - first), _most(plan, first, end))
+    if fault := _fault(part):
+        raise ResultsError(f"{path} is damaged ({fault}): delete it and run the study again")
+    return part
+
+
+def if_valid(read: Callable[..., Part], *told: Any) -> Part | None:
+    """What `read_world`, `read_trials` or `read_part` read; None where the part must be made again."""
+    try:
+        return read(*told)
+    except ResultsError:
+        return None
+
+
+def read_if_valid(path: Path, key: str) -> Part | None:
+    """A part that is there, undamaged and made with the key; None if it must be made again."""
+    return if_valid(read_part, path, key)
+
+
+def check_size(folder: Path, plan: FolderLayout, manifest: Path) -> None:
+    """Refuse a plan that is far larger than what there is, before any memory is taken for it.
+
+    Raises:
+        ResultsError: If it is.
+    """
+    steps, size, beams = plan.shape
+    pairs = len(plan.estimators) * len(plan.beams)
+    planned = plan.runs * steps * (size + beams + pairs * (size * size + size + 2)) * 8 + pairs * PAIR_BYTES
+    try:
+        there = sum(file.stat().st_size for file in world_path(folder, 0, 1).parent.iterdir())
+    except OSError:
+        there = 0
+    if planned > max(PLAN_FLOOR, PLAN_RATIO * there):
+        raise ResultsError(
+            f"{manifest}: plan: {plan.runs} runs of {steps} steps, {size} components and {beams} beams by "
+            f"{len(plan.estimators)} estimators are {planned / 1e9:.3g} GB, but the folder has "
+            f"{there / 1e9:.3g} GB of truths and measurements: run the study again"
+        )
+
+
+def _most(plan: FolderLayout, first: int, end: int) -> int:
+    """Bytes that a part may have."""
+    steps, size, beams = plan.shape
+    numbers = steps * (6 * size * size + 20 * size + beams + 20)
+    return (end - first) * (8 * numbers + 4 * LONGEST_REASON) + OVERHEAD
+
+
+def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
+    steps, size, _ = plan.shape
+    each = (runs, steps)
+    ends = {
+        "ranks": (size,), "distance_rank": (), "energy": (), "crps": (size,), "mode_share": (),
+        "mode_covariance": (size, size), "spread": (size, size),
+    }  # fmt: skip
+    return {
+        "mean": Form((*each, size)),
+        "covariance": Form((*each, size, size)),
+        "log_evidence": Form(each),
+        "log_evidence_floor": Form(each),
+        "status": Form((runs,), "|i1"),
+        "failed": Form((None,), "<i8"),
+        "reasons": Form((None,), "U"),
+        **{PREFIX + name: Form((*each, *ends[name]), optional=True) for name in BeliefScores._fields},
+    }
+
+
+def _fault(part: Part) -> str:
+    """What of a part of trials cannot be, or ""."""
+    status, failed = part["status"], part["failed"]
+    ok = status == Status.OK.code
+    if ((status < 0) | (status >= len(STATUSES))).any():
+        return "status: no such status"
+    if len(failed) != len(part["reasons"]) or not np.array_equal(failed, np.flatnonzero(~ok)):
+        return "failed: they are not the runs that are not ok"
+    if not np.isfinite(part["mean"][ok]).all():
+        return "mean: not finite, of a run that is ok"
+    covariance = part["covariance"][ok]
+    if not np.isfinite(covariance).all() or not is_covariance(covariance).all():
+        return "covariance: not one, of a run that is ok"
+    if np.isinf(part["log_evidence"][ok]).any():  # NaN: the estimator tells none
+        return "log_evidence: infinite, of a run that is ok"
+    return ""

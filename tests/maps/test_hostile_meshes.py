@@ -1,0 +1,159 @@
+"""Mesh files that crash their readers, take all memory, or are cut short: one line."""
+
+from __future__ import annotations
+
+import os
+import struct
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.maps import MapError, mesh_files
+from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_text import plain_mesh
+
+from .conftest import box
+
+VERTICES, TRIANGLES = box((0, 0, 0), (4, 6, 2.5))
+
+
+def ascii_stl() -> str:
+    """The paper's room."""
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in VERTICES[corners])
+        + "endloop\nendfacet\n"
+        for corners in TRIANGLES
+    )
+    return f"solid room\n{facets}endsolid room\n"
+
+
+def obj() -> str:
+    lines = [f"v {x} {y} {z}" for x, y, z in VERTICES] + [f"f {a} {b} {c}" for a, b, c in TRIANGLES + 1]
+    return "\n".join(lines) + "\n"
+
+
+def off() -> str:
+    rows = [f"{x} {y} {z}" for x, y, z in VERTICES]
+    lines = ["OFF", f"{len(rows)} {len(TRIANGLES)} 0", *rows, *(f"3 {a} {b} {c}" for a, b, c in TRIANGLES)]
+    return "\n".join(lines) + "\n"
+
+
+def ply(kind: str = "binary_little_endian", scalar: str = "double", more: str = "") -> bytes:
+    """The paper's room as .ply, in binary or in text, with one further number to a vertex if named."""
+    names = "".join(f"property {scalar} {name}\n" for name in ("x", "y", "z", *more.split()))
+    head = f"ply\nformat {kind} 1.0\ncomment ours\nelement vertex {len(VERTICES)}\n{names}"
+    head += f"element face {len(TRIANGLES)}\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = np.column_stack([VERTICES, *([VERTICES[:, :1]] * len(more.split()))])
+    if kind == "ascii":
+        lines = [*(" ".join(map(str, row)) for row in rows), *(f"3 {a} {b} {c}" for a, b, c in TRIANGLES)]
+        return (head + "\n".join(lines) + "\n").encode()
+    data = rows.astype("<f8" if scalar == "double" else "<f4").tobytes()
+    return head.encode() + data + b"".join(struct.pack("<B3i", 3, *corners) for corners in TRIANGLES)
+
+
+DEEP = "[" * 200_000
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("deep.gltf", DEEP, "ended with SIG"),
+        ("none.ply", ply()[: -13 * len(TRIANGLES)] + bytes(len(TRIANGLES)), "ended with SIG"),
+        ("more.ply", ply().replace(b"vertex 8", b"vertex 2147483647"), "2147483647 vertices and 12 faces"),
+        ("more.off", off().replace("8 12 0", "2147483647 12 0"), "2147483647 vertices and 12 faces"),
+        ("less.off", off().replace("8 12 0", "-1 12 0"), "-1 vertices"),
+        ("faces.off", off().replace("8 12 0", "8 -1 0"), "-1 faces"),
+        ("half.stl", ascii_stl()[:600], "no endsolid"),
+        ("most.stl", ascii_stl()[:-30], "no endsolid"),
+        ("facet.stl", ascii_stl().replace("endfacet\n", "", 1), "facets without"),
+        ("corner.stl", ascii_stl().replace("vertex 0.0 0.0 0.0\n", "", 1), "facets without"),
+        ("binary.stl", bytes(80) + (12).to_bytes(4, "little") + bytes(500), "12 facets are announced"),
+        ("face.obj", obj()[:-3], "less than three corners"),
+        ("vertex.obj", obj()[:40], "vertex"),
+        ("index.obj", obj()[:-1], "no end"),
+        ("beyond.obj", obj().replace("f 1", "f 99", 1), "vertex 99 of 8"),
+        ("before.obj", obj().replace("f 1", "f -99", 1), "not there"),
+        ("nought.obj", obj().replace("f 1", "f 0", 1), "not there"),
+        ("word.obj", obj().replace("f 1", "f x", 1), "no number"),
+        ("quad.obj", obj() + "f 1 2 4 3\n", "of 14 triangles"),
+        ("total.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff" + bytes(60), "4294967295 bytes are announced"),
+    ],
+)
+def test_one_line(tmp_path: Path, name: str, content: str | bytes, words: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(MapError, match=words) as caught:
+        read_mesh(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("room.off", off().encode()),
+        ("double.ply", ply()),
+        ("float.ply", ply(scalar="float", more="quality")),
+        ("text.ply", ply("ascii", more="quality")),
+    ],
+)
+def test_plain_files_are_read_here_as_open3d_reads_them(tmp_path: Path, name: str, content: bytes) -> None:
+    """Bit for bit, and without waiting for a process."""
+    path = tmp_path / name
+    path.write_bytes(content)
+    here = plain_mesh(path)
+    assert here is not None
+    for mine, theirs in zip(here, mesh_files._read_apart(path), strict=True):
+        assert mine.dtype == theirs.dtype
+        np.testing.assert_array_equal(mine, theirs)
+    np.testing.assert_array_equal(here[1], TRIANGLES)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        off().replace("3 0", "4 0", 1),
+        off() + "0\n",
+        off().replace("OFF", "COFF"),
+        off().replace("8 12 0", "8 12 0 # eight"),
+    ],
+)
+def test_what_is_not_plain_is_left_to_open3d(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "room.off"
+    path.write_text(content)
+    assert plain_mesh(path) is None
+
+
+def test_whole_files_of_text_are_read(tmp_path: Path) -> None:
+    for name, content in (("room.stl", ascii_stl()), ("room.obj", obj())):
+        path = tmp_path / name
+        path.write_text(content)
+        vertices, triangles = read_mesh(path)
+        assert len(triangles) == len(TRIANGLES)
+        np.testing.assert_allclose(vertices[triangles], VERTICES[TRIANGLES], rtol=1e-6)
+
+
+def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a file nor a descriptor, of a child that crashes or takes too long."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    path = tmp_path / "deep.gltf"
+    path.write_text(DEEP)
+    before = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(MapError, match="ended with"):
+        read_mesh(path)
+    monkeypatch.setattr(mesh_files, "SECONDS", 0.01)
+    with pytest.raises(MapError, match="no end after"):
+        read_mesh(path)
+    assert len(os.listdir("/proc/self/fd")) == before
+    assert not list((tmp_path / "temporary").iterdir())
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.ply")
+    with pytest.raises(MapError, match="no regular file"):
+        read_mesh(tmp_path / "pipe.ply")
