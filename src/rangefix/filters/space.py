@@ -8,6 +8,8 @@ import numpy as np
 
 from ..arrays import Array, BoolArray, wrap
 
+ROUNDING = 1e-12  # of a correlation matrix: an eigenvalue up to that is zero
+
 
 @dataclass(frozen=True)
 class StateSpace:
@@ -93,6 +95,18 @@ class StateSpace:
         deviation = self.difference(states, mean[..., None, :])
         covariance = np.swapaxes(deviation * weights[..., None], -1, -2) @ deviation
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+
+
+def is_definite(covariance: Array) -> BoolArray:
+    """Which covariances (..., n, n) are finite and positive definite, beyond what rounding leaves: (...)."""
+    finite = np.asarray(np.isfinite(covariance).all((-2, -1)))
+    std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+    fine: BoolArray = finite & np.asarray((std > 0).all(-1))
+    if not fine.any():
+        return fine
+    scale = np.where(fine[..., None], std, 1.0)
+    scaled = np.where(fine[..., None, None], covariance, 0.0) / scale[..., None] / scale[..., None, :]
+    return np.asarray(fine & (np.linalg.eigvalsh(scaled)[..., 0] > ROUNDING))
 
 
 def position_space(heading: float = 0.0) -> StateSpace:

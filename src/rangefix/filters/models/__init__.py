@@ -5,7 +5,7 @@ from .confined import Confined, in_line_of_sight, sample_runs
 from .gaussian_prior import GaussianPrior
 from .mixture_prior import Mixture
 from .motion import ConstantVelocity, RandomWalk, Stationary
-from .noise import CumulativeNoise, Gaussian, RangeProportional, StudentT
+from .noise import CumulativeNoise, Gaussian, RangeProportional, StudentT, check_spread
 from .odometry import Odometry
 from .product_prior import WithHeading, WithVelocity
 from .rangefinder import Rangefinder, sweep
@@ -29,6 +29,7 @@ __all__ = [
     "Uniform",
     "WithHeading",
     "WithVelocity",
+    "check_spread",
     "in_line_of_sight",
     "sample_runs",
     "sweep",
