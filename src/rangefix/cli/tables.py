@@ -25,7 +25,7 @@ from ..evaluation.consistency import (
 )
 from ..evaluation.consistency.intervals import UNKNOWN
 from ..evaluation.consistency.metrics import Metric
-from ..evaluation.consistency.verdict import verdict_text
+from ..evaluation.consistency.verdict import MENTION_SHARE, verdict_text
 from ..evaluation.paper import BAND, CELLS, Paper
 
 NARROW = 130  # columns; below, the table of a study has fewer
@@ -93,11 +93,19 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
     """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
 
     Of many measurements it shows the last. On a narrow screen the verdict stands below the figures, and
-    intervals, energy scores and times are left out: they are in `summary.csv`.
+    intervals, energy scores and times are left out: they are in `summary.csv`. A share, as that of runs with
+    measurements that an estimator's own model all but excludes, has a column where one is above 1 %.
     """
     narrow = width < NARROW
-    shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
-    figures = [figure for figure in shown if figure[0].honest is not None or not narrow]
+    figures = list(
+        dict.fromkeys(
+            (metric, component)
+            for row in rows
+            for metric, component, interval in row.shown("terminal")
+            if (metric.honest is not None or not narrow or metric.average == "share")
+            and (metric.average != "share" or interval.value > MENTION_SHARE)
+        )
+    )
     columns = ["\nestimator", f"ok of\n{rows[0].planned}", *_std_headings(rows[0].names, "true / claimed")]
     columns += [_heading(metric, component, narrow) for metric, component in figures]
     table = new_table(title, columns if narrow else [*columns, "ms per\nupdate"])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Array, BoolArray, wrap
 
-ROUNDING = 1e-12  # of a correlation matrix: an eigenvalue up to that is zero
+LEAST_VARIANCE = 1e-20  # m^2 or rad^2: of places in a room no more than that is left by rounding
 
 
 @dataclass(frozen=True)
@@ -97,16 +97,27 @@ class StateSpace:
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
 
 
-def is_definite(covariance: Array) -> BoolArray:
-    """Which covariances (..., n, n) are finite and positive definite, beyond what rounding leaves: (...)."""
-    finite = np.asarray(np.isfinite(covariance).all((-2, -1)))
-    std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
-    fine: BoolArray = finite & np.asarray((std > 0).all(-1))
-    if not fine.any():
-        return fine
-    scale = np.where(fine[..., None], std, 1.0)
-    scaled = np.where(fine[..., None, None], covariance, 0.0) / scale[..., None] / scale[..., None, :]
-    return np.asarray(fine & (np.linalg.eigvalsh(scaled)[..., 0] > ROUNDING))
+def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
+    """Which covariances are finite and positive definite by more than rounding leaves.
+
+    Args:
+        covariance: (..., n, n).
+        rounding: A variance given the other components that is no more than this share of the whole is zero.
+
+    Returns:
+        (...). Worked out for all at once, without a call for each.
+    """
+    size = covariance.shape[-1]
+    rows = np.moveaxis(covariance, (-2, -1), (0, 1)).copy()
+    fine = np.asarray(np.isfinite(rows).all((0, 1)))
+    rows[..., ~fine] = 0.0
+    for j in range(size):
+        left = rows[j, j]  # what is left of the variance, given the components before
+        fine &= (left > LEAST_VARIANCE) & (left > rounding * covariance[..., j, j])
+        if j + 1 < size:
+            slope = rows[j + 1 :, j] / np.where(fine, left, 1.0)
+            rows[j + 1 :, j + 1 :] -= slope[:, None] * rows[j, j + 1 :]
+    return fine
 
 
 def position_space(heading: float = 0.0) -> StateSpace:

@@ -222,7 +222,7 @@ class AdaptivePointMassFilter(BriefRepr):
         longest = float(np.linalg.norm(np.asarray(upper) - lower))
         nearest = np.stack([np.clip(measurement, 0.0, longest), np.full_like(measurement, np.inf)])
         best = sensor.beam_log_density(measurement, nearest).max(axis=0)
-        perfect = sensor.beam_log_density(measurement, measurement)
+        perfect = sensor.beam_log_density(measurement, np.maximum(measurement, 0.0))
         with np.errstate(invalid="ignore"):
             return float((perfect - best).sum())
 

@@ -81,7 +81,8 @@ class EnsembleKalmanFilter(BriefRepr):
             after = EnsembleBelief(np.stack(moved), belief.log_evidence + np.array(gains))
             lost = ~np.isfinite(gains) | ~np.isfinite(after.members).all((1, 2))
             lost |= impossible_runs(self.problem.sensor, measurement)
-            lost |= ~is_definite(self.estimate(after).covariance)
+            flat = ~is_definite(self.estimate(after).covariance)
+            lost |= flat & is_definite(self.estimate(belief).covariance) if flat.any() else flat
         if not lost.any():
             return after
         members = np.where(lost[:, None, None], belief.members, after.members)

@@ -44,6 +44,7 @@ from .resampling import SCHEMES
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
+SUM_ROUNDING = 1e-12  # of a covariance summed over particles
 MIN_EFFECTIVE = 100  # particles; with fewer, the covariance of an object that moves is not to be trusted
 Target = Posterior | LastStep
 
@@ -167,7 +168,7 @@ class ParticleFilter(BriefRepr):
         """
         space, weights = self.problem.space, exp_of(belief.log_weights)
         mean, covariance = space.moments(belief.states, weights)
-        for run in np.flatnonzero(~is_definite(covariance)):
+        for run in np.flatnonzero(~is_definite(covariance, SUM_ROUNDING)):
             covariance[run] += self._spacing(belief.states[run])
         return Estimate(mean, covariance, belief.log_evidence)
 

@@ -22,6 +22,7 @@ from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
+SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
@@ -229,7 +230,7 @@ class PointMassFilter(BriefRepr):
         readings = Readings(belief.readings, belief.counts * self._precision)
         sums = self.cells.moments(readings, CellMass(belief.log_mass, belief.top_mass))
         mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
-        flat = ~is_definite(covariance)
+        flat = ~is_definite(covariance, SUM_ROUNDING)
         covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
         if before is not None:
             lost = ~np.isfinite(log_evidence)
