@@ -11,11 +11,11 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 
 
+@pytest.mark.parametrize("number", range(IN_TESTS // (RUNS * UPDATES)))
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_hostile_updates(name: str) -> None:
+def test_hostile_updates(name: str, number: int) -> None:
     """Moments are finite, covariances positive definite, and a usual run is the same among hostile ones."""
-    for number in range(IN_TESTS // (RUNS * UPDATES)):
-        suffer(name, Attack.of(number))
+    suffer(name, Attack.of(number))
 
 
 @pytest.mark.study

@@ -52,9 +52,12 @@ def impossible_runs(sensor: Sensor, measurement: Array) -> BoolArray:
     if not values.size:
         return none
     ends = np.repeat([[values.min()], [values.max()]], measurement.shape[1], axis=1)
-    if not np.isneginf(sensor.beam_log_density(ends, np.maximum(ends, 0.0))).any():  # possible readings have no gaps
+    if not np.isneginf(
+        sensor.beam_log_density(ends, np.maximum(ends, 0.0))
+    ).any():  # possible readings have no gaps
         return none
-    lost = finite & np.isneginf(sensor.beam_log_density(measurement, np.maximum(measurement, 0.0)))
+    fit = np.where(finite, np.maximum(measurement, 0.0), 0.0)
+    lost = finite & np.isneginf(sensor.beam_log_density(measurement, fit))
     return np.asarray(lost.any(axis=1))
 
 

@@ -30,6 +30,7 @@ STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
+UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
 
 
@@ -253,6 +254,8 @@ class AdaptivePointMassFilter(BriefRepr):
             found = integrate(target, peaks, self._accuracy, found)
             if not found.modes or len(target.beams) > QUICK_BEAMS:
                 break
+            if target.perfect() - found.level > UNEXPLAINED_NATS:
+                break  # a reading that no state explains: where it fits least badly is all there is to say
             left = left[~found.holds(boxes[left])]
             worth = self._worth(target, boxes[left], scores[left], log_volume, found)
             left, worth = left[worth > -np.inf], worth[worth > -np.inf]
