@@ -168,7 +168,8 @@ class Rangefinder:
             terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
         if close.any() and self.min_range:
             near = np.maximum(expected, 0.0)  # -inf expects itself where a perfect fit is asked for
-            terms = np.where(close, log_below(self.noise, np.asarray(self.min_range), near), terms)
+            limit = np.asarray(self.min_range * (1 - 10 * LIMIT_ROUNDING))  # a step at the limit is no less
+            terms = np.where(close, log_below(self.noise, limit, near), terms)
         elif close.any():
             measured = measured & ~close
         return np.where(measured, terms, 0.0)
@@ -206,6 +207,6 @@ class Rangefinder:
         """
         reading = self.noise.sample(expected, rng)
         if self.min_range:
-            reading = np.where(reading < self.min_range, -np.inf, reading)
+            reading = np.where(reading < self.min_range * (1 - LIMIT_ROUNDING), -np.inf, reading)
         reading = np.where(reading > self.max_range * (1 + LIMIT_ROUNDING), np.inf, reading)
         return np.where(self.blind, np.nan, reading)
