@@ -93,19 +93,11 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
     """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
 
     Of many measurements it shows the last. On a narrow screen the verdict stands below the figures, and
-    intervals, energy scores and times are left out: they are in `summary.csv`. A share, as that of runs with
-    measurements that an estimator's own model all but excludes, has a column where one is above 1 %.
+    intervals, energy scores and times are left out: they are in `summary.csv`.
     """
     narrow = width < NARROW
-    figures = list(
-        dict.fromkeys(
-            (metric, component)
-            for row in rows
-            for metric, component, interval in row.shown("terminal")
-            if (metric.honest is not None or not narrow or metric.average == "share")
-            and (metric.average != "share" or interval.value > MENTION_SHARE)
-        )
-    )
+    shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
+    figures = [figure for figure in shown if figure[0].honest is not None or not narrow]
     columns = ["\nestimator", f"ok of\n{rows[0].planned}", *_std_headings(rows[0].names, "true / claimed")]
     columns += [_heading(metric, component, narrow) for metric, component in figures]
     table = new_table(title, columns if narrow else [*columns, "ms per\nupdate"])
@@ -180,6 +172,17 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
                 )
         table.add_section()
     return table
+
+
+def improbable(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams whose own model all but excludes many measurements."""
+    end = max(row.step for row in rows)
+    return [
+        f"{row.estimator}, {beams_in_words(row.beams)}: improbable in {100 * row.improbable.value:.3g} % "
+        "of the runs; its own model all but excludes what was measured"
+        for row in rows
+        if row.step == end and row.improbable.value > MENTION_SHARE
+    ]
 
 
 def failures(results: Results) -> list[str]:

@@ -21,6 +21,7 @@ from rangefix.filters import (
     sweep,
 )
 from rangefix.filters.point_mass import PointMassFilter, cell_ranges, turning_ranges
+from rangefix.filters.point_mass import filter as filter_module
 from rangefix.filters.point_mass.cell_ranges import RangesByCell, cast_cells
 from rangefix.filters.point_mass.records import CellMass, Readings
 from rangefix.filters.point_mass.turning_ranges import RangesByDirection, directions
@@ -92,6 +93,9 @@ def test_equals_brute_force(case: str, std: float, monkeypatch: pytest.MonkeyPat
     The covariance is that of the sum, without what is added for cells that are too wide.
     """
     monkeypatch.setattr(turning_ranges, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
     bearings, options = CASES[case]
     problem = problem_with(bearings, std)
     estimator = PointMassFilter(problem, cell=0.3, **options)  # type: ignore[arg-type]
@@ -156,6 +160,9 @@ def test_the_transform_is_used_for_wide_posteriors_and_only_where_it_is_exact(
 ) -> None:
     """Means and evidence by FFT and by blocks agree to 1e-7; noise too small for its rounding forbids it."""
     monkeypatch.setattr(turning_ranges, "add_unresolved", lambda *args: None)  # asks cells in another order
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
     bearings = np.deg2rad(2.0 * np.arange(-60, 61))
     wide, narrow = (problem_with(bearings, std) for std in (5.0, 1e-5))
     estimator = PointMassFilter(wide, cell=0.25, heading_cell=np.deg2rad(2.0))
@@ -281,6 +288,9 @@ def test_a_sensor_of_another_make_has_ranges_cell_by_cell(monkeypatch: pytest.Mo
     """A sensor that is no `Rangefinder` may depend on the bearing itself: the same posterior, 1e-9."""
     for module in (turning_ranges, cell_ranges):  # asks cells in another order
         monkeypatch.setattr(module, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
 
     class Own:
         def __init__(self, inner: Rangefinder) -> None:
