@@ -1,5 +1,6 @@
 # make demo    the paper's table and figures, and four estimators compared in a room and in a building mesh
 # make test    lint, types and tests
+# make study   what takes too long for every change: a hundred thousand hostile readings for each estimator
 # make bench   speed against other libraries
 # make lint    format and lint only
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
@@ -16,7 +17,7 @@ BUILDING_RUNS ?= 400
 DOCS_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test bench docs lint clean
+.PHONY: demo test study bench docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper
@@ -36,7 +37,10 @@ test: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 -m "not benchmark"
+	$(BIN)/python -m pytest -n 2 -m "not benchmark and not study"
+
+study: $(VENV)/.test
+	$(BIN)/python -m pytest -n 2 -m study
 
 bench: $(BENCH)/.done
 	BENCH_JSON=$(OUT)/bench.json $(BENCH)/bin/python -m pytest -q tests/benchmarks -m benchmark \

@@ -5,7 +5,7 @@ rangefix.filters.build("examples/dead_reckoning.py:DeadReckoning", problem)
 
 from dataclasses import dataclass
 
-from rangefix.filters import Estimate, Problem
+from rangefix.filters import Estimate, Problem, check_reading
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class DeadReckoning:
         return self.problem.space.wrap(motion.mean(mean, control)), covariance
 
     def update(self, belief, measurement, rng):
+        check_reading(self.problem.sensor, measurement)  # refuses what is none
         return belief
 
     def estimate(self, belief):

@@ -114,6 +114,7 @@ filters.adaptive
 filters.point_mass filters.exact filters.particle filters.kalman filters.registry
 filters.models filters.images
 filters.estimator filters.sampling filters.compiled filters.plugin_line
+filters.measurement
 filters.problem
 filters.space
 maps

@@ -210,8 +210,13 @@ class LinearSensor:
     offset: Array
     noise: Gaussian
     room: NoWalls = NoWalls()  # noqa: RUF009
+    min_range: float = 0.0
     max_range: float = np.inf
     max_incidence: float = np.pi / 2
+
+    @property
+    def blind(self):
+        return np.zeros(len(self.offset), dtype=bool)
 
     @property
     def bearings(self):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from rangefix.arrays import Array
+from rangefix.arrays import Array, BoolArray
 from rangefix.evaluation import Experiment, Named
 from rangefix.evaluation.monte_carlo.evidence_floor import evidence_floor
 from rangefix.evaluation.monte_carlo.simulate import simulate
@@ -56,6 +56,14 @@ class Delegating:
     @property
     def noise(self) -> Noise:
         return self.inner.noise
+
+    @property
+    def blind(self) -> BoolArray:
+        return self.inner.blind
+
+    @property
+    def min_range(self) -> float:
+        return self.inner.min_range
 
     @property
     def max_range(self) -> float:

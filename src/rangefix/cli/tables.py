@@ -17,7 +17,7 @@ from ..evaluation.consistency.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, format_number, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import Metric
-from ..evaluation.consistency.verdict import decide
+from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
 
 NARROW = 130  # columns; below, the table of a study has fewer
@@ -156,6 +156,17 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
                 )
         table.add_section()
     return table
+
+
+def improbable(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams whose own model all but excludes many measurements."""
+    end = max(row.step for row in rows)
+    return [
+        f"{row.estimator}, {beams_in_words(row.beams)}: improbable in {100 * row.improbable.value:.3g} % "
+        "of the runs; its own model all but excludes what was measured"
+        for row in rows
+        if row.step == end and row.improbable.value > MENTION_SHARE
+    ]
 
 
 def failures(results: Results) -> list[str]:

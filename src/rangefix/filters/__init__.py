@@ -1,6 +1,7 @@
 """What an estimator believes after measuring."""
 
 from .estimator import EachRun, Estimate, Estimator, SingleRunEstimator
+from .measurement import check_measurement, check_reading
 from .models.beam_noise import BeamMixture, Quantised
 from .models.confined import Confined, in_line_of_sight, sample_runs
 from .models.gaussian_prior import GaussianPrior
@@ -47,6 +48,8 @@ __all__ = [
     "WithVelocity",
     "available",
     "build",
+    "check_measurement",
+    "check_reading",
     "in_line_of_sight",
     "is_clear",
     "pose_space",

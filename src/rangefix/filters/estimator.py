@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array, real_floats
+from .measurement import readings_of_shape
 from .problem import Prior, Problem
 
 Belief = TypeVar("Belief")
@@ -121,7 +122,12 @@ class EachRun(Generic[Belief]):
     def update(
         self, belief: tuple[Belief, ...], measurement: Array, rngs: Sequence[Generator]
     ) -> tuple[Belief, ...]:
-        """Each run's belief after its measurement (M, B)."""
+        """Each run's belief after its measurement (M, B).
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
+        """
+        measurement = readings_of_shape(measurement, (len(belief), None), "(runs, beams)")
         return tuple(self.single.update(*run) for run in zip(belief, measurement, rngs, strict=True))
 
     def estimate(self, belief: tuple[Belief, ...]) -> Estimate:

@@ -95,6 +95,14 @@ class Sensor(Protocol):
         """How readings scatter."""
 
     @property
+    def blind(self) -> BoolArray:
+        """Which beams are never measured, whatever they read, (B,)."""
+
+    @property
+    def min_range(self) -> float:
+        """Readings below it come back as -inf, m; 0 where there is no such limit."""
+
+    @property
     def max_range(self) -> float:
         """Readings beyond it do not come back, m; inf where there is no such limit."""
 
@@ -116,7 +124,7 @@ class Sensor(Protocol):
         """Log density of a measurement given expected ranges, summed over the measured beams.
 
         (..., B), (..., B) -> (...); the leading axes broadcast. A NaN reading is a beam not measured and says
-        nothing; an inf reading is no return and counts with its probability.
+        nothing; an inf reading is no return, a -inf reading too close: each counts with its probability.
         """
 
     def beam_log_density(self, measurement: Array, expected: Array) -> Array:
@@ -128,7 +136,7 @@ class Sensor(Protocol):
     def read(self, expected: Array, rng: Generator) -> Array:
         """One measurement where these ranges are expected: (..., B) -> (..., B) m.
 
-        NaN for a beam that is not measured, as in a blind sector; inf = no return.
+        NaN for a beam that is not measured, as in a blind sector; inf = no return, -inf = too close.
         """
 
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from ..arrays import Array, BoolArray, wrap
 
+LEAST_VARIANCE = 1e-20  # m^2 or rad^2: of places in a room no more than that is left by rounding
+
 
 @dataclass(frozen=True)
 class StateSpace:
@@ -93,6 +95,29 @@ class StateSpace:
         deviation = self.difference(states, mean[..., None, :])
         covariance = np.swapaxes(deviation * weights[..., None], -1, -2) @ deviation
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+
+
+def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
+    """Which covariances are finite and positive definite by more than rounding leaves.
+
+    Args:
+        covariance: (..., n, n).
+        rounding: A variance given the other components that is no more than this share of the whole is zero.
+
+    Returns:
+        (...). Worked out for all at once, without a call for each.
+    """
+    size = covariance.shape[-1]
+    rows = np.moveaxis(covariance, (-2, -1), (0, 1)).copy()
+    fine = np.asarray(np.isfinite(rows).all((0, 1)))
+    rows[..., ~fine] = 0.0
+    for j in range(size):
+        left = rows[j, j]  # what is left of the variance, given the components before
+        fine &= (left > LEAST_VARIANCE) & (left > rounding * covariance[..., j, j])
+        if j + 1 < size:
+            slope = rows[j + 1 :, j] / np.where(fine, left, 1.0)
+            rows[j + 1 :, j + 1 :] -= slope[:, None] * rows[j, j + 1 :]
+    return fine
 
 
 def position_space(heading: float = 0.0) -> StateSpace:

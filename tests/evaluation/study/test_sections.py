@@ -68,11 +68,24 @@ def test_noise(text, expected):
 
 
 def test_limits_of_the_sensor():
-    limited = SENSOR + "max_range_m = 5.0\nmax_incidence_deg = 80.0\n"
+    limited = SENSOR + "min_range_m = 0.2\nmax_range_m = 5.0\nmax_incidence_deg = 80.0\n"
     sensor = study(limited).experiment().truth.sensor
+    assert sensor.min_range == 0.2
     assert (sensor.max_range, sensor.max_incidence) == (5.0, pytest.approx(np.deg2rad(80)))
     told = study(limited, "[assumed.sensor]\nmax_range_m = inf\n").experiment().assumed_problem.sensor
     assert (told.max_range, told.max_incidence) == (np.inf, pytest.approx(np.deg2rad(80)))
+
+
+def test_an_outdated_map():
+    """The truth has a cupboard; the filters' map has none, for an outline told anew inherits no holes."""
+    outline = "outer_m = [[0, 0], [4, 0], [4, 6], [0, 6]]\n"
+    plan = f'[map]\nkind = "floor-plan"\n{outline}holes_m = [[[0.5, 2], [1, 2], [1, 4], [0.5, 4]]]\n'
+    experiment = study(plan, SENSOR, f"[assumed.map]\n{outline}").experiment()
+    place = np.array([[0.75, 3.0]])
+    assert not experiment.truth.sensor.room.is_free(place)[0]
+    assert experiment.assumed_problem.sensor.room.is_free(place)[0]
+    assert experiment.assumed_problem.prior.log_density(place)[0] > -np.inf
+    assert mistakes(SENSOR, "[assumed.map]\nwidth_m = -1\n")[0].count("assumed.map.width_m") == 1
 
 
 @pytest.mark.parametrize(
@@ -255,6 +268,11 @@ def test_a_true_pose_for_all_runs():
             r"sensor\.noise: hit, short, max and random must sum to one, and sum to 0\.9",
         ),
         (SENSOR + "max_range_m = 0\n", r"sensor\.max_range_m: must be greater than 0"),
+        (
+            SENSOR + "min_range_m = 3\nmax_range_m = 2\n",
+            r"sensor\.min_range_m: must be below max_range_m = 2",
+        ),
+        (SENSOR.replace("0.05", "1e-160"), r"sensor\.std_m: a spread must be from 1e-06 m"),
         (SENSOR + "max_incidence_deg = 91\n", r"sensor\.max_incidence_deg: must be at most 90"),
         (SENSOR + 'noise = { kind = "gaussian", std_m = 1 }\n', r"sensor\.noise: stands instead of std_m"),
         ('[motion]\nkind = "odometry"\nsteps = 3\n', r'motion\.kind: odometry needs .* heading = "unknown"'),

@@ -23,6 +23,11 @@ class WritesIntoTheBelief(Kalman):
         return belief
 
 
+class BelievesBlindBeams(Kalman):
+    def checked(self, measurement: Array, runs: int) -> Array:
+        return measurement
+
+
 class DrawsFromTheGlobalState(Particles):
     def draw(self, weights: Array, rng: Generator) -> Any:
         return np.random.choice(self.size, self.size, p=weights)  # noqa: NPY002
@@ -348,6 +353,7 @@ FAULTS: list[tuple[Callable[..., Any], str]] = [
     (ForgetsToWrap, "headings_are_angles"),
     (ResetsSilently, "impossible_measurement_is_flagged"),
     (Underflows, "impossible_measurement_is_flagged"),
+    (BelievesBlindBeams, "readings_mean_what_they_mean_to_all"),
     (HoldsALock, "can_be_sent_to_a_worker"),
     (HoldsAnIterator, "can_be_sent_to_a_worker"),
     (ShakesTheParticles, "nothing_measured_changes_nothing"),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from rangefix.arrays import TWO_PI, Array
-from rangefix.filters import Estimate, Problem
+from rangefix.filters import Estimate, Problem, check_measurement
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Kalman:
         return replace(belief, mean=motion.mean(belief.mean, control), covariance=spread + noise)
 
     def update(self, belief: Any, measurement: Array, rngs: Sequence[Generator]) -> Any:
+        measurement = self.checked(measurement, len(rngs))
         runs = range(len(rngs))
         parts = [
             self.one(belief.mean[m], belief.covariance[m], belief.log_evidence[m], measurement[m])
@@ -49,6 +50,9 @@ class Kalman:
         ]
         mean, covariance, log_evidence = zip(*parts, strict=True)
         return Moments(np.array(mean), np.array(covariance), np.array(log_evidence))
+
+    def checked(self, measurement: Array, runs: int) -> Array:
+        return check_measurement(self.problem.sensor, measurement, runs)
 
     def one(self, mean: Array, covariance: Array, evidence: float, reading: Array) -> tuple[Any, ...]:
         sensor = self.problem.sensor

@@ -25,7 +25,7 @@ def test_results_and_their_lines() -> None:
     assert "FAILED           claims_what_is_true\n" in text
     assert "ANEES / n is 3" in text
     assert "fix:" in text
-    assert text.splitlines()[-1].startswith("21 of 21 checks ran: ")
+    assert text.splitlines()[-1].startswith("22 of 22 checks ran: ")
     assert conforms(run_checks(Kalman))
 
 
@@ -35,7 +35,7 @@ def test_an_estimator_that_cannot_be_built_fails_once() -> None:
     assert results[0].outcome == "failed"
     assert "predict" in results[0].detail
     assert {result.outcome for result in results[1:]} == {"skipped"}
-    assert render(results)[-1] == "1 of 21 checks ran: 1 failed, 20 skipped"
+    assert render(results)[-1] == "1 of 22 checks ran: 1 failed, 21 skipped"
 
 
 def test_an_unknown_name_is_no_result(tmp_path: Path) -> None:

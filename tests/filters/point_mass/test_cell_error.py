@@ -22,6 +22,7 @@ from rangefix.filters import (
     sweep,
 )
 from rangefix.filters.point_mass import PointMassFilter, mode_shape
+from rangefix.filters.point_mass import filter as filter_module
 from rangefix.filters.point_mass.cell_error import add_unresolved, unresolved_covariance, unresolved_variance
 from rangefix.filters.point_mass.mode_shape import choose_probe_cells
 from rangefix.filters.point_mass.records import PROBE_CELLS
@@ -140,6 +141,9 @@ def test_two_modes_narrower_than_cells_are_claimed_across_their_line() -> None:
 def test_two_modes_need_the_term(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: the sum's covariance alone is next to nothing in some direction in most runs."""
     monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
     estimator, _, readings = sharp_scans()
     singular = np.linalg.eigvalsh(scaled(estimator, claims(estimator, readings)))[:, 0] < 1e-4
     assert singular.mean() > 0.5

@@ -22,6 +22,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter
 from rangefix.filters.point_mass import PointMassFilter, mode_shape
+from rangefix.filters.point_mass import filter as filter_module
 from rangefix.filters.point_mass.cell_ranges import RangesByCell, cast_cells
 from rangefix.filters.point_mass.records import CellMass, Readings
 from rangefix.filters.point_mass.turning_ranges import RangesByDirection, directions
@@ -93,6 +94,9 @@ def test_equals_brute_force(case: str, std: float, monkeypatch: pytest.MonkeyPat
     The covariance is that of the sum, without what is added for cells that are too wide.
     """
     monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
     bearings, options = CASES[case]
     problem = problem_with(bearings, std)
     estimator = PointMassFilter(problem, cell=0.3, **options)  # type: ignore[arg-type]
@@ -156,7 +160,10 @@ def test_the_transform_is_used_for_wide_posteriors_and_only_where_it_is_exact(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Means and evidence by FFT and by blocks agree to 1e-7; noise too small for its rounding forbids it."""
-    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)  # asks cells in another order
+    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
     bearings = np.deg2rad(2.0 * np.arange(-60, 61))
     wide, narrow = (problem_with(bearings, std) for std in (5.0, 1e-5))
     estimator = PointMassFilter(wide, cell=0.25, heading_cell=np.deg2rad(2.0))
@@ -280,7 +287,10 @@ def test_tables_that_do_not_fit_the_memory_are_refused() -> None:
 
 def test_a_sensor_with_biased_beams_has_ranges_cell_by_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a beam expects may depend on the bearing itself: readings as biased, the same posterior, 1e-9."""
-    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)  # asks cells in another order
+    monkeypatch.setattr(mode_shape, "add_unresolved", lambda *args: None)
+    monkeypatch.setattr(
+        filter_module, "is_definite", lambda covariance, _: np.ones(len(covariance), np.bool_)
+    )
     bias = np.linspace(-0.1, 0.2, 9)
 
     class Biased:

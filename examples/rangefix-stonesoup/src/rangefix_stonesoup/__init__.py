@@ -18,7 +18,7 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import ParticleState
 from stonesoup.updater.particle import ParticleUpdater
 
-from rangefix.filters import Estimate, Prior, Problem, Sensor
+from rangefix.filters import Estimate, Prior, Problem, Sensor, check_reading
 
 Array = NDArray[np.float64]
 
@@ -113,6 +113,7 @@ class StoneSoupParticle:
 
     def update(self, belief: StoneSoupBelief, measurement: Array, rng: Generator) -> StoneSoupBelief:
         """Weigh by a measurement (B,); if no particle allows it the particles stay, flagged by -inf."""
+        measurement = check_reading(self.problem.sensor, measurement)
         if np.isnan(measurement).all():
             return belief
         before = belief.particles

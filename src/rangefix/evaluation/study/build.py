@@ -79,9 +79,9 @@ def build_world(study: Study, mistakes: Mistakes) -> World | None:
     return World(truth, assumed, drive, study.motion.controls(drive), start, warnings)
 
 
-def _room(study: Study, mistakes: Mistakes) -> RangeMap | None:
+def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
     files = study.map.files()
-    where = ("map", "path") if files else ("map",)
+    where = (*at, "path") if files else at
     try:
         room = study.map.build(study.folder)
         extent = float(np.max(np.subtract(*room.bounds[::-1])))
@@ -140,7 +140,11 @@ def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes:
         kind = told.motion.kind
         mistakes.add(("assumed", "motion", "kind"), f"{kind} needs controls: [motion] must be {kind} too")
     else:
-        return _problem(told, room, drive, mistakes, names)
+        place = room
+        if "map" in names:
+            at = ("assumed", "map")
+            place = _room(told, mistakes, at) if mistakes.sound(*at) else None
+        return _problem(told, place, drive, mistakes, names)
     return None
 
 

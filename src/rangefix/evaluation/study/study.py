@@ -37,6 +37,7 @@ class AssumedSection(Section):
     In a file, keys that are not given are those of the true section.
     """
 
+    map: AnyMap | None = None
     state: StateSection | None = None
     sensor: SensorSection | None = None
     motion: AnyMotion | None = None

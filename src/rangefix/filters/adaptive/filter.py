@@ -11,8 +11,10 @@ from numpy.random import Generator
 from ...arrays import TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
+from ..measurement import check_reading
 from ..models.motion import Stationary
 from ..problem import Prior, Problem, expects_map_ranges
+from ..space import is_definite
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .mode_gaussians import sample_modes
 from .modes import NOWHERE, Accuracy, Quadrature, integrate
@@ -29,6 +31,8 @@ STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
+UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
+MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
 
 
 @dataclass(frozen=True)
@@ -131,19 +135,18 @@ class AdaptivePointMassFilter(BriefRepr):
         """Bayes' rule for a measurement (B,); NaN = beam not measured, inf = no return.
 
         Raises:
-            ValueError: If the measurement is not of shape (B,).
+            ValueError: If the measurement is not of shape (B,) or not of real numbers.
             TooManyCells: If a mode of the posterior is spread over more cells than `most_cells`.
         """
-        measurement = np.asarray(measurement, dtype=float)
-        if measurement.shape != belief.measurements.shape[1:]:
-            raise ValueError(
-                f"need a measurement of shape {belief.measurements.shape[1:]}, got {measurement.shape}"
-            )
+        measurement = check_reading(self.problem.sensor, measurement)
         if np.isnan(measurement).all() or not belief.possible:
             return belief
+        if not self._shortfall(measurement) < MAX_SHORTFALL_NATS:
+            return replace(belief, possible=False)
         measurements = _joined(belief.measurements, measurement)
         posterior = self._posterior(belief.prior, measurements)
-        if not posterior.modes:
+        perfect = Target(self.problem.sensor, belief.prior.log_density, measurements).perfect()
+        if not posterior.modes or not perfect - posterior.level < MAX_SHORTFALL_NATS:
             return replace(belief, possible=False)
         return replace(belief, measurements=measurements, posterior=posterior)
 
@@ -154,6 +157,8 @@ class AdaptivePointMassFilter(BriefRepr):
             return Estimate(belief.prior.mean, belief.prior.covariance, evidence)
         cells = self._cells(belief)
         mean, covariance = self.problem.space.moments(cells.states, np.exp(cells.log_mass))
+        if not is_definite(covariance):
+            covariance = covariance + cells.between_points
         return Estimate(mean, covariance, self._evidence(belief, cells) if belief.possible else -np.inf)
 
     def sample(self, belief: AdaptiveBelief, size: int, rng: Generator) -> Array:
@@ -211,6 +216,17 @@ class AdaptivePointMassFilter(BriefRepr):
                     break
         return found
 
+    def _shortfall(self, measurement: Array) -> float:
+        """By how many nats readings (B,) fall short of a perfect fit, at least, wherever they were taken."""
+        sensor = self.problem.sensor
+        lower, upper = sensor.room.bounds
+        longest = float(np.linalg.norm(np.asarray(upper) - lower))
+        nearest = np.stack([np.clip(measurement, 0.0, longest), np.full_like(measurement, np.inf)])
+        best = sensor.beam_log_density(measurement, nearest).max(axis=0)
+        perfect = sensor.beam_log_density(measurement, np.maximum(measurement, 0.0))
+        with np.errstate(invalid="ignore"):
+            return float((perfect - best).sum())
+
     def _after_move(self, prior: Predicted, target: Target) -> Quadrature:
         """The posterior after a move: from some predicted points, then from those not yet in a mode."""
         found, rough, scores = NOWHERE, replace(target, log_prior=prior.roughly), prior.scores(target)
@@ -238,6 +254,8 @@ class AdaptivePointMassFilter(BriefRepr):
             found = integrate(target, peaks, self._accuracy, found)
             if not found.modes or len(target.beams) > QUICK_BEAMS:
                 break
+            if target.perfect() - found.level > UNEXPLAINED_NATS:
+                break  # a reading that no state explains: where it fits least badly is all there is to say
             left = left[~found.holds(boxes[left])]
             worth = self._worth(target, boxes[left], scores[left], log_volume, found)
             left, worth = left[worth > -np.inf], worth[worth > -np.inf]

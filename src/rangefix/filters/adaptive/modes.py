@@ -21,6 +21,7 @@ MIN_PROBABILITY, MIN_COUNT = 1e-4, 0.1  # a mode of more probability than that c
 LOBE_NATS = 6.0  # below the best mode's peak at which another is taken for a lobe of something wide
 MAX_CELLS_FACTOR = 3.0  # of a Gaussian's: of more, lobes and modes in cut axes have their steps doubled
 MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no more
+MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
 START_RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
 
@@ -106,6 +107,13 @@ class Quadrature:
         )
         between = (away - middle).T @ ((away - middle) * shares[:, None])
         return total, space.wrap(means[0] + middle), np.asarray(within + between)
+
+    @property
+    def between_points(self) -> Array:
+        """Covariance of what lies between points, each taken for even in its cell, (n, n)."""
+        shares = np.exp(self._log_integrals - self.log_integral)
+        cells = (mode.basis @ mode.basis.T / 12 for mode in self.modes)
+        return np.asarray(sum(share * cell for share, cell in zip(shares, cells, strict=True)))
 
     def counts(self, states: Array) -> Array:
         """How much an error of the probability at states counts, (K, n) -> (K,).
@@ -196,7 +204,7 @@ def _refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadratur
     found after it, it takes their points, as it had their places when they were found.
     """
     edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
-    while True:
+    for _ in range(MAX_HALVINGS):
         errors = found.errors
         squares = errors.max(axis=1) ** 2
         full = np.array([accuracy.most_cells < 2 * len(mode.keys) for mode in found.modes])
@@ -209,6 +217,7 @@ def _refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadratur
         mode = halved(mode, axis, target.log_density, Limits(before, level, edge, accuracy.most_cells))
         after = tuple(later.without(mode) for later in after)
         found = Quadrature((*before, mode, *(later for later in after if later.logs.max() > -np.inf)))
+    return found
 
 
 def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, limits: Limits) -> Lattice:

@@ -213,6 +213,7 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     truth = sensor.expected(states)
     nearest = np.clip(truth, _metres(low), _metres(high))
     reading = np.where(truth > sensor.max_range, np.inf, truth)
+    reading = np.where(truth < sensor.min_range, -np.inf, reading)
     lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)

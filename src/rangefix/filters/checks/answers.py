@@ -7,12 +7,14 @@ a fiftieth of the posterior's own spread.
 
 from __future__ import annotations
 
+from typing import Any
 from unittest import SkipTest
 
 import numpy as np
 
+from ..estimator import Estimate
 from ..problem import Problem
-from .claims import SURE, Subject, claim, deviations, need, need_agreement
+from .claims import SURE, CheckFailure, Subject, claim, deviations, need, need_agreement
 from .problems import (
     CONTROL,
     answer,
@@ -38,6 +40,9 @@ ANEES_ALLOWANCE = 1.15  # of ANEES, for the random error of an estimator's own d
 WRONG = 3.0  # m, added to every range of an impossible measurement
 SURPRISE = 50.0  # nats
 NAN = np.nan
+BLIND_READINGS = (0.0, 1.0, np.inf, -np.inf, 1e300)
+SAME = 1e-7  # m, m^2 and nats
+ODD_READINGS = (0.0, -1.0, 20.0, 1e4, 1e9, 1e300, -1e300, np.inf)
 
 
 @claim("Leave the terms of NaN readings out of the likelihood (sensor.log_density does); do not set them 0.")
@@ -115,6 +120,55 @@ def impossible_measurement_is_flagged(subject: Subject) -> None:
             need(flagged, f"the log evidence is only {least:.3g} nats below a usual one's {when}")
     if silent:
         raise SkipTest("does not compute a log evidence, so it cannot flag an impossible measurement")
+
+
+@claim(
+    "Begin update with `measurement = check_measurement(sensor, measurement, len(rngs))` of filters, "
+    "or for single runs with `check_reading(sensor, measurement)`: what says nothing is then NaN."
+)
+def readings_mean_what_they_mean_to_all(subject: Subject) -> None:
+    """A beam in the blind sector says nothing whatever it reads, nor does -inf without a minimum range.
+
+    Of every other reading, from a negative one to 1e300, finite moments are left. What is not of the shape
+    (M, B), or does not hold real numbers, is refused by ValueError.
+    """
+    problem, runs = position_problem(blind=True), 5
+    estimator, rngs = subject.build(problem), generators(runs)
+    _, (usual,) = readings(problem, runs, 1)
+    prior = estimator.init(problem.prior, rngs)
+
+    def after(reading: float, beam: int) -> Estimate:
+        changed = usual.copy()
+        changed[:, beam] = reading
+        with np.errstate(over="ignore", invalid="ignore"):
+            return settled(estimator.estimate(estimator.update(prior, changed, generators(runs))), runs)
+
+    def alike(one: Estimate, other: Estimate) -> bool:
+        pairs = zip(one, other, strict=True)
+        return all(np.allclose(a, b, rtol=0.0, atol=SAME, equal_nan=True) for a, b in pairs)
+
+    for reading in BLIND_READINGS:
+        need(alike(after(reading, -1), after(NAN, -1)), f"a blind beam that reads {reading:g} is believed")
+    need(alike(after(-np.inf, 0), after(NAN, 0)), "-inf is not NaN, and there is no minimum range")
+    for reading in ODD_READINGS:
+        mean, covariance, log_evidence = after(reading, 0)
+        need(np.isfinite(mean).all(), f"the mean is not finite where a beam reads {reading:g}")
+        need(np.isfinite(covariance).all(), f"the covariance is not finite where a beam reads {reading:g}")
+        need(not np.isposinf(log_evidence).any(), f"the log evidence is inf where a beam reads {reading:g}")
+    wrongs: tuple[tuple[str, Any], ...] = (
+        ("a beam too few", usual[:, 1:]),
+        ("a run too few", usual[1:]),
+        ("complex numbers", usual + 0j),
+        ("texts", usual.astype(str)),
+    )
+    for what, wrong in wrongs:
+        try:
+            estimator.update(prior, wrong, rngs)
+        except ValueError:
+            continue
+        except Exception as error:
+            raise CheckFailure(f"{what} gave {type(error).__name__}, not ValueError: {error}") from error
+        raise CheckFailure(f"{what} were taken")
 
 
 @claim(

@@ -112,15 +112,20 @@ class Shift:
         return self.mean(states, control) + MOVE_STD * rng.standard_normal(np.shape(states))
 
 
-def position_problem(beams: Sequence[int] = (0, 1, 2, 3)) -> Problem:
+def position_problem(beams: Sequence[int] = (0, 1, 2, 3), blind: bool = False) -> Problem:
     """x1 and x2 of an object that stands in the hall, heading known; linear and Gaussian.
 
     Args:
         beams: Which of the four beams, and in what order.
+        blind: Whether there is one beam more, straight astern in a blind sector.
     """
     space = position_space()
     prior = GaussianPrior(np.zeros(2), 0.3**2 * np.eye(2), space)
-    return _problem(Stationary(space), prior, beams, 0.0)
+    problem = _problem(Stationary(space), prior, beams, 0.0)
+    if not blind:
+        return problem
+    bearings, stds = np.append(problem.sensor.bearings, np.pi), np.append(STDS[list(beams)], STDS[0])
+    return replace(problem, sensor=Rangefinder(Hall(), bearings, Gaussian(stds), space, blind_sector=0.01))
 
 
 def moving_problem() -> Problem:

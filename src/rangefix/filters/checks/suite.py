@@ -37,6 +37,7 @@ CLAIMS: tuple[Claim, ...] = (
     answers.order_of_beams_does_not_matter,
     answers.headings_are_angles,
     answers.impossible_measurement_is_flagged,
+    answers.readings_mean_what_they_mean_to_all,
     answers.agrees_with_the_kalman_filter,
     answers.moves_like_the_kalman_filter,
     answers.claims_what_is_true,

@@ -15,7 +15,8 @@ from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
 from ..estimator import Estimate
-from ..problem import Prior, Problem
+from ..measurement import impossible_runs
+from ..problem import Prior, Problem, Sensor
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief
 
@@ -60,13 +61,19 @@ def cholesky(matrices: Array) -> tuple[Array, BoolArray]:
     return root, positive
 
 
+def refuse_impossible(sensor: Sensor, measurement: Array, log_density: Array) -> Array:
+    """Log densities (M,), -inf in runs with a reading (M, B) that no range explains."""
+    impossible = impossible_runs(sensor, measurement)
+    return np.where(impossible, -np.inf, log_density) if impossible.any() else log_density
+
+
 def accept_definite(
     belief: GaussianBelief, mean: Array, covariance: Array, log_density: Array
 ) -> GaussianBelief:
     """The new belief; a run whose new covariance is not positive definite keeps the old one, flagged."""
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     _, fine = cholesky(np.moveaxis(covariance, 0, -1))
-    fine &= np.isfinite(log_density) & np.isfinite(mean).all(-1)
+    fine &= np.isfinite(log_density) & np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1))
     if not fine.all():
         mean = np.where(fine[:, None], mean, belief.mean)
         covariance = np.where(fine[:, None, None], covariance, belief.covariance)

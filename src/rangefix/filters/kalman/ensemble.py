@@ -14,8 +14,10 @@ from numpy.random import Generator
 from ...arrays import LOG_TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
+from ..measurement import check_measurement, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
+from ..space import is_definite
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,7 +37,9 @@ class EnsembleBelief(BriefRepr):
 class EnsembleKalmanFilter(BriefRepr):
     """The Kalman gain from sample covariances, applied to every member with a perturbed reading of its own.
 
-    A beam that was not measured, has no return, or has none for some member, is left out.
+    A beam that was not measured, has no return, or has none for some member, is left out. A run whose new
+    members would have no covariance (not finite, or all of them on one line) keeps the old ones, and is
+    flagged by a log evidence of -inf.
 
     Args:
         problem: What may be known.
@@ -66,9 +70,23 @@ class EnsembleKalmanFilter(BriefRepr):
         return EnsembleBelief(np.stack(list(moved)), belief.log_evidence)
 
     def update(self, belief: EnsembleBelief, measurement: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
-        """Condition on measurements (M, B) in metres; NaN = not measured, inf = no return: both left out."""
-        members, gains = zip(*map(self._update_run, belief.members, measurement, rngs), strict=True)
-        return EnsembleBelief(np.stack(members), belief.log_evidence + np.array(gains))
+        """Condition on measurements (M, B) in metres; what is not finite is left out.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
+        """
+        measurement = check_measurement(self.problem.sensor, measurement, len(belief.members))
+        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+            moved, gains = zip(*map(self._update_run, belief.members, measurement, rngs), strict=True)
+            after = EnsembleBelief(np.stack(moved), belief.log_evidence + np.array(gains))
+            lost = ~np.isfinite(gains) | ~np.isfinite(after.members).all((1, 2))
+            lost |= impossible_runs(self.problem.sensor, measurement)
+            flat = ~is_definite(self.estimate(after).covariance)
+            lost |= flat & is_definite(self.estimate(belief).covariance) if flat.any() else flat
+        if not lost.any():
+            return after
+        members = np.where(lost[:, None, None], belief.members, after.members)
+        return EnsembleBelief(members, np.where(lost, -np.inf, after.log_evidence))
 
     def estimate(self, belief: EnsembleBelief) -> Estimate:
         """Mean (M, n) and unbiased covariance (M, n, n) of the members, and log evidence (M,)."""
@@ -103,8 +121,11 @@ class EnsembleKalmanFilter(BriefRepr):
         spread = off.T @ off / freedom + np.diag(noise)
         cross = space.difference(members, mean).T @ off / freedom
         perturbed = reading[used] + np.sqrt(noise) * rng.standard_normal(expected.shape)
-        moved = space.wrap(members + np.linalg.solve(spread, (perturbed - expected).T).T @ cross.T)
         innovation = reading[used] - expected.mean(0)
-        square = innovation @ np.linalg.solve(spread, innovation)
+        try:
+            moved = space.wrap(members + np.linalg.solve(spread, (perturbed - expected).T).T @ cross.T)
+            square = innovation @ np.linalg.solve(spread, innovation)
+        except np.linalg.LinAlgError:
+            return members, -np.inf
         log_determinant = np.linalg.slogdet(spread)[1]
         return moved, float(-0.5 * (square + log_determinant + len(innovation) * LOG_TWO_PI))

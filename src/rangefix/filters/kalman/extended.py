@@ -9,7 +9,8 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray
-from .batch import GaussianFilter, accept_definite, sum_terms
+from ..measurement import check_measurement
+from .batch import GaussianFilter, accept_definite, refuse_impossible, sum_terms
 from .belief import GaussianBelief, LinearisedOptions
 
 
@@ -36,10 +37,21 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
         return accept_definite(belief, mean, covariance, np.zeros(len(mean)))
 
     def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Condition on measurements (M, B) in metres; NaN = not measured, inf = no return: both left out."""
+        """Condition on measurements (M, B) in metres; what is not finite is left out.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
+        """
+        measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
+        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+            return self._update(belief, measurement)
+
+    def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
         point = belief.mean
-        for _ in range(self.iterations):
+        for iteration in range(self.iterations):
+            if iteration:
+                point = np.where(np.isfinite(point).all(-1, keepdims=True), point, belief.mean)
             expected = sensor.expected(point)
             used = np.isfinite(measurement) & np.isfinite(expected)
             expected = np.where(used, expected, 0.0)
@@ -50,6 +62,7 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
             noise = sensor.noise.variance(expected).T
             step, covariance, log_density = _beam_by_beam(belief, slope, innovation, noise, used.T)
             point = space.wrap(belief.mean + step.T)
+        log_density = refuse_impossible(sensor, measurement, log_density)
         return accept_definite(belief, point, covariance, log_density)
 
 

@@ -15,6 +15,7 @@ from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array
 from ..estimator import Estimate
+from ..measurement import check_reading, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions
@@ -57,7 +58,18 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
         return _checked(belief, mean, ekf.P)
 
     def update(self, belief: GaussianBelief, measurement: Array, rng: Generator) -> GaussianBelief:
-        """Condition on a measurement (B,) in metres; NaN = not measured, inf = no return: both left out."""
+        """Condition on a measurement (B,) in metres; what is not finite is left out.
+
+        Raises:
+            ValueError: If the measurement is not of shape (B,) or not of real numbers.
+        """
+        measurement = check_reading(self.problem.sensor, measurement)
+        if impossible_runs(self.problem.sensor, measurement[None]).any():
+            return _flagged(belief)
+        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+            return self._update(belief, measurement)
+
+    def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
         point, result = belief.mean, belief
         for _ in range(self.iterations):
@@ -77,6 +89,8 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
             )
             point = space.wrap(ekf.x)
             result = _checked(belief, point, ekf.P, ekf.y, ekf.S)
+            if not np.isfinite(point).all():
+                point = belief.mean
         return result
 
 
@@ -97,10 +111,23 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
         return _checked(belief, space.wrap(ukf.x), ukf.P)
 
     def update(self, belief: GaussianBelief, measurement: Array, rng: Generator) -> GaussianBelief:
-        """Condition on a measurement (B,) in metres; NaN = not measured, inf = no return: both left out.
+        """Condition on a measurement (B,) in metres; what is not finite is left out.
 
         A beam is also left out where any sigma point expects no return.
+
+        Raises:
+            ValueError: If the measurement is not of shape (B,) or not of real numbers.
         """
+        measurement = check_reading(self.problem.sensor, measurement)
+        if impossible_runs(self.problem.sensor, measurement[None]).any():
+            return _flagged(belief)
+        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+            try:
+                return self._update(belief, measurement)
+            except np.linalg.LinAlgError:
+                return _flagged(belief)
+
+    def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
         ukf = self._unscented(belief, len(measurement))
         ukf.sigmas_f = ukf.points_fn.sigma_points(belief.mean, belief.covariance)
@@ -140,6 +167,11 @@ def _mean_about_first(sigmas: Array, weights: Array) -> Array:
     return mean
 
 
+def _flagged(belief: GaussianBelief) -> GaussianBelief:
+    """The belief from before a measurement that cannot be."""
+    return replace(belief, log_evidence=np.array(-np.inf))
+
+
 def _checked(
     belief: GaussianBelief,
     mean: Array,
@@ -158,6 +190,6 @@ def _checked(
             log_density = -0.5 * (white @ white + len(white) * LOG_TWO_PI) - np.log(np.diagonal(root)).sum()
     except np.linalg.LinAlgError:
         log_density = -np.inf
-    if not (np.isfinite(mean).all() and np.isfinite(log_density)):
-        return replace(belief, log_evidence=np.array(-np.inf))
+    if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and np.isfinite(log_density)):
+        return _flagged(belief)
     return GaussianBelief(mean, covariance, belief.log_evidence + log_density)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray
+from ..measurement import check_measurement
 from ..problem import Problem
-from .batch import GaussianFilter, accept_definite, cholesky, sum_terms
+from .batch import GaussianFilter, accept_definite, cholesky, refuse_impossible, sum_terms
 from .belief import GaussianBelief, SigmaPointOptions
 
 
@@ -47,10 +48,18 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         return accept_definite(belief, space.wrap(moved[0] + shift.T), covariance, np.zeros(len(covariance)))
 
     def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Condition on measurements (M, B) in metres; NaN = not measured, inf = no return: both left out.
+        """Condition on measurements (M, B) in metres; what is not finite is left out.
 
         A beam is also left out of a run where any of its sigma points expects no return.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
+        measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
+        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+            return self._update(belief, measurement)
+
+    def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
         arms = self._arms(belief)
         expected = sensor.expected(np.concatenate([belief.mean[None], belief.mean + arms]))
@@ -65,6 +74,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         pairs = zip(off, np.moveaxis(arms, 1, -1), strict=True)
         cross = self._weight * sum_terms(z[:, None] * x for z, x in pairs)
         step, covariance, log_density = _jointly(belief, cross, spread, innovation.T, used.T)
+        log_density = refuse_impossible(sensor, measurement, log_density)
         return accept_definite(belief, space.wrap(belief.mean + step.T), covariance, log_density)
 
     @property

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, Array
-from .noise import CumulativeNoise, deviate, log_normal_below
+from .noise import CumulativeNoise, check_spread, deviate, log_normal_below
 
 ON_STEP = 1e-9  # of a quantisation step, by which a limit may fall short of a multiple through rounding
 
@@ -58,6 +58,7 @@ class BeamMixture:
         for name, value in (("std", self.std), ("rate", self.rate), ("max_range", self.max_range)):
             if not 0 < value < np.inf:
                 raise ValueError(f"{name} of a beam mixture must be positive and finite, got {value!r}")
+        check_spread("std of a beam mixture", self.std)
 
     def log_density(self, measurement: ArrayLike, expected: ArrayLike) -> Array:
         """Log of the weighted sum of hit, short and random, elementwise; -inf outside [0, max_range]."""

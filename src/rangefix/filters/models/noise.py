@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
@@ -21,8 +21,10 @@ from ...arrays import LOG_TWO_PI, Array, short_repr
 from ..problem import Noise
 
 UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
+LEAST_SPREAD, LARGEST_SPREAD = 1e-6, 1e6  # m; beyond these densities have no digits left
 
 
+@runtime_checkable
 class CumulativeNoise(Noise, Protocol):
     """A noise that also says how probable lower readings are: what `Quantised` needs."""
 
@@ -33,16 +35,40 @@ class CumulativeNoise(Noise, Protocol):
 def per_beam(name: str, value: ArrayLike, zero: bool = False) -> Array:
     """A parameter as a read-only array: one number, or one for each beam (B,).
 
+    Args:
+        name: What it is, for the message.
+        value: The parameter.
+        zero: Whether it is a growth, which may be zero, and no spread in metres.
+
     Raises:
-        ValueError: If it is not positive (or zero, where that is allowed) and finite.
+        ValueError: If it is not positive (or zero, where that is allowed) and finite, or a spread of less
+            than a micrometre or more than 1000 km.
     """
-    values = np.array(value, dtype=float)
+    least = "at least zero" if zero else "positive"
+    refused = f"{name} must be {least} and finite, one or one per beam, got {value!r}"
+    given = np.asarray(value)
+    if given.dtype.kind not in "iuf":
+        raise ValueError(refused)
+    values = np.array(given, dtype=float)
     fits = values.ndim <= 1 and values.size and np.isfinite(values).all()
     if not fits or not ((values >= 0) if zero else (values > 0)).all():
-        least = "at least zero" if zero else "positive"
-        raise ValueError(f"{name} must be {least} and finite, one or one per beam, got {value!r}")
+        raise ValueError(refused)
+    if not zero:
+        check_spread(name, values)
     values.setflags(write=False)
     return values
+
+
+def check_spread(name: str, values: ArrayLike) -> None:
+    """Refuse spreads that no rangefinder has and no filter can work with.
+
+    Raises:
+        ValueError: If one is less than LEAST_SPREAD or more than LARGEST_SPREAD.
+    """
+    low, high = np.min(values), np.max(values)
+    if low < LEAST_SPREAD or high > LARGEST_SPREAD:
+        found = low if low < LEAST_SPREAD else high
+        raise ValueError(f"{name} must be from {LEAST_SPREAD:g} m to {LARGEST_SPREAD:g} m, got {found:g}")
 
 
 def deviate(value: ArrayLike, expected: ArrayLike, scale: ArrayLike) -> Array:
@@ -57,6 +83,14 @@ def log_normal_below(deviates: Array) -> Array:
     from scipy.special import log_ndtr  # 0.2 s, for those who need it
 
     return np.asarray(log_ndtr(deviates), dtype=float)
+
+
+def log_below(noise: Noise, limit: Array, expected: Array) -> Array:
+    """Log probability of a finite reading up to each limit, of any noise; far tails of one's own are -inf."""
+    if isinstance(noise, CumulativeNoise):
+        return noise.log_below(limit, expected)
+    with np.errstate(divide="ignore"):
+        return np.log(-np.expm1(np.minimum(noise.log_above(limit, expected), 0.0)))
 
 
 class ScaledNoise(ABC):

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
-from .noise import Gaussian
+from .noise import Gaussian, log_below
 
 RIGHT_ANGLE = 0.5 * np.pi
 MAX_BEAMS_UNROLLED = 8  # beams
-MAX_RANGE_ROUNDING = 1e-9  # by which a reading at the maximum range may exceed it
+LIMIT_ROUNDING = 1e-9  # by which a reading at a limit may lie beyond it
 
 
 def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
@@ -50,6 +50,8 @@ class Rangefinder:
         space: The space of the states.
         blind_sector: Width of the sector centred astern in which nothing is measured, rad: beams in it read
             NaN and say nothing.
+        min_range: Readings below it come back as -inf, too close, which says that the wall is near; 0 = there
+            is no such limit, and -inf says nothing.
         max_range: Readings beyond it do not come back: they are inf, which says that the wall is far.
         max_incidence: Largest angle between a beam and the normal of the wall that it meets, rad. Beams that
             graze a wall at more than that are lost: `expected` says inf for them, as where no wall is. To an
@@ -68,6 +70,7 @@ class Rangefinder:
     blind_sector: float = 0.0
     max_range: float = np.inf
     max_incidence: float = RIGHT_ANGLE
+    min_range: float = 0.0
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -80,6 +83,10 @@ class Rangefinder:
             raise ValueError(f"the blind sector must be in [0, 2 pi) rad, got {self.blind_sector}")
         if not self.max_range > 0:
             raise ValueError(f"the maximum range must be positive, got {self.max_range}")
+        if not 0 <= self.min_range < self.max_range or np.isinf(self.min_range):
+            raise ValueError(
+                f"the minimum range must be at least 0 and below the maximum range, got {self.min_range}"
+            )
         if not 0 < self.max_incidence <= RIGHT_ANGLE:
             raise ValueError(f"the largest incidence must be in (0, pi / 2] rad, got {self.max_incidence}")
         try:
@@ -101,7 +108,8 @@ class Rangefinder:
     @property
     def gaussian_stds(self) -> Array | None:
         """Standard deviations, m, (B,), where noise is Gaussian and no range or incidence is limited."""
-        if type(self.noise) is Gaussian and np.isinf(self.max_range) and self.max_incidence == RIGHT_ANGLE:
+        unlimited = np.isinf(self.max_range) and not self.min_range and self.max_incidence == RIGHT_ANGLE
+        if type(self.noise) is Gaussian and unlimited:
             return np.broadcast_to(self.noise.stds, self.bearings.shape)
         return None
 
@@ -129,33 +137,49 @@ class Rangefinder:
         """Log density of a measurement given expected ranges, summed over the measured beams; nats.
 
         Args:
-            measurement: Readings (..., B), m; NaN = not measured, inf = no return.
+            measurement: Readings (..., B), m; NaN = not measured, inf = no return, -inf = too close.
             expected: Ranges from `expected`, (..., B), m. The leading axes broadcast.
 
         Returns:
-            Shape (...). A NaN reading adds nothing. An inf reading adds the log probability of a reading
-            beyond the maximum range or of none; a finite reading beyond that is impossible: -inf.
+            Shape (...). A NaN reading adds nothing, nor does a beam in the blind sector. An inf reading adds
+            the log probability of a reading beyond the maximum range or of none, a -inf reading that of one
+            below the minimum range, or nothing if there is none; a finite reading beyond a limit is
+            impossible: -inf.
         """
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
+        if self.blind.any():
+            measurement = np.where(self.blind, np.nan, measurement)
         if type(self.noise) is Gaussian:
             total = self._gaussian(self.noise.stds, measurement, expected)
-            if (
-                np.isfinite(total).all()
-                and not (measurement > self.max_range * (1 + MAX_RANGE_ROUNDING)).any()
-            ):
+            if np.isfinite(total).all() and not self._beyond(measurement).any():
                 return total
         return np.asarray(self.beam_log_density(measurement, expected).sum(-1))
 
     def beam_log_density(self, measurement: Array, expected: Array) -> Array:
         """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B); nats."""
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
-        measured, silent = ~np.isnan(measurement), np.isposinf(measurement)
-        possible = np.isfinite(measurement) & (measurement <= self.max_range * (1 + MAX_RANGE_ROUNDING))
-        terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
+        silent, close = np.isposinf(measurement), np.isneginf(measurement)
+        measured = ~np.isnan(measurement) & ~self.blind
+        possible = np.isfinite(measurement) & ~self._beyond(measurement)
+        with np.errstate(over="ignore"):  # readings that are far off
+            terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
         terms = np.where(possible, terms, -np.inf)
         if silent.any():
             terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
+        if close.any() and self.min_range:
+            near = np.maximum(expected, 0.0)  # -inf expects itself where a perfect fit is asked for
+            limit = np.asarray(self.min_range * (1 - 10 * LIMIT_ROUNDING))  # a step at the limit is no less
+            terms = np.where(close, log_below(self.noise, limit, near), terms)
+        elif close.any():
+            measured = measured & ~close
         return np.where(measured, terms, 0.0)
+
+    def _beyond(self, measurement: Array) -> BoolArray:
+        """Which readings lie outside the limits, where there should be none but inf and -inf."""
+        beyond = measurement > self.max_range * (1 + LIMIT_ROUNDING)
+        if self.min_range:
+            beyond = beyond | (measurement < self.min_range * (1 - LIMIT_ROUNDING))
+        return np.asarray(beyond)
 
     @staticmethod
     def _gaussian(stds: Array, measurement: Array, expected: Array) -> Array:
@@ -163,7 +187,7 @@ class Rangefinder:
         measured = ~np.isnan(measurement)
         reading, weight = np.where(measured, measurement, 0.0), measured / stds
         level = np.where(measured, 0.5 * LOG_TWO_PI + np.log(stds), 0.0).sum(-1)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             if reading.shape[-1] > MAX_BEAMS_UNROLLED:
                 deviates = (expected - reading) * weight
                 return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
@@ -173,11 +197,16 @@ class Rangefinder:
         return np.asarray(total)
 
     def sample(self, states: Array, rng: Generator) -> Array:
-        """One measurement at each state: (..., n) -> (..., B) m; NaN in the blind sector, inf = no return."""
+        """One measurement at each state, `read(expected(states), rng)`: (..., n) -> (..., B) m."""
         return self.read(self.expected(states), rng)
 
     def read(self, expected: Array, rng: Generator) -> Array:
-        """One measurement where these ranges are expected: (..., B) -> (..., B) m; `sample` past the map."""
+        """One measurement where these ranges are expected: (..., B) -> (..., B) m.
+
+        NaN in the blind sector, inf beyond the maximum range, -inf below the minimum range.
+        """
         reading = self.noise.sample(expected, rng)
-        reading = np.where(reading > self.max_range * (1 + MAX_RANGE_ROUNDING), np.inf, reading)
+        if self.min_range:
+            reading = np.where(reading < self.min_range * (1 - LIMIT_ROUNDING), -np.inf, reading)
+        reading = np.where(reading > self.max_range * (1 + LIMIT_ROUNDING), np.inf, reading)
         return np.where(self.blind, np.nan, reading)

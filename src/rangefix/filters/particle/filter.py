@@ -24,9 +24,11 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import image_of_points
+from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
+from ..space import is_definite
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
 from .metropolis import (
@@ -43,6 +45,7 @@ from .resampling import SCHEMES
 from .weights import effective_number, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
+SUM_ROUNDING = 1e-12  # of a covariance summed over particles
 MIN_EFFECTIVE = 100  # particles; with fewer, the covariance of an object that moves is not to be trusted
 
 
@@ -142,12 +145,9 @@ class ParticleFilter(BriefRepr):
         """Weights times the likelihood of a measurement (M, B); NaN = not measured, inf = no return.
 
         Raises:
-            ValueError: If the measurement is not of shape (M, B).
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
-        measurement = np.asarray(measurement, dtype=float)
-        shape = (len(rngs), len(self.problem.sensor.bearings))
-        if measurement.shape != shape:
-            raise ValueError(f"need a measurement of shape {shape}, got {measurement.shape}")
+        measurement = check_measurement(self.problem.sensor, measurement, len(rngs))
         clouds, starts, gains = [], [], np.empty(len(rngs))
         for run, rng in enumerate(rngs):
             states, log_weights, start, gains[run] = self._update_run(belief, run, measurement[run], rng)
@@ -161,9 +161,15 @@ class ParticleFilter(BriefRepr):
         return collected(belief, clouds, log_evidence=log_evidence, readings=readings, starts=kept)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
-        """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,)."""
-        weights = exp_of(belief.log_weights)
-        mean, covariance = self.problem.space.moments(belief.states, weights)
+        """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,).
+
+        Where so few particles have all the weight that they lie on a line, what is between particles is
+        added: the posterior is narrower than that, and how narrow they cannot tell.
+        """
+        space, weights = self.problem.space, exp_of(belief.log_weights)
+        mean, covariance = space.moments(belief.states, weights)
+        for run in np.flatnonzero(~is_definite(covariance, SUM_ROUNDING)):
+            covariance[run] += self._spacing(belief.states[run])
         return Estimate(mean, covariance, belief.log_evidence)
 
     def sample(self, belief: ParticleBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -268,7 +274,10 @@ class ParticleFilter(BriefRepr):
                 target = replace(target, starts=starts)
                 log_density = self._log_density(reading, spread)
             return spread, log_density, target
-        _, cloud = space.moments(states, np.full(self.particles, 1.0 / self.particles))
-        spacing = cloud * self.particles ** (-2.0 / space.size)  # where one particle has all the weight
-        root = covariance_root(covariance + spacing)
+        root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
         return *metropolis(copies, logs, target, power, root, self.moves, rng), target
+
+    def _spacing(self, states: Array) -> Array:
+        """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""
+        _, cloud = self.problem.space.moments(states, np.full(self.particles, 1.0 / self.particles))
+        return np.asarray(cloud * self.particles ** (-2.0 / self.problem.space.size))

@@ -116,7 +116,11 @@ def add_unresolved(covariance: Array, error: Array) -> None:
         values, vectors = np.linalg.eigh(error[run])
         rest = covariance[run] + (vectors * np.maximum(values, 0.0)) @ vectors.T
         taken = (vectors * np.maximum(-values, 0.0)) @ vectors.T
-        inverse = np.linalg.inv(np.linalg.cholesky(rest + 1e-12 * np.trace(rest) * np.eye(len(rest))))
+        try:
+            inverse = np.linalg.inv(np.linalg.cholesky(rest + 1e-12 * np.trace(rest) * np.eye(len(rest))))
+        except np.linalg.LinAlgError:  # one cell alone, and an error that only takes away
+            safe[run] = rest
+            continue
         most = np.linalg.eigvalsh(inverse @ taken @ inverse.T)[-1]
         safe[run] = rest - min(1.0, 0.5 / most) * taken
     covariance[:] = safe

@@ -13,13 +13,16 @@ from numpy.typing import ArrayLike
 from ...arrays import LOG_TWO_PI, Array
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import image_of_cells
+from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
+from ..space import is_definite
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
+SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
@@ -56,6 +59,9 @@ class PointMassFilter(BriefRepr):
     several. So the covariance is raised by the mean squared error of lattice sums, found mode by mode from
     the weights about a few heavy cells (`mode_shape`, docs/decisions/0002-cell-width.md). Where cells are
     at most 1.8 deviations wide in every direction nothing is added.
+
+    Where all possible cells lie in a row, as in a slit thinner than they are, each counts as even within:
+    1 / 12 of its size squared is added along each axis, for no slit is a line.
 
     What is not raised is doubt about which mode is right. A mode is weighed by its best cell, and with sharp
     noise on wide cells that cell may fall hundreds of nats short of the mode's peak. Modes that mirror each
@@ -126,13 +132,13 @@ class PointMassFilter(BriefRepr):
         """Bayes' rule for a measurement (M, B); NaN = beam not measured, inf = no return.
 
         Raises:
-            ValueError: If the measurement is not of shape (M, B).
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
-        measurement = np.asarray(measurement, dtype=float)
-        if measurement.shape != belief.counts.shape:
-            raise ValueError(f"need a measurement of shape {belief.counts.shape}, got {measurement.shape}")
+        measurement = check_measurement(self.problem.sensor, measurement, len(belief.counts))
         if self.problem.sensor.gaussian_stds is not None:
-            return self._finish(self._with_readings(belief, measurement), belief)
+            with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+                after = self._with_readings(belief, measurement)
+            return self._finish(after, belief)
         return self._finish(self._with_densities(belief, measurement), belief)
 
     def estimate(self, belief: PointMassBelief) -> Estimate:
@@ -224,7 +230,10 @@ class PointMassFilter(BriefRepr):
         readings = Readings(belief.readings, belief.counts * self._precision)
         sums = self.cells.moments(readings, CellMass(belief.log_mass, belief.top_mass))
         mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
+        flat = ~is_definite(covariance, SUM_ROUNDING)
+        covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
         if before is not None:
-            lost = log_evidence == -np.inf
+            lost = ~np.isfinite(log_evidence)
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
+            log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))

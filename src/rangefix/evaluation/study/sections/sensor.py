@@ -6,16 +6,24 @@ from collections.abc import Callable
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ....arrays import Array
 from ....filters import Noise, Rangefinder, RangeMap, StateSpace, sweep
 from ....filters.models.beam_noise import BeamMixture, Quantised
-from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT
-from .base import Misfit, NotNegative, Positive, Section, Size
+from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT, check_spread
+from .base import Misfit, NotNegative, Positive, Section
 
-PerBeam = Size | Annotated[list[Size], Field(min_length=1)]
 MOST_BEAMS = 100_000
+
+
+def _in_limits(spread: float) -> float:
+    check_spread("a spread", spread)
+    return spread
+
+
+Spread = Annotated[float, Field(gt=0), AfterValidator(_in_limits)]
+PerBeam = Spread | Annotated[list[Spread], Field(min_length=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -74,7 +82,7 @@ class MixtureNoise(NoiseSection):
     short: Share = Field(description="share of readings of what stands before it, for example short = 0.05")
     max: Share = Field(description="share of beams that do not return, for example max = 0.05")
     random: Share = Field(description="share of readings of anything, for example random = 0.05")
-    std_m: Size = Field(description="standard deviation of hits, for example std_m = 0.05")
+    std_m: Spread = Field(description="standard deviation of hits, for example std_m = 0.05")
     rate_per_m: Positive = Field(
         default=1.0, description="rate of short readings, for example rate_per_m = 1.0"
     )
@@ -100,6 +108,7 @@ class SensorSection(Section):
     bearings_deg: Annotated[list[float], Field(min_length=1, max_length=MOST_BEAMS)] | None = None
     resolution_deg: Positive | None = None
     blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
+    min_range_m: NotNegative = 0.0
     max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=True)] = float("inf")
     max_incidence_deg: Annotated[float, Field(gt=0, le=90)] = 90.0
     std_m: PerBeam | None = Field(
@@ -124,6 +133,8 @@ class SensorSection(Section):
             )
         if self.std_m is not None and self.noise is not None:
             raise Misfit("noise", "stands instead of std_m: leave one of them out")
+        if self.min_range_m >= self.max_range_m:
+            raise Misfit("min_range_m", f"must be below max_range_m = {self.max_range_m:g}")
         beams = len(self.bearings)
         for name, value in [("std_m", self.std_m), *(self.noise or ())]:
             if isinstance(value, list) and len(value) != beams:
@@ -145,6 +156,7 @@ class SensorSection(Section):
             self.noise.build() if self.noise else Gaussian(self.std_m or 0.0),
             space,
             blind_sector=float(np.deg2rad(self.blind_sector_deg)),
+            min_range=self.min_range_m,
             max_range=self.max_range_m,
             max_incidence=float(np.deg2rad(self.max_incidence_deg)),
         )
