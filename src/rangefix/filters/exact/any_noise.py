@@ -24,7 +24,8 @@ FARTHEST_SCALES = 1e8  # from a table's centre to its last node
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
 JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
-IMPOSSIBLE_NATS = -1e7  # nats; tables hold this and less where a reading cannot be
+FLOOR_NATS = -1e8  # what tables hold where a reading cannot be
+IMPOSSIBLE_NATS = -1e7  # at this and less it cannot
 
 
 class Tables(NamedTuple):
@@ -63,22 +64,24 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
         stds: A first guess of its width there, m, (B,).
         measured: Which beams say something, (B,).
     """
+
+    def floored(expected: Array) -> Array:  # -inf has no differences
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            return np.maximum(np.nan_to_num(density(expected), nan=-np.inf), FLOOR_NATS)
+
     scales = stds.copy()
     probe = np.array([2.0**-k for k in range(12)])[:, None]
-    peak = density(centres[None])[0]
+    peak = floored(centres[None])[0]
     for side in (1.0, -1.0):  # the scale is where half a nat is lost
-        lost = peak - density(np.maximum(centres + side * probe * stds, 0.0))
+        lost = peak - floored(np.maximum(centres + side * probe * stds, 0.0))
         narrow = (np.abs(lost) > 0.5).sum(axis=0)
         scales = np.minimum(scales, stds * 2.0 ** -np.maximum(narrow - 1, 0))
     nodes = offsets()[:, None]
-    nudge = 1e-9 * scales
-    above = density(centres + np.maximum(nodes * scales, nudge)).T
-    below = density(np.maximum(centres - np.maximum(nodes * scales, nudge), 0.0)).T
-    no_wall = density(np.full((1, len(centres)), np.inf))[0]
-    silent = ~measured
-    above[silent], below[silent], no_wall[silent] = 0.0, 0.0, 0.0
-    parts = (np.maximum(part, -1e8) for part in (below, above))
-    below, above = (np.ascontiguousarray(part) for part in parts)
+    away = np.maximum(nodes * scales, 1e-9 * scales)  # a density may jump at the centre
+    above = np.ascontiguousarray(floored(centres + away).T)
+    below = np.ascontiguousarray(floored(np.maximum(centres - away, 0.0)).T)
+    no_wall = floored(np.full((1, len(centres)), np.inf))[0]
+    above[~measured], below[~measured], no_wall[~measured] = 0.0, 0.0, 0.0
     bounds = (
         np.ascontiguousarray(np.maximum.accumulate(part[:, ::-1], axis=1)[:, ::-1]) for part in (below, above)
     )

@@ -12,6 +12,7 @@ from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
 from ..estimator import BriefRepr, Estimate, brief
+from ..measurement import check_measurement
 from ..models.gaussian_prior import GaussianPrior
 from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
@@ -124,12 +125,10 @@ class ExactPositionFilter(BriefRepr):
         """Bayes' rule for a measurement (M, B); NaN = beam not measured, inf = no return.
 
         Raises:
-            ValueError: If the measurement is not of shape (M, B).
+            ValueError: If the measurement is not of shape (M, B) or does not hold real numbers.
         """
-        measurement = np.asarray(measurement, dtype=float)
-        runs, _, beams = belief.readings.shape
-        if measurement.shape != (runs, beams):
-            raise ValueError(f"need a measurement of shape {(runs, beams)}, got {measurement.shape}")
+        runs = len(belief.readings)
+        measurement = check_measurement(self.problem.sensor, measurement, runs)
         readings = np.concatenate([belief.readings, measurement[:, None]], axis=1)
         mean, covariance, log_evidence = (np.array(part) for part in belief.estimate)
         for run in range(runs):
@@ -286,7 +285,8 @@ class ExactPositionFilter(BriefRepr):
         measured = ~np.isnan(readings)
         finite = np.isfinite(readings)
         counts = finite.sum(axis=0)
-        limit = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
+        farthest = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
+        limit = np.where(np.isneginf(readings).any(axis=0), sensor.min_range, farthest)
         sums = np.where(finite, readings, 0.0).sum(axis=0)
         centres = np.where(counts > 0, np.maximum(sums / np.maximum(counts, 1), 0.0), limit)
         stds = np.sqrt(np.broadcast_to(sensor.noise.variance(centres), centres.shape))
