@@ -222,9 +222,9 @@ class AdaptivePointMassFilter(BriefRepr):
         lower, upper = sensor.room.bounds
         longest = float(np.linalg.norm(np.asarray(upper) - lower))
         nearest = np.stack([np.clip(measurement, 0.0, longest), np.full_like(measurement, np.inf)])
-        best = sensor.beam_log_density(measurement, nearest).max(axis=0)
-        perfect = sensor.beam_log_density(measurement, np.maximum(measurement, 0.0))
         with np.errstate(invalid="ignore"):
+            best = sensor.beam_log_density(measurement, nearest).max(axis=0)
+            perfect = sensor.beam_log_density(measurement, np.maximum(measurement, 0.0))
             return float((perfect - best).sum())
 
     def _after_move(self, prior: Predicted, target: Target) -> Quadrature:
