@@ -23,6 +23,7 @@ FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
 FARTHEST_SCALES = 1e8  # from a table's centre to its last node
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
+MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
 JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
 FLOOR_NATS = -1e8  # what tables hold where a reading cannot be
 IMPOSSIBLE_NATS = -1e7  # at this and less it cannot
@@ -178,6 +179,7 @@ def moments_of_any(
             order[piece] -= _most(tables, beam, pieces.lows[piece, beam], pieces.highs[piece, beam])
     total = np.zeros(7)
     total[1] = -np.inf
+    halvings = 0
     for piece in np.argsort(order):
         running = log_mass(total)
         if -order[piece] < running - MARGIN_NATS or -order[piece] < IMPOSSIBLE_NATS:
@@ -196,7 +198,8 @@ def moments_of_any(
                 continue
             corners, beam, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
             one[:corners] = stack[waiting, :corners]
-            if variation[waiting] > 1.0:
+            if variation[waiting] > 1.0 and halvings < MAX_HALVINGS:
+                halvings += 1
                 if waiting + 2 > len(stack):
                     grown = np.empty((2 * len(stack), most, 2))
                     grown[: len(stack)] = stack
