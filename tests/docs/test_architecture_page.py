@@ -17,7 +17,7 @@ LINE = re.compile(r"^(?P<pad> *)(?P<name>[\w.]+/?) +(?P<words>\S.*)$")
 
 def described(text: str) -> dict[str, str]:
     """Path -> words, from the tree on the page."""
-    tree = text.partition("## The tree")[2].partition("```text\n")[2].partition("```")[0]
+    tree = text.partition("## The tree")[2].partition("~~~text\n")[2].partition("~~~")[0]
     folders: list[str] = []
     lines = {}
     for line in filter(None, tree.splitlines()):

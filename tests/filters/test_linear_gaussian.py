@@ -70,6 +70,7 @@ OPTIONS: dict[str, dict[str, Any]] = {  # where the error of the default is larg
     "enkf": {"members": 20_000},
 }
 STATED = {  # errors over the posterior's spread, of what draws nothing; 1e-9 unless it stands here
+    "exact": 1e-8,
     "point-mass": 5e-6,  # the prior's support leaves out 1e-6 of it
     "adaptive-point-mass": 3e-3,  # a moving object's; 3e-6 of one that stands
 }
@@ -77,6 +78,8 @@ ALONE = {"adaptive-point-mass"}  # draws nothing and takes seconds: one run will
 REFUSED = {  # (name, motion) -> what it says
     ("point-mass", "random walk"): "stays where it is",
     ("point-mass", "constant velocity"): "stays where it is",
+    ("exact", "random walk"): "stays where it is",
+    ("exact", "constant velocity"): "known heading",
 }
 
 

@@ -35,7 +35,7 @@ DEEP = "[" * 5000 + "]" * 5000
     ("text", "words"),
     [
         (GOOD.replace("4.0", "1e300"), "map.width_m: must be at most"),
-        (GOOD.replace("0.05", "1e300"), "sensor.std_m: must be at most"),
+        (GOOD.replace("0.05", "1e300"), "sensor.std_m: a spread must be from 1e-06 m to 1e+06 m"),
         (GOOD.replace("bearings_deg = [0.0]", "resolution_deg = 1e-9"), "sensor.resolution_deg: makes more"),
         (f"x{'.a' * 20_000} = 1\n" + GOOD, "deep in one another"),
         ("x" + '."a"' * 20_000 + " = 1\n" + GOOD, "deep in one another"),

@@ -36,7 +36,7 @@ from rangefix.evaluation.isolation.process import answer_questions
 answer_questions(int(sys.argv[1]), float(sys.argv[2]))
 """
 IMPORT_TIMEOUT_S = 60.0  # for a process to begin at all, on a machine however busy
-SLACK = 0.25  # of a limit: how much later faulthandler may end it, which takes 0.1 ms to set anew
+TIMER_SLACK = 0.25  # of a limit: how much later faulthandler may end it, which takes 0.1 ms to set anew
 GRACE_S = 2.0  # beyond that, until a child is killed that does not end by itself
 LOOK_EVERY_S = 0.1  # at whether it lives, and at its memory
 MAX_PRINTED_BYTES = 2000  # of what a process prints; the rest is dropped
@@ -156,7 +156,7 @@ class IsolatedProcess:
             latest, stage = self._note(os.pread(self._file, NOTE_BYTES, 0))
             if latest != piece:
                 piece, since = latest, monotonic()
-            longest = (1 + SLACK) * limit.over(stage.at_once) if piece else IMPORT_TIMEOUT_S
+            longest = (1 + TIMER_SLACK) * limit.over(stage.at_once) if piece else IMPORT_TIMEOUT_S
             if self._process.poll() is not None:
                 ended = True
                 self._listening.join(1.0)  # its last words
@@ -264,7 +264,7 @@ def _read(pipe: IO[bytes]) -> Any:
     return pickle.loads(content)
 
 
-class Child:
+class ChildProgram:
     """The side that answers; what a plug-in prints goes to standard error.
 
     Args:
@@ -272,7 +272,7 @@ class Child:
         memory_gb: Resident memory that it may take, GB.
     """
 
-    current: Child | None = None  # the one of this process, if it is such a process
+    current: ChildProgram | None = None  # the one of this process, if it is such a process
 
     def __init__(self, file: int, memory_gb: float) -> None:
         self._answers, self._questions = os.fdopen(os.dup(1), "wb"), os.fdopen(os.dup(0), "rb")
@@ -316,8 +316,8 @@ class Child:
         if not stage.verb:
             limit = min(max(self._limit.over(stage.at_once), 1e-3), 1e8)
             if limit != self._armed or monotonic() > self._until:
-                self._armed, self._until = limit, monotonic() + SLACK * limit
-                faulthandler.dump_traceback_later((1 + SLACK) * limit, exit=True, file=self._file)
+                self._armed, self._until = limit, monotonic() + TIMER_SLACK * limit
+                faulthandler.dump_traceback_later((1 + TIMER_SLACK) * limit, exit=True, file=self._file)
 
     def _leave_if_copy(self) -> None:
         if os.getpid() != self._process:  # a plug-in has forked, and let the copy run on
@@ -332,24 +332,24 @@ class Child:
 
 def answer_questions(file: int, memory_gb: float) -> None:
     """What a separate process does."""
-    Child.current = Child(file, memory_gb)
-    Child.current.answer_all()
+    ChildProgram.current = ChildProgram(file, memory_gb)
+    ChildProgram.current.answer_all()
 
 
 def begin_piece(place: int, count: int) -> None:
     """Tell the parent, if there is one, that runs begin: the first, counted from that of the batch."""
-    if Child.current is not None:
-        Child.current.begin(Stage(place, count))
+    if ChildProgram.current is not None:
+        ChildProgram.current.begin(Stage(place, count))
 
 
 def begin_stage(verb: str, step: int | None = None) -> None:
     """Tell the parent, if there is one, which method is called next, or what else is done."""
-    if Child.current is not None:
-        Child.current.begin(Child.current.stage._replace(verb=verb, step=step))
+    if ChildProgram.current is not None:
+        ChildProgram.current.begin(ChildProgram.current.stage._replace(verb=verb, step=step))
 
 
 def memory_hint(error: BaseException) -> str:
     """Which limit may be behind an error; empty if none is."""
-    if Child.current is None or not isinstance(error, MemoryError):
+    if ChildProgram.current is None or not isinstance(error, MemoryError):
         return ""
-    return f"; a plug-in may take {in_words(Child.current.memory_gb)}"
+    return f"; a plug-in may take {in_words(ChildProgram.current.memory_gb)}"

@@ -23,6 +23,7 @@ from .any_noise import Nodes, Tables, moments_of_any, nodes_for, tabulate
 from .integrals import Pieces, Rules, moments, rules
 from .partition import partition
 
+MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
@@ -290,6 +291,7 @@ class ExactPositionFilter(BriefRepr):
         limit = np.where(np.isneginf(readings).any(axis=0), sensor.min_range, farthest)
         sums = np.where(finite, readings, 0.0).sum(axis=0)
         centres = np.where(counts > 0, np.maximum(sums / np.maximum(counts, 1), 0.0), limit)
+        centres = np.minimum(centres, MAX_CENTRE_M)
         stds = np.sqrt(np.broadcast_to(sensor.noise.variance(centres), centres.shape))
         if not len(readings):
             readings = np.full((1, len(centres)), np.nan)
