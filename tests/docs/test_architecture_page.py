@@ -17,11 +17,11 @@ LINE = re.compile(r"^(?P<pad> *)(?P<name>[\w.]+/?) +(?P<words>\S.*)$")
 
 def described(text: str) -> dict[str, str]:
     """Path -> words, from the tree on the page."""
-    tree = text.partition("## The tree")[2]
+    tree = text.partition("## The tree")[2].partition("```text\n")[2].partition("```")[0]
     folders: list[str] = []
     lines = {}
     for line in filter(None, tree.splitlines()):
-        parts = LINE.match(line.removeprefix("    "))
+        parts = LINE.match(line)
         assert parts, f"not a line of the tree: {line!r}"
         del folders[len(parts["pad"]) // 2 :]
         lines["/".join([*folders, parts["name"].rstrip("/")])] = parts["words"]
