@@ -15,7 +15,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ..compiled import njit
-from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass
+from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass, lowest
 from .partition import cut_by
 
 FINE_SCALES = 12.0  # half-width of the fine part of a table
@@ -190,7 +190,9 @@ def moments_of_any(
             stack[0, corner, 0] = pieces.corners[piece, corner, 0] - x1
             stack[0, corner, 1] = pieces.corners[piece, corner, 1] - x2
         sizes[0], waiting = corners, 1
-        bounds[0], variation[0], across[0], level[0] = _look_at(stack[0], corners, piece, pieces, tables)
+        bounds[0], variation[0], across[0], level[0] = _look_at(
+            stack[0], corners, piece, pieces, tables, prior
+        )
         while waiting:
             waiting -= 1
             running = log_mass(total)
@@ -210,13 +212,16 @@ def moments_of_any(
                     )
                     variation, level = np.concatenate((variation, variation)), np.concatenate((level, level))
                     across = np.concatenate((across, across))
-                s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+                if beam < beams:
+                    s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+                else:  # across an axis, for the prior's sake
+                    s1, s2 = (1.0, 0.0) if beam == beams else (0.0, 1.0)
                 for side in (1.0, -1.0):
                     kept = cut_by(one, corners, side * s1, side * s2, side * cut, stack[waiting])
                     if kept >= 3:
                         sizes[waiting] = kept
                         bounds[waiting], variation[waiting], across[waiting], level[waiting] = _look_at(
-                            stack[waiting], kept, piece, pieces, tables
+                            stack[waiting], kept, piece, pieces, tables, prior
                         )
                         waiting += 1
                 if waiting >= 2 and bounds[waiting - 2] > bounds[waiting - 1]:  # the better half comes next
@@ -240,9 +245,12 @@ def moments_of_any(
 
 @njit(cache=True, nogil=True)
 def _look_at(
-    corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables
+    corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array
 ) -> tuple[float, float, int, float]:
-    """A bound on a part's log mass; how far from smooth its worst beam is, which it is, and where to cut."""
+    """A bound on a part's log mass; how far from smooth it is across its worst beam, and where to cut.
+
+    Beams are numbered from 0; x1 and x2, across which a Gaussian prior varies, follow them.
+    """
     area = _area(corners, count)
     if area < 1e-18:
         return -np.inf, 0.0, -1, 0.0
@@ -264,6 +272,18 @@ def _look_at(
             worst, across, level = varied, beam, 0.5 * (low + high) - rho
             if varied > 8.0 and low + near < centre < high - near:
                 level = centre - rho
+    if prior[0] > 0:
+        a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
+        g1, g2 = prior[0] * a1 + prior[1] * a2, prior[1] * a1 + prior[2] * a2
+        bound -= 0.5 * (a1 * g1 + a2 * g2)
+        bound -= lowest(corners, count, prior[0], prior[1], prior[2], g1, g2, np.empty(2))
+        for axis in range(2):
+            low, high = np.inf, -np.inf
+            for corner in range(count):
+                low, high = min(low, corners[corner, axis]), max(high, corners[corner, axis])
+            varied = (high - low) * math.sqrt(prior[2 * axis]) / SMOOTH_SCALES
+            if varied > worst:
+                worst, across, level = varied, len(tables.centres) + axis, 0.5 * (low + high)
     return bound, worst, across, level
 
 

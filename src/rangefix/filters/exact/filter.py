@@ -247,7 +247,9 @@ class ExactPositionFilter(BriefRepr):
             else:
                 assert tables is not None
                 target = nodes_for(0) if nodes is None else nodes
+                first = int(target.total[0])
                 log = moments_of_any(part.pieces, tables, part.factor, rule, target, mean, covariance)
+                target.log_weights[first : int(target.total[0])] += part.log_share - part.log_integral
             logs.append(log + part.log_share - part.log_integral)
             means.append(mean)
             covariances.append(covariance)
