@@ -10,7 +10,7 @@ from .consistency.scores import anees_band, is_positive, nees
 from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
 from .experiment import Experiment, NamedEstimator
-from .monte_carlo import Progress, run
+from .monte_carlo import ClusterTls, Progress, run
 from .report import write_report
 from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
@@ -20,6 +20,7 @@ Named = NamedEstimator  # its name in 0.1
 
 __all__ = [
     "STATUSES",
+    "ClusterTls",
     "Experiment",
     "Interval",
     "Metric",
