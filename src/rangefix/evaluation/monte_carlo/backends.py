@@ -8,6 +8,7 @@ import pickle
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -51,7 +52,8 @@ class Payload(NamedTuple):
     arithmetic: tuple[tuple[str, str], ...]
 
 
-class ClusterTls(NamedTuple):
+@dataclass(frozen=True)
+class ClusterTls:
     """Files in the PEM format by which a dask cluster and its users know each other.
 
     Attributes:
