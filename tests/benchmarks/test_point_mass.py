@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numba
@@ -36,7 +37,7 @@ class Case:
     """One grid, ours and everybody's readings."""
 
     def __init__(self, problem, cell, runs):
-        self.estimator = build("point-mass", problem, cell=cell)
+        self.estimator: Any = build("point-mass", problem, cell=cell)
         grid = self.estimator.grid
         self.step, self.shape = grid.step, grid.shape
         self.ranges = np.ascontiguousarray(grid.image(self.estimator.cells.ranges.T))  # (B, *shape)
@@ -50,7 +51,7 @@ class Case:
         self.prior = problem.prior
         self.belief = self.estimator.init(self.prior, self.rngs)
 
-    def is_built_in(self):
+    def ours(self):
         return self.estimator.estimate(self.estimator.update(self.belief, self.readings, self.rngs))
 
     def ours_from_the_start(self):
