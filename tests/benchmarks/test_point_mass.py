@@ -37,10 +37,10 @@ class Case:
     """One grid, ours and everybody's readings."""
 
     def __init__(self, problem, cell, runs):
-        self.estimator: Any = build("point-mass", problem, cell=cell)
-        grid = self.estimator.grid
+        estimator: Any = build("point-mass", problem, cell=cell)
+        self.estimator, grid = estimator, estimator.grid
         self.step, self.shape = grid.step, grid.shape
-        self.ranges = np.ascontiguousarray(grid.image(self.estimator.cells.ranges.T))  # (B, *shape)
+        self.ranges = np.ascontiguousarray(grid.image(estimator.cells.ranges.T))  # (B, *shape)
         edges = zip(grid.lower, self.step, self.shape, strict=True)
         self.axes = [low + step * (np.arange(count) + 0.5) for low, step, count in edges]
         self.points = np.stack([axis.ravel() for axis in np.meshgrid(*self.axes, indexing="ij")])

@@ -7,25 +7,21 @@ from collections.abc import Mapping
 from hashlib import sha256
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import Field, PrivateAttr
+from pydantic import ConfigDict, Field, PrivateAttr
 
 from ...filters import Problem
 from ..experiment import Builder, Experiment, NamedEstimator
 from .build import World, build_world
 from .mistakes import Mistakes
-from .sections.base import Section, with_extensions
+from .sections.base import Section
 from .sections.estimators import EstimatorSection
-from .sections.map import AnyMap, MapSection
-from .sections.motion import AnyMotion, MotionSection, StationaryMotion
+from .sections.map import AnyMap
+from .sections.motion import AnyMotion, StationaryMotion
 from .sections.prior import AnyPrior, UniformPrior
 from .sections.sensor import SensorSection
 from .sections.state import StateSection, TruthSection
-
-if not TYPE_CHECKING:
-    AnyMap = with_extensions(MapSection, AnyMap, "rangefix.maps")
-    AnyMotion = with_extensions(MotionSection, AnyMotion, "rangefix.motions")
 
 MOST_RUNS = 10**9
 WORLD = {"map", "sensor", "state", "motion", "prior", "assumed"}  # the sections that make the problems
@@ -37,6 +33,7 @@ class AssumedSection(Section):
     In a file, keys that are not given are those of the true section.
     """
 
+    model_config = ConfigDict(defer_build=True)  # until what other packages offer can be loaded
     map: AnyMap | None = None
     state: StateSection | None = None
     sensor: SensorSection | None = None
@@ -50,6 +47,7 @@ class Study(Section):
     A study file has the same keys. `experiment()` makes of it what `run` runs.
     """
 
+    model_config = ConfigDict(defer_build=True)
     name: str = Field(default="study", min_length=1, pattern=r"^[^/\\]*[^/\\.][^/\\]*$")
     title: str = ""
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
@@ -66,7 +64,7 @@ class Study(Section):
     state: StateSection = StateSection()
     motion: AnyMotion = StationaryMotion()
     prior: AnyPrior = UniformPrior()
-    assumed: AssumedSection = AssumedSection()
+    assumed: AssumedSection = Field(default_factory=AssumedSection)
     truth: TruthSection = TruthSection()
     beam_sets: Annotated[list[Annotated[list[int], Field(min_length=1)]], Field(min_length=1)] | None = None
     estimators: list[EstimatorSection] = Field(
