@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,11 +18,9 @@ from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
 from .mistakes import Mistakes
+from .schema import StudySections
 from .sections.drives import Drive
 from .sections.estimators import EstimatorSection, Variant
-
-if TYPE_CHECKING:
-    from .study import Study
 
 T = TypeVar("T")
 UNITS = ("_m", "_deg")
@@ -58,7 +56,7 @@ class World:
     warnings: tuple[str, ...] = ()
 
 
-def build_world(study: Study, mistakes: Mistakes) -> World | None:
+def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     """Build what a study describes, and note what cannot be built; what has mistakes already is passed over.
 
     Returns:
@@ -79,7 +77,7 @@ def build_world(study: Study, mistakes: Mistakes) -> World | None:
     return World(truth, assumed, drive, study.motion.controls(drive), start, warnings)
 
 
-def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
+def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
     files = study.map.files()
     where = (*at, "path") if files else at
     try:
@@ -98,7 +96,7 @@ def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> R
 
 
 def _problem(
-    study: Study,
+    study: StudySections,
     room: RangeMap | None,
     drive: Drive | None,
     mistakes: Mistakes,
@@ -124,7 +122,9 @@ def _problem(
     return Problem(space, motion, sensor, prior)
 
 
-def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes) -> Problem | None:
+def _assumed(
+    study: StudySections, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes
+) -> Problem | None:
     """What estimators are told, where that is not the truth."""
     names = [name for name, told in study.assumed if told is not None]
     if not names:
@@ -148,7 +148,7 @@ def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes:
     return None
 
 
-def _start(study: Study, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
+def _start(study: StudySections, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
     """The true first state of all runs, if it is given; in free space and possible for the prior."""
     if not (mistakes.sound("truth") and mistakes.sound("state")):
         return None
