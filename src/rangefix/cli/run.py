@@ -69,6 +69,10 @@ def run(
     force: Annotated[
         bool, typer.Option("--force", help="Remove the results of another study from the folder.")
     ] = False,
+    only_run: Annotated[
+        int | None,
+        typer.Option(metavar="NUMBER", help="Repeat this run of the study alone, and draw what is believed."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
@@ -84,6 +88,13 @@ def run(
     for warning in described.warnings:
         print(f"rangefix: {warning}", file=sys.stderr)
     folder = Path("results") / described.name if out is None else out
+    if only_run is not None:
+        from .one_run import show_run
+
+        if workers > 1 or cluster is not None or gates or force or not resume:
+            raise ValueError("--only-run goes with --runs, --seed, --out, --map and --json alone")
+        answered = show_run(described, only_run, folder, as_json)
+        raise typer.Exit(ExitCode.FINE if answered else ExitCode.SOME_FAILED)
     try:
         with bars() as progress:
             results = run_study(

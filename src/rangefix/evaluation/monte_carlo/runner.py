@@ -11,12 +11,14 @@ from typing import Any, NamedTuple, Protocol
 
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
+from ..consistency.worst_runs import worst_runs, worst_runs_csv
 from ..experiment import Experiment
 from ..results import (
     MANIFEST,
     SCENE,
     SUMMARY,
     TIMING,
+    WORST_RUNS,
     FolderLayout,
     Results,
     ResultsError,
@@ -38,7 +40,7 @@ from .backends import in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
 from .own_folder import check_disk, locked, remove_files, what_is_older
-from .record_beliefs import save_pictures
+from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
 
@@ -61,6 +63,15 @@ class Describes(Protocol):
     def experiment(self) -> Experiment:
         """The experiment that it describes."""
         ...
+
+
+def experiment_of(study: Experiment | Describes) -> Experiment:
+    """The experiment that is to be run.
+
+    Raises:
+        StudyError: If the study is not sound.
+    """
+    return study if isinstance(study, Experiment) else study.experiment()
 
 
 def run(
@@ -110,7 +121,7 @@ def run(
         raise ValueError("out is empty: name a folder")
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
-    experiment = study if isinstance(study, Experiment) else study.experiment()
+    experiment = experiment_of(study)
     with ExitStack() as stack:
         folder = Path(
             stack.enter_context(tempfile.TemporaryDirectory(prefix="rangefix-")) if out is None else out
@@ -136,6 +147,7 @@ def run(
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
         write_bytes(folder / SUMMARY, to_csv(summarise(results)).encode())
+        write_bytes(folder / WORST_RUNS, worst_runs_csv(worst_runs(results)).encode())
         return results.in_memory() if out is None else results
 
 
@@ -225,13 +237,8 @@ def _timed_before(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:
-    """What pictures need of the map; a map or sensor that is not ours may not have it."""
-    from ..results import scene
-
-    truth = simulate(experiment, 0, 1).truth[0, 0]
-    try:
-        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)
-    except (AttributeError, TypeError):
+    arrays = scene_of(experiment, SHOWN_RUN)
+    if arrays:
+        write_npz(folder / SCENE, arrays)
+    else:
         (folder / SCENE).unlink(missing_ok=True)
-        return
-    write_npz(folder / SCENE, arrays)
