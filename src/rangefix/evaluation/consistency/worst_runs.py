@@ -14,7 +14,7 @@ from ...arrays import Array
 from ..results import Results
 from .scores import nees
 
-MOST = 10  # runs of an estimator on a set of beams
+MOST_RUNS_KEPT = 10  # runs of an estimator on a set of beams
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class WorstRun:
         return line
 
 
-def worst_runs(results: Results, most: int = MOST) -> list[WorstRun]:
+def worst_runs(results: Results, most: int = MOST_RUNS_KEPT) -> list[WorstRun]:
     """The runs with the largest NEES, of those that went well; the worst first, by estimator and beams.
 
     Args:
