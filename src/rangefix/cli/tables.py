@@ -217,7 +217,7 @@ def differences(comparison: Comparison) -> Table:
 def accuracy(pairs: Sequence[PairedComparison]) -> Table:
     """Each estimator beside the most accurate one on the same truths."""
     columns = ["\nestimator", "runs of\nboth", "rms error of the\nposition, m", "that of\nthe best"]
-    columns += ["the closer\none in", "\np"]
+    columns += ["closer than\nthe best in", "\np"]
     table = new_table("Who is more accurate on the same truths, after the last measurement", columns)
     table.add_column("", justify="left")
     for beams, best in dict.fromkeys((pair.beams, pair.best) for pair in pairs):

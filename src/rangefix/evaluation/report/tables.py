@@ -95,7 +95,7 @@ def scores(rows: Sequence[Row], sampled: bool) -> Table:
 
 def accuracy(pairs: Sequence[PairedComparison]) -> Table:
     """Each estimator beside the most accurate one on the same truths."""
-    columns = ["runs of both", "rms error of the position, m", "that of the best", "the closer one in", "p"]
+    columns = ["runs of both", "rms error of the position, m", "that of the best", "closer than it in", "p"]
     groups: dict[str, list[tuple[str, list[Cell]]]] = {}
     for pair in pairs:
         closer, p = (format_percent(pair.closer), _format_p_value(pair.p)) if pair.runs else ("-", "-")
