@@ -15,7 +15,7 @@ from rangefix.maps import RectangularRoom
 
 RUNS = 5000  # half of the study that users were promised it for; what is done once counts the more
 MOST = 0.05  # of the estimators' own time
-GRIDS = {
+GRIDS: dict[str, list[dict[str, float]]] = {
     "point-mass": [{"cell": 0.05}, {"cell": 0.02}],
     "particle": [{"particles": 2000}, {"particles": 10_000}],
     "ukf": [{"alpha": 1.0}, {"alpha": 0.1}],

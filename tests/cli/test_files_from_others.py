@@ -9,6 +9,7 @@ import re
 import sys
 import unicodedata
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ import rangefix
 from rangefix.cli import main, tables
 from rangefix.errors import printable
 from rangefix.evaluation import Experiment, NamedEstimator, load, run, summarise, to_csv
+from rangefix.evaluation.consistency.worst_runs import worst_runs, worst_runs_csv
 from rangefix.evaluation.monte_carlo import backends
 from rangefix.evaluation.results import MANIFEST
 
@@ -105,6 +107,7 @@ def test_only_run_runs_code_of_others(
         (0, "validate", study),
         (0, "validate", study, "--json"),
         (2, "run", study, "--no-plugins"),
+        (2, "run", study, "--no-plugins", "--only-run", "1"),
         (2, "run", study, "--gate", "aness=1:2"),
         (2, "run", study, "--out", ""),
         (2, "run", study, "--cluster", "tcp://127.0.0.1:1"),
@@ -330,6 +333,8 @@ def test_text_is_never_a_formula(start: str, hostile: Path) -> None:
     assert table[1]["estimator"].startswith("'=cmd")
     assert table[2]["estimator"] == "raises"
     assert is_harmless(to_csv(rows))
+    worst = worst_runs_csv([replace(run, estimator=label) for run in worst_runs(load(hostile))])
+    assert {row["estimator"] for row in csv.DictReader(io.StringIO(worst))} == {"'" + printable(label)}
     numbers = [value for row in table for name, value in row.items() if name not in ("estimator", "beams")]
     assert any(value.startswith("-") for value in numbers)
     assert [float(value) for value in numbers]

@@ -42,13 +42,18 @@ def report(
 
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    b: Annotated[
+        Path | None, typer.Argument(metavar="B", help="Another one; without it, the estimators of A.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """What differs between two results, in config, versions and numbers, and what of it may be chance."""
+    """What differs between two results, or between the estimators of one, and what of it may be chance."""
     from ..evaluation import load
     from ..evaluation.consistency.compare import compare as compared
 
+    if b is None:
+        _compare_estimators(a, as_json)
+        return
     comparison = compared(load(a), load(b))
     if as_json:
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
@@ -59,6 +64,19 @@ def compare(
     for line in preamble(comparison, str(a), str(b)):
         screen.say(line)
     screen.print(differences(comparison))
+
+
+def _compare_estimators(folder: Path, as_json: bool) -> None:
+    from ..evaluation import compare_estimators, load
+
+    pairs = compare_estimators(load(folder))
+    if as_json:
+        print_json({"folder": str(folder), "pairs": [vars(pair) | {"words": pair.words} for pair in pairs]})
+        return
+    from .tables import accuracy, console
+
+    screen = console()
+    screen.print(accuracy(pairs))
 
 
 def paper(

@@ -118,6 +118,10 @@ def run(
     force: Annotated[
         bool, typer.Option("--force", help="Remove the results of another study from the folder.")
     ] = False,
+    only_run: Annotated[
+        int | None,
+        typer.Option(metavar="NUMBER", help="Repeat this run of the study alone, and draw what is believed."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
@@ -132,6 +136,13 @@ def run(
     experiment = described.experiment()
     need_sound(gates, tuple(experiment.estimators), experiment.assumed_problem.space.names, described.beliefs)
     folder = Path("results") / described.name if out is None else out
+    if only_run is not None:
+        from .one_run import show_run
+
+        if workers > 1 or cluster is not None or gates or force or not resume:
+            raise ValueError("--only-run goes with --runs, --seed, --out, --map, --no-plugins, --json alone")
+        answered = show_run(described, only_run, folder, as_json)
+        raise typer.Exit(ExitCode.FINE if answered else ExitCode.SOME_FAILED)
     try:
         with bars() as progress:
             results = run_study(

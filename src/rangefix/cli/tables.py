@@ -15,9 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import printable
-from ..evaluation import Results, Row
+from ..evaluation import PairedComparison, Results, Row
 from ..evaluation.consistency.compare import Comparison, Difference
-from ..evaluation.consistency.formatting import beams_in_words, format_number, unit
+from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
@@ -226,6 +226,24 @@ def differences(comparison: Comparison) -> Table:
     for difference in comparison.differences:
         if difference.step in (-1, last):
             table.add_row(*_difference_cells(difference), style="bold" if difference.significant else "")
+    return table
+
+
+def accuracy(pairs: Sequence[PairedComparison]) -> Table:
+    """Each estimator beside the most accurate one on the same truths."""
+    columns = ["\nestimator", "runs of\nboth", "rms error of the\nposition, m", "that of\nthe best"]
+    columns += ["closer than\nthe best in", "\np"]
+    table = new_table("Who is more accurate on the same truths, after the last measurement", columns)
+    table.add_column("", justify="left")
+    for beams, best in dict.fromkeys((pair.beams, pair.best) for pair in pairs):
+        table.add_row(f"{beams_in_words(beams)}; the most accurate is {best}", style="bold")
+        for pair in (pair for pair in pairs if (pair.beams, pair.best) == (beams, best)):
+            p = "-" if pair.p != pair.p else f"{pair.p:.2g}"
+            closer = "-" if not pair.runs else format_percent(pair.closer)
+            rms = format_number(pair.rmse), format_number(pair.best_rmse)
+            style = "bold" if pair.significant else ""
+            table.add_row(f"  {pair.estimator}", str(pair.runs), *rms, closer, p, pair.words, style=style)
+        table.add_section()
     return table
 
 

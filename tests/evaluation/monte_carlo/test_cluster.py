@@ -17,7 +17,7 @@ from rangefix.evaluation import ClusterTls, Experiment, NamedEstimator, ResultsE
 from rangefix.evaluation.isolation import to_pickle
 from rangefix.evaluation.monte_carlo import backends, keys, worker
 from rangefix.evaluation.monte_carlo.backends import Payload
-from rangefix.evaluation.monte_carlo.same_bits import arithmetic, other_bits
+from rangefix.evaluation.monte_carlo.environment import arithmetic, other_bits
 from rangefix.evaluation.monte_carlo.simulate import Simulation
 
 from ..conftest import make_problem
@@ -200,7 +200,7 @@ def test_an_address_is_checked_before_anything_is_written(address, tls, says, tm
 
 def test_other_bits_are_other_numbers(tmp_path):
     """The same digest in every process, another one with another BLAS kernel; names alone only explain."""
-    code = "from rangefix.evaluation.monte_carlo.same_bits import arithmetic; import json; "
+    code = "from rangefix.evaluation.monte_carlo.environment import arithmetic; import json; "
     command = [sys.executable, "-c", code + "print(json.dumps(arithmetic()))"]
 
     def of(**variables):

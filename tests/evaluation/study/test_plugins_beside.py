@@ -7,7 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from rangefix.evaluation import Experiment, NamedEstimator, StudyError, load_study, parse_study, run
+from rangefix.evaluation import (
+    Experiment,
+    NamedEstimator,
+    StudyError,
+    load_study,
+    parse_study,
+    repeat_run,
+    run,
+)
 from rangefix.evaluation.monte_carlo import keys
 
 from ..conftest import make_problem
@@ -187,6 +195,8 @@ def test_no_plug_ins_by_keyword(folder: Path, tmp_path: Path) -> None:
         load_study(path, plugins=False)
     with pytest.raises(ValueError, match=r"'filter_of_mine.py:Thing' is a plug-in"):
         run(load_study(path), tmp_path / "out", plugins=False)
+    with pytest.raises(ValueError, match=r"'filter_of_mine.py:Thing' is a plug-in"):
+        repeat_run(load_study(path), 1, plugins=False)
     made = Experiment(make_problem(), {"a": NamedEstimator("os:system")}, runs=2)
     with pytest.raises(ValueError, match="estimator 'a' is a plug-in, 'os:system'"):
         run(made, plugins=False)

@@ -209,12 +209,12 @@ def to_csv(rows: Sequence[Row]) -> str:
     text = io.StringIO()
     columns = dict.fromkeys(name for line in lines for name in line)
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(map(_csv_cell, columns))
-    writer.writerows([_csv_cell(line.get(name, "nan")) for name in columns] for line in lines)
+    writer.writerow(map(csv_cell, columns))
+    writer.writerows([csv_cell(line.get(name, "nan")) for name in columns] for line in lines)
     return text.getvalue()
 
 
-def _csv_cell(value: str | float) -> str | float:
+def csv_cell(value: object) -> object:
     """A cell of a table that a spreadsheet may open: text is never a formula (OWASP, CSV injection)."""
     if not isinstance(value, str):
         return value

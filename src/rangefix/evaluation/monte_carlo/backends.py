@@ -22,8 +22,8 @@ from ...errors import one_line
 from ..experiment import Experiment
 from ..isolation import to_pickle
 from ..results import ResultsError
+from .environment import arithmetic, other_bits
 from .keys import code_fingerprint
-from .same_bits import arithmetic, other_bits
 from .simulate import Simulation
 from .worker import Task, Worker
 

@@ -21,6 +21,7 @@ from ..results import (
     SCENE,
     SUMMARY,
     TIMING,
+    WORST_RUNS,
     FolderLayout,
     ResultsError,
     read_json,
@@ -31,7 +32,8 @@ from ..results import (
 
 LOCK = ".lock"
 WORTH_TELLING = 1e9  # bytes
-OURS = (TIMING, SCENE, FILE, SUMMARY, REPORT)
+OURS = (TIMING, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
+ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
 PART = re.compile(r"(\d{8,})-(\d{8,})\.npz")
 
 
@@ -184,7 +186,7 @@ def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) ->
     )
     shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
     orphans = _orphans(folder, plan)
-    files = [*shown, *orphans, folder / SUMMARY, *([folder / TIMING] if anew else [])]
+    files = [*shown, *orphans, folder / SUMMARY, folder / WORST_RUNS, *([folder / TIMING] if anew else [])]
     removed = ", ".join(
         text
         for text, found in (("the older figures and report", shown), (f"{len(orphans)} older parts", orphans))
@@ -212,8 +214,9 @@ def _figures(folder: Path) -> list[Path]:
         return []
     from ..figures.catalogue import figure_kinds
 
-    names = (f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg"))
-    return [path for path in (folder / FIGURES / name for name in names) if path.is_file()]
+    names = [f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg")]
+    paths = (folder / FIGURES).iterdir()
+    return [path for path in paths if path.is_file() and (path.name in names or ONE_RUN.fullmatch(path.name))]
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -11,12 +11,14 @@ from typing import Any, NamedTuple, Protocol
 
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
+from ..consistency.worst_runs import worst_runs, worst_runs_csv
 from ..experiment import Experiment, NamedEstimator
 from ..results import (
     MANIFEST,
     SCENE,
     SUMMARY,
     TIMING,
+    WORST_RUNS,
     FolderLayout,
     Results,
     ResultsError,
@@ -38,7 +40,7 @@ from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
 from .own_folder import check_disk, locked, remove_files, what_is_older
-from .record_beliefs import save_pictures
+from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
 
@@ -65,6 +67,21 @@ class Describes(Protocol):
     def check_plugins(self) -> tuple[str, ...]:
         """Run the code of its plug-ins, and say in a line each what is wrong with them."""
         ...
+
+
+def experiment_of(study: Experiment | Describes, plugins: bool = True) -> Experiment:
+    """The experiment that is to be run; no code of plug-ins is run for it.
+
+    Raises:
+        StudyError: If the study is not sound.
+        ValueError: If an estimator that is known by name is not built in, and no plug-ins may be.
+    """
+    experiment = study if isinstance(study, Experiment) else study.experiment()
+    for label, builder in experiment.estimators.items():
+        if not plugins and isinstance(builder, NamedEstimator) and not builder.is_built_in:
+            told = f"estimator {label!r} is a plug-in, {builder.name!r}"
+            raise ValueError(f"{told}, and none may run (plugins=False)")
+    return experiment
 
 
 def run(
@@ -120,9 +137,7 @@ def run(
         raise ValueError("out is empty: name a folder")
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
-    experiment = study if isinstance(study, Experiment) else study.experiment()
-    if not plugins:
-        _refuse_plugins(experiment)
+    experiment = experiment_of(study, plugins)
     tell = say or (lambda line: None)
     with ExitStack() as stack:
         client = None if cluster is None else stack.enter_context(connected(cluster, cluster_tls, tell))
@@ -152,15 +167,8 @@ def run(
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
         write_bytes(folder / SUMMARY, to_csv(summarise(results)).encode())
+        write_bytes(folder / WORST_RUNS, worst_runs_csv(worst_runs(results)).encode())
         return results.in_memory() if out is None else results
-
-
-def _refuse_plugins(experiment: Experiment) -> None:
-    """Raise ValueError if an estimator that is known by name is not built in."""
-    for label, builder in experiment.estimators.items():
-        if isinstance(builder, NamedEstimator) and not builder.is_built_in:
-            told = f"estimator {label!r} is a plug-in, {builder.name!r}"
-            raise ValueError(f"{told}, and none may run (plugins=False)")
 
 
 def _simulate_all(experiment: Experiment, plan: FolderLayout, folder: Path, resume: bool) -> None:
@@ -249,13 +257,8 @@ def _timed_before(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:
-    """What pictures need of the map; a map or sensor that is not ours may not have it."""
-    from ..results import scene
-
-    truth = simulate(experiment, 0, 1).truth[0, 0]
-    try:
-        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)
-    except (AttributeError, TypeError):
+    arrays = scene_of(experiment, SHOWN_RUN)
+    if arrays:
+        write_npz(folder / SCENE, arrays)
+    else:
         (folder / SCENE).unlink(missing_ok=True)
-        return
-    write_npz(folder / SCENE, arrays)

@@ -123,11 +123,12 @@ class Results:
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for each trial and step: see `dataframes.py`."""
-        return to_dataframe(self)
+        return to_dataframe(self.space, self.truth, self.trials)
 
     def to_xarray(self) -> Any:
         """An xarray.Dataset with labelled dimensions: see `dataframes.py`."""
-        return to_xarray(self)
+        about = {key: self.manifest[key] for key in ("name", "seed")}
+        return to_xarray(self.space, self.truth, self.measurement, self.trials, about)
 
 
 def load(folder: Path | str) -> Results:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from ...errors import one_line
 from ...filters import Problem, RangeMap
 from .check_estimators import STAND_IN, check_estimators
 from .mistakes import Mistakes
+from .schema import StudySections
 from .sections.drives import Drive
-
-if TYPE_CHECKING:
-    from .study import Study
 
 T = TypeVar("T")
 MOST_EXTENT_M = 1e6
@@ -42,7 +40,7 @@ class World:
     start: Array | None = None
 
 
-def build_world(study: Study, mistakes: Mistakes) -> World | None:
+def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     """Build what a study describes, and note what cannot be built; what has mistakes already is passed over.
 
     No code of plug-ins is run: `Study.check_plugins` does that, when a study that is sound is run.
@@ -65,7 +63,7 @@ def build_world(study: Study, mistakes: Mistakes) -> World | None:
     return World(truth, assumed, drive, study.motion.controls(drive), start)
 
 
-def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
+def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
     files = study.map.files()
     where = (*at, "path") if files else at
     try:
@@ -84,7 +82,7 @@ def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> R
 
 
 def _problem(
-    study: Study,
+    study: StudySections,
     room: RangeMap | None,
     drive: Drive | None,
     mistakes: Mistakes,
@@ -110,7 +108,9 @@ def _problem(
     return Problem(space, motion, sensor, prior)
 
 
-def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes) -> Problem | None:
+def _assumed(
+    study: StudySections, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes
+) -> Problem | None:
     """What estimators are told, where that is not the truth."""
     names = [name for name, told in study.assumed if told is not None]
     if not names:
@@ -134,7 +134,7 @@ def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes:
     return None
 
 
-def _start(study: Study, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
+def _start(study: StudySections, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
     """The true first state of all runs, if it is given; in free space and possible for the prior."""
     if not (mistakes.sound("truth") and mistakes.sound("state")):
         return None

@@ -149,7 +149,7 @@ def _place(error: Any, raw: Any, model: type[BaseModel]) -> tuple[Path, type[Bas
         if part in kinds:
             model, kinds = kinds[part], {}
         elif part in model.model_fields:
-            kinds = kinds_of(model.model_fields[part].annotation)
+            kinds = kinds_of(model.model_fields[part])
             model = kinds.get("", model)
         if _holds(raw, part):
             path, raw = (*path, part), raw[part]
@@ -171,7 +171,7 @@ def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
     fields = model.model_fields
     key = next((part for part in reversed(error["loc"]) if part in fields), "")
     hint = fields[key].description if key else None
-    kinds = kinds_of(fields[key].annotation) if key else {}
+    kinds = kinds_of(fields[key]) if key else {}
     example = f" ({hint})" if hint else ""
     if kind == "extra_forbidden":
         return f"unknown key; {suggestion(str(path[-1]), _keys(model))}"

@@ -178,7 +178,7 @@ def _model(name: str, told: Any) -> type[Section] | None:
     """What a section is to be, by its kind."""
     if not isinstance(told, dict) or name not in Study.model_fields:
         return None
-    return kinds_of(Study.model_fields[name].annotation).get(str(told.get("kind", "")))
+    return kinds_of(Study.model_fields[name]).get(str(told.get("kind", "")))
 
 
 def _inherited(name: str, true: Any, told: Any) -> Any:
