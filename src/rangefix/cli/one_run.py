@@ -31,8 +31,9 @@ def show_run(study: Study, number: int, folder: Path, as_json: bool) -> bool:
         for trials in run.results.trials:
             for reason in trials.reasons.values():
                 where = f"{trials.estimator}, {beams_in_words(trials.beams)}"
-                screen.print(f"{where}: {reason}", markup=False, soft_wrap=True)
-        screen.print("\n".join(figures) or "no figure: the map does not tell its walls", soft_wrap=True)
+                screen.say(f"{where}: {reason}")
+        for line in figures or ["no figure: the map does not tell its walls"]:
+            screen.say(line)
     return all(bool(trials.ok.all()) for trials in run.results.trials)
 
 

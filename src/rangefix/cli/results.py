@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, named, print_json
+from .app import Json, named, print_json, say
 
 
 def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
@@ -19,7 +19,7 @@ def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_
         print_json({"figures": [str(path) for path in paths]})
         return
     for path in paths:
-        typer.echo(path)
+        say(path)
 
 
 def report(
@@ -37,7 +37,7 @@ def report(
     if as_json:
         print_json({"report": str(path)})
     else:
-        typer.echo(path)
+        say(path)
 
 
 def compare(
@@ -62,7 +62,7 @@ def compare(
 
     screen = console()
     for line in preamble(comparison, str(a), str(b)):
-        screen.print(line, markup=False, soft_wrap=True)
+        screen.say(line)
     screen.print(differences(comparison))
 
 
@@ -105,6 +105,6 @@ def paper(
     screen = console()
     screen.print(table1(solved))
     for note in table1_notes(solved):
-        screen.print(note)
+        screen.say(note)
     if out is not None:
-        screen.print(f"Figures: {out / 'figures'}")
+        screen.say(f"Figures: {out / 'figures'}")

@@ -7,11 +7,14 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from ..errors import printable
 from ..evaluation import PairedComparison, Results, Row
 from ..evaluation.consistency.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
@@ -25,10 +28,22 @@ WIDTH = 150  # where the output is not a terminal
 SHOWN = 40  # lines of a config's diff
 
 
-def console() -> Console:
+class Screen(Console):
+    """A console on which no text of ours, a file or a plug-in is obeyed: escapes of a terminal are shown."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Any text that is printed, alone or in a table."""
+        return super().render_str(printable(text, keep="\n"), **options)
+
+    def say(self, text: str) -> None:
+        """Print one line, however long."""
+        self.print(printable(text), soft_wrap=True)
+
+
+def console() -> Screen:
     """Standard output; as wide as the terminal, or WIDTH. Labels and titles are shown as they are."""
     width = None if sys.stdout.isatty() else WIDTH
-    return Console(width=width, highlight=False, markup=False, emoji=False)
+    return Screen(width=width, highlight=False, markup=False, emoji=False)
 
 
 def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:

@@ -12,7 +12,7 @@ from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
 from .consistency.worst_runs import WorstRun, worst_runs
 from .experiment import Experiment, NamedEstimator
-from .monte_carlo import Progress, repeat_run, run
+from .monte_carlo import ClusterTls, Progress, repeat_run, run
 from .report import write_report
 from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
@@ -22,6 +22,7 @@ Named = NamedEstimator  # its name in 0.1
 
 __all__ = [
     "STATUSES",
+    "ClusterTls",
     "Experiment",
     "Interval",
     "Metric",

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...arrays import Array
 from ..results import Results
+from .row import csv_cell
 from .scores import nees
 
 MOST_RUNS_KEPT = 10  # runs of an estimator on a set of beams
@@ -92,10 +93,10 @@ def _worst(results: Results, estimator: str, beams: str, most: int) -> list[Wors
 
 
 def worst_runs_csv(runs: Sequence[WorstRun]) -> str:
-    """The runs as CSV text with a header; floats in full, m and rad."""
+    """The runs as CSV text with a header; floats in full, m and rad; labels as in `to_csv`."""
     text = io.StringIO()
     lines = [run.flat() for run in runs]
     writer = csv.DictWriter(text, list(lines[0]) if lines else ["estimator"], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(lines)
+    writer.writerows({name: csv_cell(value) for name, value in line.items()} for line in lines)
     return text.getvalue()

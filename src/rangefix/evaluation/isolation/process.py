@@ -26,7 +26,7 @@ from threading import Thread
 from time import monotonic
 from typing import IO, Any, NamedTuple
 
-from ...errors import cut, one_line
+from ...errors import cut, one_line, printable
 from ...filters.plugin_line import innermost, plugin_line
 
 CHILD_CODE = """
@@ -219,7 +219,7 @@ def _pass_on(pipe: IO[bytes]) -> None:
     with pipe, suppress(OSError, ValueError):
         while content := pipe.read1(65536):  # type: ignore[attr-defined]
             if left > 0:
-                text = content[:left].decode(errors="replace")
+                text = printable(content[:left].decode(errors="replace").replace("\r", "\n"), keep="\n\t")
                 more = "\n(and so on: the rest of what it prints is not shown)\n"
                 print(text + (more if len(content) > left else ""), end="", file=sys.stderr, flush=True)
             left -= len(content)

@@ -27,7 +27,7 @@ class OneRun(NamedTuple):
     pictures: tuple[Picture, ...]
 
 
-def repeat_run(study: Experiment | Describes, number: int) -> OneRun:
+def repeat_run(study: Experiment | Describes, number: int, *, plugins: bool = True) -> OneRun:
     """Repeat one run of a study: the same truth, readings and random numbers, hence the same estimates.
 
     An estimator that takes many runs at once may round the last digits otherwise. Nothing is saved.
@@ -35,14 +35,17 @@ def repeat_run(study: Experiment | Describes, number: int) -> OneRun:
     Args:
         study: The study, or its experiment.
         number: Of the run, from 0.
+        plugins: Whether estimators that are known by name may be others than the built-in ones.
 
     Raises:
         StudyError: If the study is not sound.
-        ValueError: If it has no such run.
+        ValueError: If it has no such run, or there is a plug-in and none may be.
     """
-    experiment = experiment_of(study)
+    experiment = experiment_of(study, plugins)
     if not 0 <= number < experiment.runs:
         raise ValueError(f"no run {number}: the runs of the study are 0 to {experiment.runs - 1}")
+    if not isinstance(study, Experiment):
+        study.check_plugins()
     world = simulate(experiment, number, number + 1)
     with closing(Worker(experiment)) as worker:
         trials = tuple(

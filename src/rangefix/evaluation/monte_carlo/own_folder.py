@@ -53,9 +53,12 @@ class Older(NamedTuple):
 def locked(folder: Path) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
 
+    Folders that are made for it, and hold nothing in the end, are removed.
+
     Raises:
         ResultsError: If another process holds it, which is named, or it cannot be made.
     """
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = _hold(folder / LOCK)
@@ -71,6 +74,9 @@ def locked(folder: Path) -> Iterator[None]:
         with suppress(OSError):
             (folder / LOCK).unlink(missing_ok=True)  # while it is held: nobody else's
         os.close(handle)
+        with suppress(OSError):
+            for place in made:
+                place.rmdir()  # if it is empty
 
 
 def _hold(path: Path) -> int:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..consistency.worst_runs import worst_runs, worst_runs_csv
-from ..experiment import Experiment
+from ..experiment import Experiment, NamedEstimator
 from ..results import (
     MANIFEST,
     SCENE,
@@ -36,7 +36,7 @@ from ..results import (
     write_npz,
     write_part,
 )
-from .backends import in_process, on_cluster, on_workers
+from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
 from .environment import environment
 from .keys import part_keys
 from .own_folder import check_disk, locked, remove_files, what_is_older
@@ -61,17 +61,27 @@ class Describes(Protocol):
     """What can be run as well as an experiment: a study."""
 
     def experiment(self) -> Experiment:
-        """The experiment that it describes."""
+        """The experiment that it describes; no code of plug-ins is run for it."""
+        ...
+
+    def check_plugins(self) -> tuple[str, ...]:
+        """Run the code of its plug-ins, and say in a line each what is wrong with them."""
         ...
 
 
-def experiment_of(study: Experiment | Describes) -> Experiment:
-    """The experiment that is to be run.
+def experiment_of(study: Experiment | Describes, plugins: bool = True) -> Experiment:
+    """The experiment that is to be run; no code of plug-ins is run for it.
 
     Raises:
         StudyError: If the study is not sound.
+        ValueError: If an estimator that is known by name is not built in, and no plug-ins may be.
     """
-    return study if isinstance(study, Experiment) else study.experiment()
+    experiment = study if isinstance(study, Experiment) else study.experiment()
+    for label, builder in experiment.estimators.items():
+        if not plugins and isinstance(builder, NamedEstimator) and not builder.is_built_in:
+            told = f"estimator {label!r} is a plug-in, {builder.name!r}"
+            raise ValueError(f"{told}, and none may run (plugins=False)")
+    return experiment
 
 
 def run(
@@ -80,6 +90,8 @@ def run(
     *,
     workers: int = 1,
     cluster: str | None = None,
+    cluster_tls: ClusterTls | None = None,
+    plugins: bool = True,
     progress: Callable[[Progress], None] | None = None,
     command_line: Sequence[str] | None = None,
     resume: bool = True,
@@ -99,14 +111,18 @@ def run(
             belongs to the study of that name, and to one run at a time; what is older than its numbers
             (figures, report, parts of other settings) is removed.
         workers: Processes. They change no number.
-        cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either.
+        cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either:
+            those that would are refused. Whoever reaches a scheduler can run code on its workers and here.
+        cluster_tls: Certificates for a cluster at tls://...; dask's own configuration unless given.
+        plugins: Whether estimators that are known by name may be others than the built-in ones.
         progress: Called with how far each estimator has come.
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
         force: Whether to remove the results of another study from the folder, and to replace a manifest there
             that is not ours. Nothing else is removed.
-        say: Called with a line on what was removed or is made anew, and on much disk to be taken.
+        say: Called with a line on plug-ins that cannot be used, on what was removed or is made anew, on much
+            disk to be taken, and on workers of a cluster.
 
     Returns:
         The results, as `load` reads them from the folder.
@@ -115,14 +131,16 @@ def run(
         ResultsError: If the folder cannot be written, belongs to another study or is in use, or the
             workers or the cluster fail.
         StudyError: If the study is not sound.
-        ValueError: If there is no worker, or the folder has no name.
+        ValueError: If there is no worker, the folder has no name, or there is a plug-in and none may be.
     """
     if out == "":
         raise ValueError("out is empty: name a folder")
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
-    experiment = experiment_of(study)
+    experiment = experiment_of(study, plugins)
+    tell = say or (lambda line: None)
     with ExitStack() as stack:
+        client = None if cluster is None else stack.enter_context(connected(cluster, cluster_tls, tell))
         folder = Path(
             stack.enter_context(tempfile.TemporaryDirectory(prefix="rangefix-")) if out is None else out
         )
@@ -131,15 +149,17 @@ def run(
         size = check_disk(folder, plan)
         stack.enter_context(locked(folder))
         older = what_is_older(folder, plan, experiment.name, force)
+        if not isinstance(study, Experiment):
+            for line in study.check_plugins():  # nothing else is wrong: now code of others may be run
+                tell(line)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
         for line in filter(None, (older.line, size)):
-            if say:
-                say(line)
+            tell(line)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         _simulate_all(experiment, plan, folder, resume)
         with closing(Worker(experiment)) as worker:
-            _work_all(worker, plan, folder, workers, cluster, progress, resume)
+            _work_all(worker, plan, folder, workers, client, progress, resume)
             if timing:
                 _time_all(worker, plan, folder, resume)
         _save_scene(experiment, folder)
@@ -163,7 +183,7 @@ def _work_all(
     plan: FolderLayout,
     folder: Path,
     workers: int,
-    cluster: str | None,
+    client: Any,
     progress: Callable[[Progress], None] | None,
     resume: bool,
 ) -> None:
@@ -200,8 +220,8 @@ def _work_all(
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
-    if cluster is not None:
-        parts = on_cluster(experiment, tasks, world, cluster)
+    if client is not None:
+        parts = on_cluster(experiment, tasks, world, client)
     elif workers == 1 or len(tasks) == 1:
         parts = in_process(worker, tasks, world, lambda task, begun: report(task.estimator, 0, 0, begun))
     else:

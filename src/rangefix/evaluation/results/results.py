@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
+from ...errors import printable
 from ...filters import StateSpace
 from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
@@ -57,7 +58,7 @@ class Results:
         """What was run, on three lines; nothing is read for it."""
         where = f"in {self.folder}" if self.folder else "in memory"
         labels = f"  estimators: {', '.join(self.estimators)}\n  beams: {', '.join(self.beam_sets)}"
-        return f"Results of {self._title()}, {where}\n{labels}"
+        return printable(f"Results of {self._title()}, {where}\n{labels}", keep="\n")
 
     def _repr_html_(self) -> str:
         """How the trials went, for notebooks; not of a large study, whose trials would have to be read."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
+from ...errors import printable
 from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
 from .parts import read_trials, read_world
@@ -63,7 +64,7 @@ class Trials:
         size = f"{runs} x {steps} x {components} runs, steps and components"
         counts = {"ok": self.ok.sum()} | self.failures
         told = ", ".join(f"{count} {status}" for status, count in counts.items())
-        return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
+        return printable(f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}")
 
     def belief(self, step: int, runs: BoolArray | None = None) -> BeliefScores | None:
         """What draws from the beliefs of some runs, else of those ok, came to after a step; NaN without."""

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ...errors import one_line, suggestion
+from ...errors import one_line, printable, suggestion
 from .sections.base import Misfit, kinds_of
 from .toml_lines import Path, line_of
 
@@ -80,7 +80,7 @@ class Mistakes:
         if path in self.typed:
             where, text = "command line", text + self.typed[path]
         name = dotted(path)
-        return f"{where}: {name}: {text}" if name else f"{where}: {text}"
+        return printable(f"{where}: {name}: {text}" if name else f"{where}: {text}")
 
     def sound(self, *path: str | int) -> bool:
         """Whether there is no mistake at a key, around it or within it."""

@@ -10,9 +10,11 @@ from typing import Any, Self
 
 from pydantic import PrivateAttr
 
+from ...errors import printable
 from ...filters import Problem
 from ..experiment import Builder, Experiment, NamedEstimator
 from .build import World, build_world
+from .check_estimators import check_plugins
 from .mistakes import Mistakes
 from .schema import StudySections
 from .sections.base import Section
@@ -28,6 +30,7 @@ class Study(StudySections):
 
     _text: str = PrivateAttr(default="")
     _world: World | None = PrivateAttr(default=None)
+    _places: Mistakes | None = PrivateAttr(default=None)
 
     @property
     def text(self) -> str:
@@ -42,10 +45,25 @@ class Study(StudySections):
         """
         return self.world().truth
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Plug-ins that cannot be imported or built, a line each: their trials will fail, others' not."""
-        return self.world().warnings
+    def check_plugins(self) -> tuple[str, ...]:
+        """Import and build its plug-ins, each in a process of its own: `run` does so before all else.
+
+        Returns:
+            Those that cannot be imported or built, a line each: their trials will fail, others' not.
+
+        Raises:
+            StudyError: If one is not there, or has no such option.
+        """
+        world = self.world()
+        mistakes = self._no_mistakes()
+        warnings = check_plugins(self.estimators, world.assumed or world.truth, self._folder, mistakes)
+        mistakes.check()
+        return warnings
+
+    def _no_mistakes(self) -> Mistakes:
+        """For mistakes to come, which know the lines of the study's file."""
+        known = self._places
+        return Mistakes(self.name) if known is None else Mistakes(known.source, known.lines, known.typed)
 
     def world(self) -> World:
         """The true problem, what estimators are told of it, and the drive; built once.
@@ -54,7 +72,7 @@ class Study(StudySections):
             StudyError: With every mistake that building it shows.
         """
         if self._world is None:
-            mistakes = Mistakes(self.name)
+            mistakes = self._no_mistakes()
             world = build_world(self, mistakes)
             mistakes.check()
             self._world = world
@@ -68,13 +86,13 @@ class Study(StudySections):
         return copy
 
     def experiment(self) -> Experiment:
-        """What the study describes, in objects.
+        """What the study describes, in objects; no code of plug-ins is run.
 
         Raises:
             StudyError: With every mistake, for a study that was made from objects.
         """
         builders: dict[str, Builder] = {
-            variant.label: NamedEstimator(variant.name, variant.options)
+            variant.label: NamedEstimator(variant.name, variant.options, self._folder.absolute())
             for entry in self.estimators
             for variant in entry.variants()
         }
@@ -115,14 +133,19 @@ class Study(StudySections):
             told = section.model_dump(exclude_unset=True, exclude_none=True)
             lines |= {name: ", ".join(f"{key} = {value}" for key, value in told.items())} if told else {}
         labels = [variant.label for entry in self.estimators for variant in entry.variants()]
-        return lines | {"estimators": ", ".join(labels)}
+        lines |= {"estimators": ", ".join(labels)}
+        return {name: printable(line) for name, line in lines.items()}
+
+    @property
+    def _heading(self) -> str:
+        return printable(self.title or self.name)
 
     def __repr__(self) -> str:
         lines = (f"  {name}: {line}" for name, line in self._summary().items())
-        head = f"Study {self.name!r}: {self.title or 'untitled'}"
+        head = f"Study {self.name!r}: {self._heading if self.title else 'untitled'}"
         return "\n".join([head, *(line if len(line) < 100 else f"{line[:97]}..." for line in lines)])
 
     def _repr_html_(self) -> str:
         """The same as a table, for notebooks."""
         rows = (f"<tr><th>{name}</th><td>{escape(line)}</td></tr>" for name, line in self._summary().items())
-        return f"<table><caption>{escape(self.title or self.name)}</caption>{''.join(rows)}</table>"
+        return f"<table><caption>{escape(self._heading)}</caption>{''.join(rows)}</table>"
