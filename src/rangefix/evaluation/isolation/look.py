@@ -24,6 +24,7 @@ class PluginInfo(NamedTuple):
     Attributes:
         summary: First line of its documentation.
         parameters: Its options with their defaults as text, or None where there is none.
+        flags: Those of them that may be true or false.
         any_option: Whether it takes options of any name.
         unfit: Options that do not go with its signature: their place among those given, and why.
         fault: Why it cannot be used: what importing or building it raised; empty if it can be.
@@ -32,6 +33,7 @@ class PluginInfo(NamedTuple):
 
     summary: str = ""
     parameters: Mapping[str, Any] = {}
+    flags: tuple[str, ...] = ()
     any_option: bool = False
     unfit: tuple[tuple[int, str], ...] = ()
     fault: str = ""
@@ -72,6 +74,7 @@ def signature_of(name: str, factory: Any) -> PluginInfo:
     return PluginInfo(
         summary=(inspect.getdoc(factory) or "").split("\n")[0],
         parameters={option.name: _plain(option.default) for option in named},
+        flags=tuple(option.name for option in named if _is_flag(option)),
         any_option=any(option.kind is option.VAR_KEYWORD for option in options),
     )
 
@@ -98,6 +101,11 @@ def _inspect(content: bytes) -> PluginInfo:
             text = f"{type(error).__name__}: {one_line(error)}{plugin_line(error.__traceback__)}"
             fault = f"building estimator {name!r} failed: {text}"
     return info._replace(unfit=tuple(unfit), fault=fault)
+
+
+def _is_flag(option: inspect.Parameter) -> bool:
+    """Whether an option may be true or false, by its default or its annotation, such as `bool | None`."""
+    return isinstance(option.default, bool) or "bool" in str(option.annotation)
 
 
 def _plain(value: Any) -> Any:

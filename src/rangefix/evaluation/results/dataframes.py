@@ -19,7 +19,7 @@ def to_dataframe(results: Results) -> Any:
 
     Columns: estimator, beams, run, step, status, reason; for each component NAME its truth NAME_true, its
     estimate NAME and its error NAME_error (truth minus estimate); the claimed covariances P_NAME_NAME;
-    log_evidence, improbable.
+    log_evidence, improbable; what the estimator says of its own computation, as effective_particles.
 
     Raises:
         ResultsError: If pandas is not installed.
@@ -46,6 +46,7 @@ def to_dataframe(results: Results) -> Any:
             for j, other in enumerate(names[: i + 1]):
                 columns[f"P_{other}_{one}"] = trials.covariance[..., j, i].ravel()
         columns |= {"log_evidence": trials.log_evidence.ravel(), "improbable": trials.improbable.ravel()}
+        columns |= {name: array.ravel() for name, array in trials.diagnostics.items()}
         frames.append(pandas.DataFrame(columns))
     return pandas.concat(frames, ignore_index=True)
 
