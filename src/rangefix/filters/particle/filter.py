@@ -307,7 +307,8 @@ class ParticleFilter(BriefRepr):
                 log_density = self._log_density(reading, spread)
             return spread, log_density, target
         root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
-        return *metropolis(copies, logs, target, power, root, self.moves, rng), target
+        thorough = self.temper is not False
+        return *metropolis(copies, logs, target, power, root, self.moves, rng, thorough), target
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""
