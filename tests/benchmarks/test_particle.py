@@ -2,8 +2,8 @@
 
 All start from one cloud drawn from the prior: weights by a first reading, systematic resampling, weights by
 a second. Nobody moves the copies apart, so ours is the plain bootstrap filter, regularise=False; with
-Metropolis moves, temper=False, it does more than the peers and is timed by itself. The peers are given the fastest range
-function that we know, in closed form.
+Metropolis moves, temper=False, it does more than the peers and is timed by itself. The peers are given the
+fastest range function that we know, in closed form.
 """
 
 import numpy as np
