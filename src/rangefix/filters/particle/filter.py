@@ -47,7 +47,8 @@ from .weights import effective_number, effective_places, equal, exp_of, longest_
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
 SUM_ROUNDING = 1e-12  # of a covariance summed over particles
-MAX_STAGES = 100  # of a measurement; a posterior of a millionth of the prior takes some 20
+MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
+MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
 MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
 DEFAULT_RESAMPLING, DEFAULT_MOVES = "systematic", 3
 
@@ -236,7 +237,7 @@ class ParticleFilter(BriefRepr):
         kept = min(enough, MAX_KEPT * self.particles)
         for _ in range(stages if log_density.max() > -np.inf else 0):
             stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
-            if power + stage >= 1.0:
+            if power + stage >= 1.0 or stage < MIN_STAGE:
                 break
             log_weights, gain = weighted(log_weights, stage * log_density)
             gains, power = gains + gain, power + stage
