@@ -17,7 +17,7 @@ RUNS = 5000  # half of the study that users were promised it for; what is done o
 MOST = 0.05  # of the estimators' own time
 GRIDS: dict[str, list[dict[str, float]]] = {
     "point-mass": [{"cell": 0.05}, {"cell": 0.02}],
-    "particle": [{"particles": 2000}, {"particles": 10_000}],
+    "particle": [{"particles": 2000}, {"particles": 10_000, "temper": False}],
     "ukf": [{"alpha": 1.0}, {"alpha": 0.1}],
     "enkf": [{"members": 200}, {"members": 1000}],
 }

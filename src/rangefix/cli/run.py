@@ -177,7 +177,7 @@ def run(
             }
         )
     else:
-        from .tables import beliefs, comparison, console, failures, improbable
+        from .tables import beliefs, collapsed, comparison, console, failures, improbable
 
         screen = console()
         screen.print(
@@ -185,7 +185,7 @@ def run(
         )
         if (sampled := beliefs(rows)) is not None:
             screen.print(sampled)
-        for text in (*improbable(rows), *failures(results)):
+        for text in (*collapsed(rows), *improbable(rows), *failures(results)):
             screen.say(text)
         for line in lines:
             screen.say(line.text)

@@ -19,7 +19,7 @@ from ..evaluation import PairedComparison, Results, Row
 from ..evaluation.consistency.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
-from ..evaluation.consistency.metrics import Metric
+from ..evaluation.consistency.metrics import MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
 
@@ -132,14 +132,14 @@ def _heading(metric: Metric, component: str, narrow: bool) -> str:
     """On two lines. What has an honest value is shown with its interval, to be compared with it."""
     if metric.honest is not None:
         return f"\n{metric.short_label(component)}" if narrow else f"{metric.short_label(component)}\n[95 %]"
-    first, _, rest = metric.full_label(component).partition(" ")
+    first, _, rest = metric.full_label(component).partition(" (")[0].partition(" ")
     return f"{first}\n{rest}"
 
 
 def _cell(row: Row, metric: Metric, component: str, narrow: bool) -> str:
     interval = metric.in_shown_unit(row.figures.get(metric.column(component), UNKNOWN), component)
     if metric.honest is None:
-        return format_number(interval.value) if row.ok else "-"
+        return "-" if math.isnan(interval.value) else format_number(interval.value)
     if narrow or not math.isfinite(interval.value):
         return format_number(interval.value)
     return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
@@ -181,6 +181,17 @@ def improbable(rows: Sequence[Row]) -> list[str]:
         "of the runs; its own model all but excludes what was measured"
         for row in rows
         if row.step == end and row.improbable.value > MENTION_SHARE
+    ]
+
+
+def collapsed(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams with few effective particles in many runs."""
+    end = max(row.step for row in rows)
+    return [
+        f"{row.estimator}, {beams_in_words(row.beams)}: collapsed in {100 * row.collapsed.value:.3g} % of "
+        f"the runs; fewer than {MIN_EFFECTIVE} effective particles"
+        for row in rows
+        if row.step == end and row.collapsed.value > MENTION_SHARE
     ]
 
 

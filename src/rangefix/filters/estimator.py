@@ -156,6 +156,16 @@ class EachRun(Generic[Belief]):
             raise NotImplementedError(f"a {type(self.single).__name__} cannot show its belief")
         return self.single.density(belief[run])
 
+    def effective_particles(self, belief: tuple[Belief, ...]) -> Array:
+        """Each run's effective number of particles, (M,).
+
+        Raises:
+            NotImplementedError: If the single-run estimator has none.
+        """
+        if not isinstance(self.single, HasParticlesOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} has no particles")
+        return np.array([float(self.single.effective_particles(run)) for run in belief])
+
 
 class Image(NamedTuple):
     """What the belief of one run looks like: its density over the room, and over an unknown heading.
@@ -187,6 +197,26 @@ class CanShow(Protocol[Asked]):
 
     def density(self, belief: Asked, run: int) -> Image:
         """What the belief of a run looks like."""
+
+
+@runtime_checkable
+class HasParticles(Protocol[Asked]):
+    """The optional method `effective_particles` of an estimator whose belief is weighted points."""
+
+    def effective_particles(self, belief: Asked) -> Array:
+        """Effective number of particles, 1 / sum w^2 for weights that sum to one, (M,).
+
+        Copies that nothing has moved apart are best counted as one: they tell no more than one does. Below
+        50 a run is called collapsed, in tables and by the verdict.
+        """
+
+
+@runtime_checkable
+class HasParticlesOne(Protocol[Asked]):
+    """`HasParticles` of an estimator for single runs."""
+
+    def effective_particles(self, belief: Asked) -> float:
+        """Effective number of particles."""
 
 
 @runtime_checkable
@@ -233,6 +263,25 @@ def show_belief(estimator: Any, belief: Any, run: int) -> Image | None:
         return estimator.density(belief, run)
     except NotImplementedError:
         return None
+
+
+def effective_particles(estimator: Any, belief: Any, runs: int) -> Array | None:
+    """Effective numbers of particles in the beliefs of M runs, (M,); None for an estimator without particles.
+
+    Raises:
+        ValueError: If there is not one positive, finite number for each run.
+    """
+    if not isinstance(estimator, HasParticles):
+        return None
+    try:
+        numbers = real_floats("what effective_particles() gives", estimator.effective_particles(belief))
+    except NotImplementedError:
+        return None
+    if numbers.shape != (runs,):
+        raise ValueError(f"effective_particles() gave shape {numbers.shape}, not ({runs},)")
+    if not (np.isfinite(numbers) & (numbers > 0)).all():
+        raise ValueError("effective_particles() gave numbers that are not positive and finite")
+    return numbers
 
 
 def filtered(

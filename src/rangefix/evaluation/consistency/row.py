@@ -13,7 +13,7 @@ from ...arrays import Array
 from ...errors import printable
 from ..results import FAILURES, html_table
 from .formatting import beams_in_words, factor, format_interval, format_number
-from .intervals import Interval, uniform_p_value
+from .intervals import UNKNOWN, Interval, uniform_p_value
 from .metrics import LEVELS, Metric, Place, metrics
 from .scores import anees_band
 
@@ -111,6 +111,11 @@ class Row:
     def of_components(self, name: str) -> tuple[Interval, ...]:
         """A figure of each component."""
         return tuple(self.figures[f"{name}_{component}"] for component in self.names)
+
+    @property
+    def collapsed(self) -> Interval:
+        """Share of ok runs with too few effective particles; NaN without particles."""
+        return self.figures.get("share_collapsed", UNKNOWN)
 
     @property
     def coverage(self) -> dict[float, Interval]:

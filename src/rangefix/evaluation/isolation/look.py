@@ -26,6 +26,7 @@ class PluginInfo(NamedTuple):
     Attributes:
         summary: First line of its documentation.
         parameters: Its options with their defaults as text, or None where there is none.
+        flags: Those of them that may be true or false.
         any_option: Whether it takes options of any name.
         unfit: Options that do not go with its signature: their place among those given, and why.
         fault: Why it cannot be used: what importing or building it raised; empty if it can be.
@@ -34,6 +35,7 @@ class PluginInfo(NamedTuple):
 
     summary: str = ""
     parameters: Mapping[str, Any] = {}
+    flags: tuple[str, ...] = ()
     any_option: bool = False
     unfit: tuple[tuple[int, str], ...] = ()
     fault: str = ""
@@ -80,6 +82,7 @@ def signature_of(name: str, factory: Any) -> PluginInfo:
     return PluginInfo(
         summary=(inspect.getdoc(factory) or "").split("\n")[0],
         parameters={option.name: _plain(option.default) for option in named},
+        flags=tuple(option.name for option in named if _is_flag(option)),
         any_option=any(option.kind is option.VAR_KEYWORD for option in options),
     )
 
@@ -113,6 +116,11 @@ def add_folder(folder: Path | None) -> None:
     """In a process that is for one plug-in alone: let it import what lies beside it, at any time."""
     if folder is not None:
         sys.path.append(str(folder))
+
+
+def _is_flag(option: inspect.Parameter) -> bool:
+    """Whether an option may be true or false, by its default or its annotation, such as `bool | None`."""
+    return isinstance(option.default, bool) or "bool" in str(option.annotation)
 
 
 def _plain(value: Any) -> Any:

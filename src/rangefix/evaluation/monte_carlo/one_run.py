@@ -6,7 +6,7 @@ from contextlib import closing
 from typing import NamedTuple
 
 from ..experiment import Experiment
-from ..results import InMemory, Picture, Results, Trials, belief_of
+from ..results import InMemory, Picture, Results, Trials
 from .record_beliefs import pictures_of, scene_of
 from .runner import Describes, experiment_of
 from .simulate import Simulation, simulate
@@ -66,9 +66,5 @@ def repeat_run(study: Experiment | Describes, number: int, *, plugins: bool = Tr
 
 
 def _trials(worker: Worker, task: Task, world: Simulation) -> Trials:
-    part = worker.work(task, world)
-    names = ("mean", "covariance", "log_evidence", "log_evidence_floor", "status")
-    reasons = {int(place): str(text) for place, text in zip(part["failed"], part["reasons"], strict=True)}
     beams = worker.experiment.beam_labels[task.beams]
-    arrays = {name: part[name] for name in names}
-    return Trials(task.estimator, beams, reasons=reasons, beliefs=belief_of(part), **arrays)
+    return Trials.of_part(task.estimator, beams, worker.work(task, world))

@@ -32,7 +32,6 @@ from .outcome import (
     BeliefScores,
     Outcome,
     Status,
-    belief_of,
     concatenate,
     failed_outcome,
     failures_of,

@@ -20,7 +20,7 @@ def to_dataframe(space: StateSpace, truth: Array, trials: Sequence[Trials]) -> A
 
     Columns: estimator, beams, run, step, status, reason; for each component NAME its truth NAME_true, its
     estimate NAME and its error NAME_error (truth minus estimate); the claimed covariances P_NAME_NAME;
-    log_evidence, improbable.
+    log_evidence, improbable; what the estimator says of its own computation, as effective_particles.
 
     Raises:
         ResultsError: If pandas is not installed.
@@ -46,6 +46,7 @@ def to_dataframe(space: StateSpace, truth: Array, trials: Sequence[Trials]) -> A
             for j, other in enumerate(space.names[: i + 1]):
                 columns[f"P_{other}_{name}"] = trial.covariance[..., j, i].ravel()
         columns |= {"log_evidence": trial.log_evidence.ravel(), "improbable": trial.improbable.ravel()}
+        columns |= {name: array.ravel() for name, array in trial.diagnostics.items()}
         frames.append(pandas.DataFrame(columns))
     return pandas.concat(frames, ignore_index=True)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, BoolArray
 from ...errors import printable
 from .folder import FolderLayout, trials_path, world_path
-from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
+from .outcome import STATUSES, BeliefScores, Status, belief_of, diagnostics_of, failures_of
 from .parts import read_trials, read_world
 
 
@@ -32,6 +32,8 @@ class Trials:
         reasons: Run -> why it is not ok.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
+        diagnostics: What the estimator says of its own computation, by the names in `DIAGNOSTICS`, (M, T)
+            each; those that it has.
     """
 
     estimator: str
@@ -43,6 +45,24 @@ class Trials:
     status: NDArray[np.int8]
     reasons: Mapping[int, str] = field(default_factory=dict)
     beliefs: Mapping[str, Array] = field(default_factory=dict)
+    diagnostics: Mapping[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of_part(cls, estimator: str, beams: str, part: Mapping[str, NDArray[Any]]) -> Trials:
+        """The trials of the runs of one part."""
+        reasons = zip(part["failed"].tolist(), part["reasons"].tolist(), strict=True)
+        return cls(
+            estimator,
+            beams,
+            part["mean"],
+            part["covariance"],
+            part["log_evidence"],
+            part["log_evidence_floor"],
+            part["status"],
+            reasons=dict(reasons),
+            beliefs=belief_of(part),
+            diagnostics=diagnostics_of(part),
+        )
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
@@ -56,6 +76,7 @@ class Trials:
             status=self.status[runs],
             reasons={run: text for run, text in self.reasons.items() if first <= run < end},
             beliefs={name: array[runs] for name, array in self.beliefs.items()},
+            diagnostics={name: array[runs] for name, array in self.diagnostics.items()},
         )
 
     def __repr__(self) -> str:
@@ -149,6 +170,7 @@ class InFolder:
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
+        diagnostics: dict[str, Array] = {}
         for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
@@ -161,10 +183,12 @@ class InFolder:
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
+            for name, found in diagnostics_of(part).items():
+                diagnostics.setdefault(name, np.full((runs, steps), np.nan))[mine] = found[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):
                 if first <= low + int(place) < end:
                     reasons[low + int(place)] = str(reason)
-        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, **arrays)
+        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, diagnostics=diagnostics, **arrays)
 
 
 def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:

@@ -135,7 +135,7 @@ def _sizes_fit(
     """Whether numbers among the options of one of ours are numbers, and small enough to end."""
     for given, name in zip(entry.options, entry.converted(), strict=True):
         for value in (variant.options[name] for variant in variants):
-            if isinstance(value, bool) and not isinstance(plugin.parameters[name], bool):
+            if isinstance(value, bool) and name not in plugin.flags:
                 mistakes.add((*at, "options", given), f"must be a number, got {str(value).lower()}")
                 return False
             if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
