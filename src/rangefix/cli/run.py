@@ -69,6 +69,15 @@ def run(
     force: Annotated[
         bool, typer.Option("--force", help="Remove the results of another study from the folder.")
     ] = False,
+    memory_gb: Annotated[
+        float | None,
+        typer.Option(
+            "--memory-gb",
+            metavar="GB",
+            help="Memory that the arrays may take; half of the machine's unless given. Beyond it the study "
+            "is refused before it begins; it changes no number.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
@@ -95,6 +104,7 @@ def run(
                 command_line=["rangefix", *sys.argv[1:]],
                 resume=resume,
                 force=force,
+                memory_gb=memory_gb,
                 say=lambda line: print(f"rangefix: {line}", file=sys.stderr),
             )
     except KeyboardInterrupt:

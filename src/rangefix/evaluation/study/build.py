@@ -13,6 +13,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import one_line, suggestion
 from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
+from ...filters.memory import memory_needed
 from ...filters.registry import BUILT_IN, resolve
 from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
@@ -34,6 +35,7 @@ LARGEST_OPTIONS = {
     "moves": 10_000,
 }  # of our options
 MOST_EXTENT_M = 1e6
+MOST_BYTES_TRIED = 2.5e8  # of an estimator that is built to see whether it can be; a run builds the others
 STAND_IN = RectangularRoom(width=1.0, length=1.0)  # to check the rest on where the map cannot be built
 
 
@@ -212,9 +214,13 @@ def _check_estimators(
             if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
                 entry, variants, plugin, at, mistakes
             ):
+                place_of = problem or _stand_in()
                 for variant in variants:
+                    need = memory_needed(variant.name, place_of, variant.options, 1)
+                    if need is not None and need.peak > MOST_BYTES_TRIED:
+                        continue
                     try:
-                        build(variant.name, problem or _stand_in(), **variant.options)
+                        build(variant.name, place_of, **variant.options)
                     except Exception as error:
                         mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
             continue
