@@ -93,7 +93,9 @@ def check_memory(
         what = f"the tables of {len(needs)} estimators take about {_gb(kept)} of memory{at_once}"
         advice = "take shorter lists in [[estimators]] options"
     elif working > reading:
-        what = f"{runs} runs of {_steps(steps)} with {beams} beams take about {_gb(working)} of memory{at_once}"
+        what = (
+            f"{runs} runs of {_steps(steps)} with {beams} beams take about {_gb(working)} of memory{at_once}"
+        )
         advice = "take fewer steps in [motion], or fewer beams in [sensor]"
     else:
         what = f"reading the results of {read} runs of {_steps(steps)} with {beams} beams takes about "

@@ -217,7 +217,7 @@ def _check_estimators(
                 place_of = problem or _stand_in()
                 for variant in variants:
                     need = memory_needed(variant.name, place_of, variant.options, 1)
-                    if need is not None and need.peak > MOST_BYTES_TRIED:
+                    if need is not None and need.kept > MOST_BYTES_TRIED:
                         continue
                     try:
                         build(variant.name, place_of, **variant.options)
