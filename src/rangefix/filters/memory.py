@@ -11,6 +11,7 @@ import numpy as np
 from .adaptive.range_bounds import table_shape
 from .exact.partition import MAX_CORNERS
 from .point_mass.cell_ranges import CASTS_AT_ONCE
+from .point_mass.filter import DENSITIES_AT_ONCE
 from .point_mass.grid import count_cells
 from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
 from .point_mass.turning_ranges import directions
@@ -76,15 +77,20 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
     turns = float(counts[-1]) if space.names[-1] == "heading" and size == 3 else 1.0
     step = (prior.support[1] - prior.support[0]) / counts
     ranges = FLOAT * free * beams
+    cast = min(CASTS_AT_ONCE, free * beams) if turns == 1 else free * beams
     if turns > 1:
         shared = directions(sensor.bearings, prior.support[0][-1] + step[-1] / 2, step[-1], int(turns))
         kinds, period = shared.angles.shape
         ranges = min(ranges, 1.5 * FLOAT * free / turns * kinds * (period + HEADINGS_PER_BLOCK))
+        cast = min(DENSITIES_AT_ONCE, cast)
     order = (12.0 * size + 16.0) * box / turns  # the cells sorted by tiles
     cells = FLOAT * (2 + size) * box
-    masses = 0.0 if sensor.gaussian_stds is not None else 3 * FLOAT * free * _at_once(runs, FLOAT * free)
+    masses = 0.0
+    if sensor.gaussian_stds is None:
+        at_once = _at_once(runs, FLOAT * free)
+        masses = 3 * FLOAT * (free * at_once + min(DENSITIES_AT_ONCE, at_once * free * beams))
     kept = cells + ranges
-    peak = max(order + cells, kept + 3 * FLOAT * min(CASTS_AT_ONCE, free * beams), kept + masses)
+    peak = max(order + cells, kept + 2 * FLOAT * cast, kept + masses)
     what = f"{_times(counts)} cells with {_beams(beams)}"
     return MemoryNeed(kept, peak, what, "take a larger cell_m, a smaller prior or fewer beams")
 
