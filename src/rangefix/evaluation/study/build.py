@@ -14,11 +14,11 @@ from ...arrays import Array
 from ...errors import one_line, suggestion
 from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
 from ...filters.memory import memory_needed
-from ...filters.registry import BUILT_IN, resolve
+from ...filters.registry import BUILT_IN, module_of, resolve
 from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
-from .mistakes import Mistakes
+from .mistakes import MOST_TOLD, Mistakes
 from .sections.drives import Drive
 from .sections.estimators import EstimatorSection, Variant
 
@@ -201,6 +201,8 @@ def _check_estimators(
         at = ("estimators", place)
         if not mistakes.sound(*at):
             continue
+        if len(mistakes.noted) > MOST_TOLD:
+            break  # more is not told
         variants = entry.variants()
         if len(labels) + len(variants) > MOST_ESTIMATORS:
             mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
@@ -209,6 +211,8 @@ def _check_estimators(
             if label in labels:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
             labels.add(label)
+        if not mistakes.sound(*at):
+            continue
         if entry.name in BUILT_IN:
             plugin = signature_of(entry.name, resolve(entry.name))
             if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
@@ -223,6 +227,11 @@ def _check_estimators(
                         build(variant.name, place_of, **variant.options)
                     except Exception as error:
                         mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
+            continue
+        try:
+            module_of(entry.name)
+        except KeyError as error:
+            mistakes.add((*at, "name"), one_line(error))
             continue
         plugin = inspect_plugin(entry.name, problem, [variant.options for variant in variants])
         if plugin.missing:
@@ -275,7 +284,15 @@ def _sizes_fit(
                 return False
             if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
                 mistakes.add(
-                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {value:g}"
+                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {_short(value)}"
                 )
                 return False
     return True
+
+
+def _short(value: float) -> str:
+    """A number; whole ones may be too large for a float, or to be written."""
+    try:
+        return f"{value:g}"
+    except OverflowError:
+        return "one too large for a float"

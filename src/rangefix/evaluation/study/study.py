@@ -28,6 +28,7 @@ if not TYPE_CHECKING:
     AnyMotion = with_extensions(MotionSection, AnyMotion, "rangefix.motions")
 
 MOST_RUNS = 10**9
+LONGEST_NAME, LONGEST_TITLE = 200, 2000
 WORLD = {"map", "sensor", "state", "motion", "prior", "assumed"}  # the sections that make the problems
 
 
@@ -50,8 +51,10 @@ class Study(Section):
     A study file has the same keys. `experiment()` makes of it what `run` runs.
     """
 
-    name: str = Field(default="study", min_length=1, pattern=r"^[^/\\]*[^/\\.][^/\\]*$")
-    title: str = ""
+    name: str = Field(
+        default="study", min_length=1, max_length=LONGEST_NAME, pattern=r"^[^/\\]*[^/\\.][^/\\]*$"
+    )
+    title: str = Field(default="", max_length=LONGEST_TITLE)
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)
     beliefs: bool = Field(default=False, description="whether to judge beliefs that can be sampled")
