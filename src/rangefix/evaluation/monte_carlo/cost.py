@@ -7,14 +7,13 @@ from collections.abc import Callable
 from os import cpu_count
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...arrays import Array
 from ...filters import EachRun, Estimator
 from ...filters.estimator import filtered
-from ...filters.memory import MemoryNeed, memory_needed
 from ..experiment import Experiment, NamedEstimator
 from ..isolation import machine_memory_gb, undisturbed
 from ..results import MAX_RUNS_IN_MEMORY, FolderLayout, ResultsError, trials_path
@@ -23,6 +22,9 @@ from .built_estimator import BuiltEstimator
 from .simulate import simulate
 from .trial import Trial
 from .worker import Worker
+
+if TYPE_CHECKING:
+    from ...filters.memory import MemoryNeed
 
 FLOAT = 8  # bytes
 COPIES = 4  # of the arrays of a block of runs, while it is simulated, masked, tried and saved
@@ -65,6 +67,8 @@ def check_memory(
         ResultsError: If they do not; it says what takes how much, and what to change.
         ValueError: If the limit is none.
     """
+    from ...filters.memory import MemoryNeed  # imports numba
+
     limit = (machine_memory_gb() / 2 if limit_gb is None else limit_gb) * 1e9
     if not limit > 0:
         raise ValueError(f"the limit of memory must be positive, got {limit_gb} GB")
@@ -107,6 +111,8 @@ def check_memory(
 
 def estimator_needs(experiment: Experiment) -> dict[str, MemoryNeed]:
     """What the built-in estimators of an experiment take, by label."""
+    from ...filters.memory import memory_needed
+
     runs = min(experiment.block, experiment.runs)
     needs = {}
     for label, builder in experiment.estimators.items():

@@ -13,7 +13,6 @@ import numpy as np
 from ...arrays import Array
 from ...errors import one_line, suggestion
 from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
-from ...filters.memory import memory_needed
 from ...filters.registry import BUILT_IN, module_of, resolve
 from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
@@ -195,6 +194,8 @@ def _check_estimators(
     entries: list[EstimatorSection], problem: Problem | None, mistakes: Mistakes
 ) -> tuple[str, ...]:
     """Note what is wrong with the study; faults in the code of a plug-in are returned, a line each."""
+    from ...filters.memory import memory_needed  # imports numba, which a refused study need not wait for
+
     labels: set[str] = set()
     warnings = []
     for place, entry in enumerate(entries):
