@@ -122,6 +122,15 @@ def run(
         int | None,
         typer.Option(metavar="NUMBER", help="Repeat this run of the study alone, and draw what is believed."),
     ] = None,
+    memory_gb: Annotated[
+        float | None,
+        typer.Option(
+            "--memory-gb",
+            metavar="GB",
+            help="Memory that the arrays may take; half of the machine's unless given. Beyond it the study "
+            "is refused before it begins; it changes no number.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
@@ -156,6 +165,7 @@ def run(
                 command_line=["rangefix", *sys.argv[1:]],
                 resume=resume,
                 force=force,
+                memory_gb=memory_gb,
                 say=warn,
             )
     except KeyboardInterrupt:

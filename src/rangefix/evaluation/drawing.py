@@ -35,7 +35,7 @@ def draw(folder: Path) -> list[Path]:
         kinds, figures = PAPER_FIGURES, drawn(PAPER_FIGURES, table1.load(folder))
     elif (folder / MANIFEST).exists():
         kinds = figure_kinds()
-        figures = drawn(kinds, FigureData(load(folder)))
+        figures = drawn(kinds, FigureData.of(load(folder)))
     else:
         raise ResultsError(
             f"{folder} holds no results: make some with rangefix paper or rangefix run, and --out"

@@ -185,13 +185,17 @@ class IsolatedProcess:
         return Lost("timeout", (reason if stage.at_once else f"{did} {seconds}") + line, stage)
 
 
+def machine_memory_gb() -> float:
+    """Memory of this machine, GB; twice MAX_MEMORY_GB where the system does not tell."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    except (AttributeError, ValueError, OSError):
+        return 2 * MAX_MEMORY_GB
+
+
 def default_memory_gb() -> float:
     """Half of the machine's memory, at most MAX_MEMORY_GB."""
-    try:
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    except (AttributeError, ValueError, OSError):
-        return MAX_MEMORY_GB
-    return min(MAX_MEMORY_GB, memory / 2)
+    return min(MAX_MEMORY_GB, machine_memory_gb() / 2)
 
 
 def in_words(memory_gb: float) -> str:

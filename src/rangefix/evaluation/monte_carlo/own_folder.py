@@ -6,7 +6,6 @@ import importlib
 import json
 import os
 import re
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
@@ -31,7 +30,6 @@ from ..results import (
 )
 
 LOCK = ".lock"
-WORTH_TELLING = 1e9  # bytes
 OURS = (TIMING, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
 ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
 PART = re.compile(r"(\d{8,})-(\d{8,})\.npz")
@@ -117,26 +115,6 @@ def _lock(handle: int) -> None:
         raise
     except OSError:
         return
-
-
-def check_disk(folder: Path, plan: FolderLayout) -> str:
-    """Compare what the arrays of a plan take with what the disk has.
-
-    Returns:
-        What they take, a line; "" where it is little.
-
-    Raises:
-        ResultsError: If they do not fit.
-    """
-    steps, size, beams = plan.shape
-    pairs = len(plan.estimators) * len(plan.beams)
-    needed = 8 * plan.runs * steps * (size + beams + pairs * (size * size + size + 2))
-    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-    free = shutil.disk_usage(there).free
-    what = f"{plan.runs} runs take about {needed / 1e9:.3g} GB"
-    if needed > free and needed > free + sum(part.stat().st_size for part in _parts(folder)):
-        raise ResultsError(f"{what}, and the disk of {folder} has {free / 1e9:.3g} GB: take fewer runs")
-    return f"{what} in {folder}" if needed > WORTH_TELLING else ""
 
 
 def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = False) -> Older:

@@ -37,15 +37,16 @@ from ..results import (
     write_part,
 )
 from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
+from .cost import check_disk, check_memory, estimate_line
 from .environment import environment
 from .keys import part_keys
-from .own_folder import check_disk, locked, remove_files, what_is_older
+from .own_folder import locked, remove_files, what_is_older
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
 
 MAX_RUNS_TIMED = 128  # at once
-MAX_BLOCKS_IN_MEMORY = 20  # of truths and measurements
+MAX_BLOCKS_IN_MEMORY, MAX_BLOCK_BYTES = 20, 256e6  # of truths and measurements: at least one
 
 
 class Progress(NamedTuple):
@@ -97,6 +98,7 @@ def run(
     resume: bool = True,
     timing: bool = True,
     force: bool = False,
+    memory_gb: float | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Results:
     """Run an experiment or study and save its results.
@@ -121,15 +123,19 @@ def run(
         timing: Whether to time the updates, in a serial pass of its own with one thread.
         force: Whether to remove the results of another study from the folder, and to replace a manifest there
             that is not ours. Nothing else is removed.
-        say: Called with a line on plug-ins that cannot be used, on what was removed or is made anew, on much
-            disk to be taken, and on workers of a cluster.
+        memory_gb: Memory that the arrays may take, GB; half of the machine's unless given. It only refuses,
+            before anything is allocated or written, and changes no number. Plug-ins have a limit of their
+            own.
+        say: Called with a line on plug-ins that cannot be used, on what was removed or is made anew, on
+            workers of a cluster and, where it is much, on the time and disk that will be taken, as a few runs
+            show.
 
     Returns:
         The results, as `load` reads them from the folder.
 
     Raises:
-        ResultsError: If the folder cannot be written, belongs to another study or is in use, or the
-            workers or the cluster fail.
+        ResultsError: If the study takes more memory or disk than there is, the folder cannot be written,
+            belongs to another study or is in use, or the workers or the cluster fail.
         StudyError: If the study is not sound.
         ValueError: If there is no worker, the folder has no name, or there is a plug-in and none may be.
     """
@@ -138,6 +144,7 @@ def run(
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
     experiment = experiment_of(study, plugins)
+    check_memory(experiment, memory_gb, 1 if cluster else workers, in_memory=out is None)
     tell = say or (lambda line: None)
     with ExitStack() as stack:
         client = None if cluster is None else stack.enter_context(connected(cluster, cluster_tls, tell))
@@ -146,7 +153,7 @@ def run(
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
-        size = check_disk(folder, plan)
+        disk = check_disk(folder, plan)
         stack.enter_context(locked(folder))
         older = what_is_older(folder, plan, experiment.name, force)
         if not isinstance(study, Experiment):
@@ -154,11 +161,13 @@ def run(
                 tell(line)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
-        for line in filter(None, (older.line, size)):
-            tell(line)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
-        _simulate_all(experiment, plan, folder, resume)
         with closing(Worker(experiment)) as worker:
+            if say:
+                line = estimate_line(worker, plan, folder, disk, workers, resume)
+                for text in filter(None, (older.line, line)):
+                    say(text)
+            _simulate_all(experiment, plan, folder, resume)
             _work_all(worker, plan, folder, workers, client, progress, resume)
             if timing:
                 _time_all(worker, plan, folder, resume)
@@ -197,7 +206,10 @@ def _work_all(
         if progress:
             progress(Progress(label, counts[label][0] + begun, total, counts[label][1]))
 
-    @lru_cache(maxsize=MAX_BLOCKS_IN_MEMORY)
+    steps, size, beams = plan.shape
+    at_once = int(MAX_BLOCK_BYTES / (8 * plan.block * steps * (size + beams)))
+
+    @lru_cache(maxsize=max(1, min(MAX_BLOCKS_IN_MEMORY, at_once)))
     def block(first: int, end: int) -> Simulation:
         return Simulation(**read_world(folder, plan, first, end))
 
@@ -210,9 +222,9 @@ def _work_all(
     tasks = []
     for label in experiment.estimators:
         report(label, 0, 0)
-        for beams in range(len(experiment.beam_labels)):
+        for beam_set in range(len(experiment.beam_labels)):
             for first, end in plan.blocks():
-                task = Task(label, beams, first, end)
+                task = Task(label, beam_set, first, end)
                 saved = if_valid(read_trials, folder, plan, *place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)

@@ -13,7 +13,7 @@ from ...filters.registry import BUILT_IN, file_of, resolve
 from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
-from .mistakes import Mistakes
+from .mistakes import MOST_TOLD, Mistakes
 from .sections.estimators import EstimatorSection, Variant
 
 UNITS = ("_m", "_deg")
@@ -24,6 +24,7 @@ LARGEST_OPTIONS = {
     "members": 1_000_000,
     "moves": 10_000,
 }  # of our options
+MOST_BYTES_TRIED = 2.5e8  # of an estimator that is built to see whether it can be; a run builds the others
 STAND_IN = RectangularRoom(width=1.0, length=1.0)  # to check the rest on where the map cannot be built
 
 
@@ -31,11 +32,15 @@ def check_estimators(
     entries: list[EstimatorSection], problem: Problem | None, folder: Path, mistakes: Mistakes
 ) -> None:
     """Note what is wrong with the estimators of a study; of a plug-in, only whether there is such a file."""
+    from ...filters.memory import memory_needed  # imports numba, which a refused study need not wait for
+
     labels: set[str] = set()
     for place, entry in enumerate(entries):
         at = ("estimators", place)
         if not mistakes.sound(*at):
             continue
+        if len(mistakes.noted) > MOST_TOLD:
+            break  # more is not told
         variants = entry.variants()
         if len(labels) + len(variants) > MOST_ESTIMATORS:
             mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
@@ -44,14 +49,20 @@ def check_estimators(
             if label in labels:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
             labels.add(label)
+        if not mistakes.sound(*at):
+            continue
         if entry.name in BUILT_IN:
             plugin = signature_of(entry.name, resolve(entry.name))
             if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
                 entry, variants, plugin, at, mistakes
             ):
+                there = problem or _stand_in()
                 for variant in variants:
+                    need = memory_needed(variant.name, there, variant.options, 1)
+                    if need is not None and need.kept > MOST_BYTES_TRIED:
+                        continue
                     try:
-                        build(variant.name, problem or _stand_in(), **variant.options)
+                        build(variant.name, there, **variant.options)
                     except Exception as error:
                         mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
         else:
@@ -140,7 +151,15 @@ def _sizes_fit(
                 return False
             if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
                 mistakes.add(
-                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {value:g}"
+                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {_short(value)}"
                 )
                 return False
     return True
+
+
+def _short(value: float) -> str:
+    """A number; whole ones may be too large for a float, or to be written."""
+    try:
+        return f"{value:g}"
+    except OverflowError:
+        return "one too large for a float"

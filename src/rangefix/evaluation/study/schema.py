@@ -16,6 +16,7 @@ from .sections.sensor import SensorSection
 from .sections.state import StateSection, TruthSection
 
 MOST_RUNS = 10**9
+LONGEST_NAME, LONGEST_TITLE = 200, 2000
 
 
 class AssumedSection(Section):
@@ -36,8 +37,10 @@ class StudySections(Section):
     """The sections and keys of a study, as its file has them."""
 
     model_config = ConfigDict(defer_build=True)
-    name: str = Field(default="study", min_length=1, pattern=r"^[^/\\]*[^/\\.][^/\\]*$")
-    title: str = ""
+    name: str = Field(
+        default="study", min_length=1, max_length=LONGEST_NAME, pattern=r"^[^/\\]*[^/\\.][^/\\]*$"
+    )
+    title: str = Field(default="", max_length=LONGEST_TITLE)
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)
     beliefs: bool = Field(default=False, description="whether to judge beliefs that can be sampled")

@@ -18,6 +18,7 @@ from ..measurement import check_measurement, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
+from .belief import check_joint_beams
 from .no_returns import is_counted
 
 
@@ -48,7 +49,7 @@ class EnsembleKalmanFilter(BriefRepr):
         members: How many, N; more than the state has components.
 
     Raises:
-        ValueError: If there are too few members.
+        ValueError: If there are too few members, or more than 4000 beams.
     """
 
     problem: Problem
@@ -58,6 +59,7 @@ class EnsembleKalmanFilter(BriefRepr):
         size = self.problem.space.size
         if self.members != int(self.members) or self.members <= size:
             raise ValueError(f"members must be a whole number above {size}, got {self.members}")
+        check_joint_beams(self.problem)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> EnsembleBelief:
         """N draws from the prior for every run."""

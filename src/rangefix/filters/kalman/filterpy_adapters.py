@@ -18,7 +18,7 @@ from ..estimator import Estimate
 from ..measurement import check_reading, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions
+from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions, check_joint_beams
 from .no_returns import with_missing_returns
 
 
@@ -46,7 +46,14 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
     """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
 
     Its options are those of `ExtendedKalmanFilter`.
+
+    Raises:
+        ValueError: If an option is out of its range, or there are more than 4000 beams.
     """
+
+    def __post_init__(self) -> None:
+        LinearisedOptions.__post_init__(self)
+        check_joint_beams(self.problem)
 
     def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
         """Mean through the motion, covariance through its Jacobian; control (k,)."""
