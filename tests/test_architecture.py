@@ -102,7 +102,7 @@ cli
 evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
-evaluation.figures
+evaluation.figures evaluation.comparison evaluation.trials
 evaluation.consistency
 evaluation.results evaluation.study
 evaluation.study.sections evaluation.isolation

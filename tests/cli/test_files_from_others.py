@@ -19,7 +19,7 @@ import rangefix
 from rangefix.cli import main, tables
 from rangefix.errors import printable
 from rangefix.evaluation import Experiment, NamedEstimator, load, run, summarise, to_csv
-from rangefix.evaluation.consistency.worst_runs import worst_runs, worst_runs_csv
+from rangefix.evaluation.comparison.worst_runs import worst_runs, worst_runs_csv
 from rangefix.evaluation.monte_carlo import backends
 from rangefix.evaluation.results import MANIFEST
 

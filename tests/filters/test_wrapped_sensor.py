@@ -12,8 +12,8 @@ from numpy.random import Generator
 
 from rangefix.arrays import Array, BoolArray
 from rangefix.evaluation import Experiment, Named
-from rangefix.evaluation.monte_carlo.evidence_floor import evidence_floor
 from rangefix.evaluation.monte_carlo.simulate import simulate
+from rangefix.evaluation.trials.evidence_floor import evidence_floor
 from rangefix.filters import (
     Gaussian,
     Noise,

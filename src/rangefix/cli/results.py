@@ -49,7 +49,7 @@ def compare(
 ) -> None:
     """What differs between two results, or between the estimators of one, and what of it may be chance."""
     from ..evaluation import load
-    from ..evaluation.consistency.compare import compare as compared
+    from ..evaluation.comparison.compare import compare as compared
 
     if b is None:
         _compare_estimators(a, as_json)

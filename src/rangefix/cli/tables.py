@@ -16,7 +16,7 @@ from rich.text import Text
 
 from ..errors import printable
 from ..evaluation import PairedComparison, Results, Row
-from ..evaluation.consistency.compare import Comparison, Difference
+from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import MIN_EFFECTIVE, Metric

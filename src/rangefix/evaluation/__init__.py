@@ -1,16 +1,16 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
+from .comparison.paired import PairedComparison, compare_estimators
+from .comparison.worst_runs import WorstRun, worst_runs
 from .consistency.averages import ratio_interval
 from .consistency.from_arrays import coverage, credibility, noncredibility
 from .consistency.gates import check_gates, parse_gates
 from .consistency.intervals import Interval, mean_interval, share_interval
 from .consistency.metrics import Metric, RunBlock
-from .consistency.paired import PairedComparison, compare_estimators
 from .consistency.row import Row, to_csv
 from .consistency.scores import anees_band, is_positive, nees
 from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
-from .consistency.worst_runs import WorstRun, worst_runs
 from .experiment import Experiment, NamedEstimator
 from .monte_carlo import ClusterTls, Progress, repeat_run, run
 from .report import write_report

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, load_study, run, summarise
-from rangefix.evaluation.monte_carlo.built_estimator import BuiltEstimator
-from rangefix.evaluation.monte_carlo.evidence_floor import evidence_floor
-from rangefix.evaluation.monte_carlo.trial import Trial
+from rangefix.evaluation.trials.built_estimator import BuiltEstimator
+from rangefix.evaluation.trials.evidence_floor import evidence_floor
+from rangefix.evaluation.trials.trial import Trial
 
 from ..conftest import PriorOnly, make_problem
 

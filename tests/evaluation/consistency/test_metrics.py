@@ -22,8 +22,8 @@ from rangefix.evaluation import (
     to_csv,
     write_report,
 )
+from rangefix.evaluation.comparison.compare import compare
 from rangefix.evaluation.consistency import metrics as table
-from rangefix.evaluation.consistency.compare import compare
 from rangefix.evaluation.consistency.gates import need_sound
 from rangefix.evaluation.consistency.metrics import COMPONENT, METRICS, Metric, RunBlock, metrics
 

@@ -13,7 +13,7 @@ from rangefix.cli import main
 from rangefix.evaluation import Experiment, NamedEstimator, Results, parse_study, run
 from rangefix.evaluation.isolation import look
 from rangefix.evaluation.isolation.checks import run_checks_isolated
-from rangefix.evaluation.monte_carlo import guard
+from rangefix.evaluation.trials import guard
 from rangefix.filters.checks import check_names
 
 from ..conftest import make_problem

@@ -11,9 +11,9 @@ import pytest
 from scipy.stats import chi2
 
 from rangefix.evaluation import Experiment, parse_study, stream, streams
-from rangefix.evaluation.monte_carlo.evidence_floor import ALLOWANCE, evidence_floor
 from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.seeds import Streams
+from rangefix.evaluation.trials.evidence_floor import ALLOWANCE, evidence_floor
 from rangefix.filters import (
     BeamMixture,
     Gaussian,

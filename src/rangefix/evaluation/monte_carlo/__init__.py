@@ -1,4 +1,4 @@
-"""Runs and trials: simulated, shared among processes, timed and kept."""
+"""Studies run part by part: simulated, shared among processes, saved and resumed."""
 
 from .backends import ClusterTls
 from .one_run import OneRun, repeat_run

@@ -18,9 +18,9 @@ from ..experiment import Experiment, NamedEstimator
 from ..isolation import machine_memory_gb, undisturbed
 from ..results import MAX_RUNS_IN_MEMORY, FolderLayout, ResultsError, trials_path
 from ..seeds import Streams
-from .built_estimator import BuiltEstimator
+from ..trials.built_estimator import BuiltEstimator
+from ..trials.trial import Trial
 from .simulate import simulate
-from .trial import Trial
 from .worker import Worker
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from ..comparison.worst_runs import worst_runs, worst_runs_csv
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
-from ..consistency.worst_runs import worst_runs, worst_runs_csv
 from ..experiment import Experiment, NamedEstimator
 from ..results import (
     MANIFEST,

@@ -15,12 +15,12 @@ from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
 from ..isolation import Lost, Raised, begin_piece, undisturbed
 from ..results import failed_outcome, part_arrays
-from .batch_size import batch_size
-from .built_estimator import BuiltEstimator
-from .evidence_floor import evidence_floor
-from .guard import GuardedEstimator
+from ..trials.batch_size import batch_size
+from ..trials.built_estimator import BuiltEstimator
+from ..trials.evidence_floor import evidence_floor
+from ..trials.guard import GuardedEstimator
+from ..trials.trial import Trial
 from .simulate import Simulation, simulate
-from .trial import Trial
 
 
 class Task(NamedTuple):

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..comparison.paired import compare_estimators
+from ..comparison.worst_runs import WorstRun, worst_runs
 from ..consistency.formatting import format_factor, format_interval
 from ..consistency.gates import Gate, GateLine, check_gates
-from ..consistency.paired import compare_estimators
 from ..consistency.row import Row
 from ..consistency.summarise import run_blocks, summarise
 from ..consistency.verdict import CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall
-from ..consistency.worst_runs import WorstRun, worst_runs
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
 from .tables import Table, accuracy, overview, scores

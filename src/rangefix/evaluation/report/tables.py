@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from ..comparison.paired import PairedComparison
 from ..consistency.formatting import beams_in_words, format_interval, format_number, format_percent, unit
 from ..consistency.intervals import UNKNOWN, Interval, uniform_p_value
 from ..consistency.metrics import Metric
-from ..consistency.paired import PairedComparison
 from ..consistency.row import Row
 
 SMALLEST_P_VALUE_SHOWN = 1e-6

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import Experiment, nees, run, worst_runs
-from rangefix.evaluation.consistency.worst_runs import worst_runs_csv
+from rangefix.evaluation.comparison.worst_runs import worst_runs_csv
 from rangefix.evaluation.results import results as whole
 
 from ..conftest import PriorOnly, make_problem

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
+from ..consistency.intervals import Interval, Moments
+from ..consistency.summarise import summarise
 from ..results import Results, Trials
 from .compare import LEVEL
-from .intervals import Interval, Moments
-from .summarise import summarise
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import STATUSES, stream
-from rangefix.evaluation.monte_carlo.batch_size import batch_size, nbytes
-from rangefix.evaluation.monte_carlo.built_estimator import BuiltEstimator
-from rangefix.evaluation.monte_carlo.timing import seconds_per_update
-from rangefix.evaluation.monte_carlo.trial import Trial
+from rangefix.evaluation.trials.batch_size import batch_size, nbytes
+from rangefix.evaluation.trials.built_estimator import BuiltEstimator
+from rangefix.evaluation.trials.timing import seconds_per_update
+from rangefix.evaluation.trials.trial import Trial
 from rangefix.filters import EachRun, Estimate
 
 from ..conftest import PriorOnly, make_problem

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import STATUSES, Experiment, NamedEstimator, experiment, run
-from rangefix.evaluation.monte_carlo import guard
-from rangefix.evaluation.monte_carlo.built_estimator import BuiltEstimator
-from rangefix.evaluation.monte_carlo.guard import GuardedEstimator
-from rangefix.evaluation.monte_carlo.trial import Trial
 from rangefix.evaluation.results.outcome import is_covariance
+from rangefix.evaluation.trials import guard
+from rangefix.evaluation.trials.built_estimator import BuiltEstimator
+from rangefix.evaluation.trials.guard import GuardedEstimator
+from rangefix.evaluation.trials.trial import Trial
 
 from ..conftest import PriorOnly, make_problem
 

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.special import bdtr
 
 from ...arrays import Array
+from ..consistency.intervals import Interval, Moments
+from ..consistency.metrics import Metric, RunBlock, metrics
+from ..consistency.summarise import run_blocks
 from ..results import Results
-from .intervals import Interval, Moments
-from .metrics import Metric, RunBlock, metrics
-from .summarise import run_blocks
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
 COMPARED_AS = {"G": "mse", "P": "claimed"}  # run by run they are no covariances

@@ -11,9 +11,9 @@ from itertools import product
 import numpy as np
 
 from ...arrays import Array
+from ..consistency.row import csv_cell
+from ..consistency.scores import nees
 from ..results import Results
-from .row import csv_cell
-from .scores import nees
 
 MOST_RUNS_KEPT = 10  # runs of an estimator on a set of beams
 

@@ -1,0 +1,1 @@
+"""Comparisons: two results, the estimators of one study on the same truths, and its worst runs."""
