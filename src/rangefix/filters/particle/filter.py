@@ -49,6 +49,7 @@ PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in betw
 SUM_ROUNDING = 1e-12  # of a covariance summed over particles
 MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
 MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
+MOST_RANGES_IN_STAGES = 1e7  # particles times beams
 MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
 DEFAULT_RESAMPLING, DEFAULT_MOVES = "systematic", 3
 
@@ -99,6 +100,7 @@ class ParticleFilter(BriefRepr):
                 f"regularise and temper must be true or false, got {self.regularise!r}, {self.temper!r}"
             )
         self._check_effect()
+        self._check_size()
 
     def _check_effect(self) -> None:
         """Refuse options that would do nothing beside the others.
@@ -123,6 +125,21 @@ class ParticleFilter(BriefRepr):
             for name in names:
                 if given[name]:
                     raise ValueError(f"{name} does nothing beside {beside}: leave one of the two out")
+
+    def _check_size(self) -> None:
+        """Refuse stages over so many ranges that one measurement would take minutes.
+
+        Raises:
+            ValueError: If there are more.
+        """
+        ranges = self.particles * len(self.problem.sensor.bearings)
+        moved = self.regularise and self.bandwidth is None and self.resample_below > 0
+        if moved and self.temper is not False and ranges > MOST_RANGES_IN_STAGES:
+            raise ValueError(
+                f"{self.particles} particles with {len(self.problem.sensor.bearings)} beams are {ranges:.2g} "
+                f"ranges in each of many stages, more than {MOST_RANGES_IN_STAGES:.0e}: take fewer beams or "
+                "particles, or temper = false"
+            )
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
         """N draws from the prior for every run, all of equal weight."""
