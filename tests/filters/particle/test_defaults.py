@@ -164,6 +164,6 @@ def test_stages_over_too_many_ranges_are_refused():
     room, space = RectangularRoom(width=4.0, length=6.0), position_space()
     sensor = Rangefinder(room, np.linspace(0, 6, 10_000), Gaussian(0.05), space)
     problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
-    with pytest.raises(ValueError, match="2000 particles with 10000 beams are 2e.07 ranges"):
+    with pytest.raises(ValueError, match=r"2000 particles with 10000 beams are 2e\+07 ranges"):
         build("particle", problem)
     assert build("particle", problem, temper=False)
