@@ -73,7 +73,7 @@ def test_another_study_is_refused_unless_forced(tmp_path: Path) -> None:
     assert said == [f"{tmp_path}: the results of 'mine' are removed"]
     assert load(tmp_path).manifest["name"] == "other"
     left = {name for name in files(tmp_path) if not name.startswith("parts/")}
-    assert left == {"manifest.json", "summary.csv", "scene.npz", "figures/mine.png"}
+    assert left == {"manifest.json", "summary.csv", "worst_runs.csv", "scene.npz", "figures/mine.png"}
     assert (tmp_path / "parts" / "notes.txt").exists()
     assert not list(tmp_path.rglob("00000004-*.npz"))
 
