@@ -80,7 +80,8 @@ def run(
     gates = parse_gates(gate or ())
     described = load_study(study, runs=runs, seed=seed, map_path=map_path)
     experiment = described.experiment()
-    need_sound(gates, tuple(experiment.estimators), experiment.assumed_problem.space.names, described.beliefs)
+    names = experiment.assumed_problem.space.names
+    need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs))
     for warning in described.warnings:
         print(f"rangefix: {warning}", file=sys.stderr)
     folder = Path("results") / described.name if out is None else out

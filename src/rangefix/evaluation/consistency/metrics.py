@@ -19,7 +19,7 @@ from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
-from ..results import BeliefScores, Status
+from ..results import BeliefScores, HalfArray, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
@@ -42,6 +42,7 @@ class RunBlock:
         improbable: Which met measurements that the estimator's model all but excludes, (K,).
         status: Codes of `Status` of the planned runs, (M,).
         belief: What draws from the beliefs come to, of the runs that have them; None if none has.
+        draws: Some of these draws as `results/draws.py` keeps them, (K, S, n); None if there are none.
     """
 
     def __init__(
@@ -54,9 +55,10 @@ class RunBlock:
         improbable: BoolArray | None = None,
         status: NDArray[np.int8] | None = None,
         belief: BeliefScores | None = None,
+        draws: HalfArray | None = None,
     ) -> None:
         runs = len(errors)
-        self.names, self.errors, self.covariance = names, errors, covariance
+        self.names, self.errors, self.covariance, self.draws = names, errors, covariance, draws
         self.log_evidence = np.full(runs, np.nan) if log_evidence is None else log_evidence
         self.improbable = np.zeros(runs, dtype=bool) if improbable is None else improbable
         self.status = np.zeros(runs, dtype=np.int8) if status is None else status

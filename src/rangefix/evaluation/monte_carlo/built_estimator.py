@@ -11,9 +11,19 @@ from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
 from ...filters.estimator import filtered
 from ...filters.plugin_line import plugin_line
+from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator
 from ..isolation import Stage, begin_piece, begin_stage, memory_hint
-from ..results import BeliefScores, Outcome, concatenate, failed_outcome, with_status
+from ..results import (
+    KEPT_DRAWS,
+    BeliefScores,
+    HalfArray,
+    Outcome,
+    concatenate,
+    failed_outcome,
+    keep_draws,
+    with_status,
+)
 from ..seeds import Streams
 from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
@@ -63,7 +73,8 @@ class BuiltEstimator(NamedTuple):
         """
         rngs = Streams(self.trial.seed, "estimator", runs)
         outcome = failed_outcome(measurement.shape, self.trial.problem.space.size)
-        scores: list[BeliefScores | None] = []
+        scores: list[BeliefScores] = []
+        kept: list[HalfArray] = []
         stage = Stage(verb="init", step=0)
 
         def begin(verb: str, step: int) -> None:
@@ -88,24 +99,23 @@ class BuiltEstimator(NamedTuple):
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
-                if truth is not None:
-                    from ..consistency.belief_scores import judge_belief
-
+                if self.trial.keep_draws or truth is not None:
                     begin("sample", step)
-                    true, space = truth[:, step], self.trial.problem.space
-                    scores.append(
-                        judge_belief(self.estimator, belief, true, space, self.trial.seed, runs, step)
-                    )
+                    space, size = self.trial.problem.space, KEPT_DRAWS if truth is None else RANK_DRAWS
+                    draws = draw_belief(self.estimator, belief, size, self.trial.seed, runs, step)
+                    if draws is not None and truth is not None:
+                        scores.append(measure(draws, truth[:, step], space))
+                    if draws is not None and self.trial.keep_draws:
+                        draws = choose_draws(draws, KEPT_DRAWS, self.trial.seed, runs, step)
+                        offsets = space.difference(draws, outcome.mean[:, step, None])
+                        kept.append(keep_draws(offsets, outcome.covariance[:, step]))
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = message_of(error) or "no message"
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
             where = plugin_line(error.__traceback__)
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
-        if not (known := [score for score in scores if score is not None]):
-            return outcome
-        from ..consistency.belief_scores import belief_arrays
-
-        return outcome._replace(beliefs=belief_arrays(known))
+        outcome = outcome._replace(draws=np.stack(kept, axis=1) if kept else None)
+        return outcome._replace(beliefs=belief_arrays(scores)) if scores else outcome
 
     def run(
         self,

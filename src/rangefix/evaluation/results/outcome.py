@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray, IntArray
 from ...errors import cut
+from .draws import HalfArray
 
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 PREFIX = "belief_"  # of the arrays in a part
@@ -44,7 +45,8 @@ def failures_of(counts: IntArray) -> dict[str, int]:
 class Outcome(NamedTuple):
     """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok.
 
-    Where beliefs are judged and the estimator can sample them, also what `belief_scores.py` says of them.
+    Where the estimator can sample its beliefs, also some draws (M, T, S, n) as `draws.py` keeps them and, if
+    beliefs are judged, what `belief_scores.py` says of them.
     """
 
     mean: Array
@@ -53,6 +55,7 @@ class Outcome(NamedTuple):
     status: NDArray[np.int8]
     reasons: dict[int, str]
     beliefs: Mapping[str, Array] = {}
+    draws: HalfArray | None = None
 
 
 def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, reason: str = "") -> Outcome:
@@ -129,7 +132,16 @@ def concatenate(outcomes: list[Outcome]) -> Outcome:
         unknown = (np.full((len(outcome.status), *array.shape[1:]), np.nan) for outcome in outcomes)
         pairs = zip(outcomes, unknown, strict=True)
         beliefs[name] = np.concatenate([outcome.beliefs.get(name, nan) for outcome, nan in pairs])
-    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs)
+    drawn = next((outcome.draws for outcome in outcomes if outcome.draws is not None), None)
+    draws = None if drawn is None else np.concatenate([_draws_or_nan(each, drawn) for each in outcomes])
+    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs, draws)
+
+
+def _draws_or_nan(outcome: Outcome, like: HalfArray) -> HalfArray:
+    """The draws of an outcome; NaN of the shape of another's where it has none."""
+    if outcome.draws is not None:
+        return outcome.draws
+    return np.full((len(outcome.status), *like.shape[1:]), np.nan, dtype=np.float16)
 
 
 class BeliefScores(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
+from .draws import KEPT_DRAWS
 from .files import ResultsError
 from .folder import FolderLayout, trials_path, world_path
 from .npz import Form, Forms, read_part
@@ -35,6 +36,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         "failed": np.array(failed, dtype=np.int64),
         "reasons": np.array([outcome.reasons[place][:LONGEST_REASON] for place in failed], dtype=str),
         **outcome.beliefs,
+        **({} if outcome.draws is None else {"draws": outcome.draws}),
     }
 
 
@@ -102,7 +104,8 @@ def _most(plan: FolderLayout, first: int, end: int) -> int:
     """Bytes that a part may have."""
     steps, size, beams = plan.shape
     numbers = steps * (6 * size * size + 20 * size + beams + 20)
-    return (end - first) * (8 * numbers + 4 * LONGEST_REASON) + OVERHEAD
+    drawn = steps * KEPT_DRAWS * size * 2
+    return (end - first) * (8 * numbers + drawn + 4 * LONGEST_REASON) + OVERHEAD
 
 
 def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
@@ -120,6 +123,7 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
         "status": Form((runs,), "|i1"),
         "failed": Form((None,), "<i8"),
         "reasons": Form((None,), "U"),
+        "draws": Form((*each, KEPT_DRAWS, size), "<f2", optional=True),
         **{PREFIX + name: Form((*each, *ends[name]), optional=True) for name in BeliefScores._fields},
     }
 

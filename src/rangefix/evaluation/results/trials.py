@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
+from .draws import HalfArray
 from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
 from .parts import read_trials, read_world
@@ -31,6 +32,8 @@ class Trials:
         reasons: Run -> why it is not ok.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
+        draws: Some draws from the beliefs as `draws.py` keeps them, (M, T, S, n); NaN where the trial failed.
+            None where none were drawn.
     """
 
     estimator: str
@@ -42,6 +45,7 @@ class Trials:
     status: NDArray[np.int8]
     reasons: Mapping[int, str] = field(default_factory=dict)
     beliefs: Mapping[str, Array] = field(default_factory=dict)
+    draws: HalfArray | None = None
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
@@ -55,6 +59,7 @@ class Trials:
             status=self.status[runs],
             reasons={run: text for run, text in self.reasons.items() if first <= run < end},
             beliefs={name: array[runs] for name, array in self.beliefs.items()},
+            draws=None if self.draws is None else self.draws[runs],
         )
 
     def __repr__(self) -> str:
@@ -148,6 +153,7 @@ class InFolder:
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
+        draws: HalfArray | None = None
         for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
@@ -160,10 +166,14 @@ class InFolder:
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
+            if (found := part.get("draws")) is not None:
+                if draws is None:
+                    draws = np.full((runs, *found.shape[1:]), np.nan, dtype=np.float16)
+                draws[mine] = found[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):
                 if first <= low + int(place) < end:
                     reasons[low + int(place)] = str(reason)
-        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, **arrays)
+        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, draws=draws, **arrays)
 
 
 def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:
