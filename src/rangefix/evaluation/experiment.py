@@ -74,9 +74,9 @@ class Experiment:
             for builders that are Python objects.
         plugin_memory_gb: Memory that the process of an estimator with a time limit may take, GB; half of the
             machine's, at most 8, unless given.
-        beliefs: Of estimators that can sample their beliefs: True: judge the beliefs themselves by ranks of the
-            truth, energy score, main mode (`belief_scores.py`), in about a millisecond a run and step. None:
-            draw just what verdicts need (`null_distribution.py`). False: draw nothing.
+        beliefs: What to do with the beliefs of estimators that can sample them. True: judge them by ranks of
+            the truth, energy score, main mode (`belief_scores.py`), in about a millisecond a run and step.
+            None: draw just what verdicts need (`null_distribution.py`). False: draw nothing.
 
     Raises:
         ValueError: If any of these does not fit.

@@ -1,4 +1,4 @@
-"""Verdicts over a thousand repeated studies: how often exact filters are accused, and how often faults are seen.
+"""Verdicts over a thousand repeated studies: how often exact filters are accused, and faults are seen.
 
 By hand, for the figures in docs/report.md: python -m tests.evaluation.consistency.test_verdict_rates 1000
 """
@@ -87,9 +87,11 @@ EXACT = {
 }
 NEIGHBOURS = {  # of the same kind, between what shows in few runs and what does not
     f"{100 * share:g} % at {distance:g} deviations": bimodal(share, distance)
-    for share, distance in ((0.01, 5.0), (0.01, 10.0), (0.005, 12.0), (0.002, 12.0), (0.002, 20.0), (0.03, 6.0),
-                            (0.0005, 50.0), (0.0002, 200.0))
-}  # fmt: skip
+    for share, distance in (
+        *((0.01, 5.0), (0.01, 10.0), (0.005, 12.0), (0.002, 12.0)),
+        *((0.002, 20.0), (0.03, 6.0), (0.0005, 50.0), (0.0002, 200.0)),
+    )
+}
 FAULTS = {  # name -> case, and the share of studies of 100 runs accused by the rules of before, %
     "covariance x 0.8": (Case.wrong(gaussian, 0.8, 0.8), 59.4),
     "covariance x 1.25": (Case.wrong(gaussian, 1.25, 1.25), 41.5),
@@ -123,7 +125,7 @@ def test_exact_filters_are_accused_no_more_than_stated(name, runs, drawn):
 @pytest.mark.study
 @pytest.mark.parametrize("name", FAULTS)
 def test_faults_are_seen_no_less_than_before(name):
-    """1000 studies of 100 runs; three standard errors of the difference of two such shares are allowed for."""
+    """1000 studies of 100 runs; three standard errors of the difference of two such shares allowed."""
     case, before = FAULTS[name]
     share = before / 100
     assert accused(case, 100, 1000) / 1000 >= share - 3 * np.sqrt(2 * share * (1 - share) / 1000)
@@ -147,19 +149,17 @@ def test_a_claim_that_is_far_off_is_seen_without_samples_too():
         assert accused(Case.wrong(gaussian, scale, scale), 250, 20, drawn=False) >= 15
 
 
+def tell(name: str, case: Case, runs: int, studies: int, drawn: bool) -> None:
+    found = kinds(case, runs, studies, drawn)
+    share = 1 - sum(found[kind] for kind in NO_ALARM) / studies
+    print(f"{name}, {runs} runs, {'' if drawn else 'no '}samples: {share:.1%}", dict(found), flush=True)
+
+
 if __name__ == "__main__":
-    studies = int(sys.argv[1])
-    only = sys.argv[2:]
-    for name, case in (EXACT | NEIGHBOURS).items():
-        for drawn in (True, False):
+    for drawn in (True, False):
+        for name, (case, _) in FAULTS.items():
+            for runs in (100, 1000):
+                tell(name, case, runs, int(sys.argv[1]), drawn)
+        for name, case in (EXACT | NEIGHBOURS).items():
             for runs in SIZES:
-                if not only or name in only:
-                    found = kinds(case, runs, studies, drawn)
-                    share = 1 - sum(found[kind] for kind in NO_ALARM) / studies
-                    print(f"{name}, {runs} runs, {'' if drawn else 'no '}samples: {share:.1%}", dict(found), flush=True)
-    for name, (case, before) in FAULTS.items():
-        for runs, drawn in ((100, True), (1000, True), (100, False), (1000, False)):
-            if not only or name in only:
-                found = kinds(case, runs, studies, drawn)
-                share = 1 - sum(found[kind] for kind in NO_ALARM) / studies
-                print(f"{name}, {runs} runs, {'' if drawn else 'no '}samples: {share:.1%} ({before} %)", dict(found), flush=True)
+                tell(name, case, runs, int(sys.argv[1]), drawn)

@@ -146,7 +146,7 @@ def draw_belief(
 
 
 def choose_draws(draws: Array, size: int, seed: int, runs: Iterable[int], step: int) -> Array:
-    """Some of the draws (M, S, n) of each run in random order, (M, size, n): a plug-in may give them sorted."""
+    """Some draws (M, S, n) of each run in random order, (M, size, n): a plug-in may give them sorted."""
     rngs = streams(seed, f"kept draws {step}", runs)
     places = np.stack([rng.permutation(draws.shape[1])[:size] for rng in rngs])
     return np.take_along_axis(draws, places[..., None], axis=1)

@@ -1,4 +1,4 @@
-"""What the runs of a row say against "errors are what is claimed": p-values that hold for beliefs of any shape.
+"""What speaks against an estimator in a row: p-values that hold for beliefs of any shape.
 
 With draws from the beliefs the p-values are those of the distribution that the beliefs themselves claim.
 
@@ -10,15 +10,14 @@ Without draws only means and covariances are known, and of these:
 - Errors that are too SMALL may not be: a far mode that holds 1 % of each belief, 20 deviations off, makes the
   claim five times larger, and in 37 % of studies of 100 runs no truth lies there. But a mode lies in one
   direction. So caution is accused where errors are too small in all directions alike, by Mauchly's test of
-  sphericity, or plainly so in each; with one component, or where a component alone is too cautious, only from as
-  many runs as would show a mode of 0.2 %.
+  sphericity, or plainly so in each; with one component, or in a component alone, only from as many runs as
+  would show a mode of 0.2 %.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ from .row import Row
 
 ALIKE = 0.5  # p-value of Mauchly's test above which all directions count as alike
 PLAIN = 3.0  # standard errors by which every direction must be too small
-COMPONENT_RUNS = 100  # without draws and with fewer, p-values as small as components need are not to be relied on
+COMPONENT_RUNS = 100  # without draws and with fewer, p-values as small as components need do not hold
 SHAPE_OFF = 0.03  # share of truths that must lie elsewhere than believed for the shape to be named
 MARKOV = 20.0  # ANEES / n from which a single run is evidence
 
@@ -60,29 +59,46 @@ class Evidence:
         """Whether the p-values are those of draws from the beliefs, which have the covariance claimed."""
         return self.row.null is not None and self.row.null.coherent
 
-    @cached_property
+    @property
     def factor(self) -> Interval:
-        """ANEES / n with what is known of it: between which factors of the claims the errors have, 95 %."""
-        value, low, high = self._known("anees")
+        """ANEES / n with what the runs say of it at 95 %, few runs that make most of it included."""
+        value, low, high = self.row.anees
         return Interval(value, float(np.fmax(low, value / MARKOV)) if value > 1 else low, high)
 
     @property
+    def tolerance(self) -> Interval:
+        """ANEES / n, and by which factors all claims may be off for it to be what it is, at 95 %."""
+        value = self.row.anees.value
+        if self.row.null is None or not self.drawn or not math.isfinite(value):
+            return self.factor
+        _, _, least, most = self.row.null.scatter["anees"]
+        return Interval(value, value / most if most else 0.0, value / least if least else math.inf)
+
+    @property
     def too_large(self) -> float:
-        """One-sided p-value of squared errors as large as these, as a whole."""
+        """One-sided p-value of squared errors as large as these, as a whole; 1 if they are not too large."""
+        value, low, _ = self.row.anees
+        if not value > 1:
+            return 1.0
         if self.row.null is not None and self.drawn:
             return self.row.null.scatter["anees"].above
-        value, low, _ = self.row.anees
         p = self.row.p_values.get("anees", 0.0 if low > 1 else math.nan) / 2
-        return float(np.fmin(p, 0.5 / value)) if value > 1 else 1.0
+        return float(np.fmin(p, 0.5 / value))
 
     @property
     def too_small(self) -> float:
-        """One-sided p-value of squared errors as small as these, as a whole."""
+        """One-sided p-value of squared errors as small as these, as a whole; 1 if they are not too small."""
+        value, _, high = self.row.anees
+        if not value < 1:
+            return 1.0
         if self.row.null is not None and self.drawn:
             return self.row.null.scatter["anees"].below
-        value, _, high = self.row.anees
-        p = self.row.p_values.get("anees", 0.0 if high < 1 else math.nan) / 2
-        return p if value < 1 else 1.0
+        return self.row.p_values.get("anees", 0.0 if high < 1 else math.nan) / 2
+
+    @property
+    def scatters_about_one(self) -> bool:
+        """Whether ANEES / n agrees with 1 as far as its own scatter tells, whatever the beliefs say of it."""
+        return self.row.anees.low <= 1 <= self.row.anees.high
 
     @property
     def shows_caution(self) -> bool:
@@ -103,7 +119,7 @@ class Evidence:
         bound = level / (2 * len(self.row.names))
         shows_caution = self.drawn or self.row.ok >= SEEN
         return {
-            name: self._known(f"ratio_{name}")
+            name: ratio
             for name, ratio in zip(self.row.names, self.row.ratio, strict=True)
             if self._p_value(f"ratio_{name}") < bound and (ratio.value > 1 or shows_caution)
         }
@@ -118,7 +134,7 @@ class Evidence:
         }
 
     def shape(self, level: float) -> ShapeFault | None:
-        """The component, or distance, of which the shape of the beliefs is most plainly not that of the errors."""
+        """The component, or distance, in which beliefs most plainly have another shape than the errors."""
         if self.row.null is None or not self.drawn:
             return None
         faults = []
@@ -130,21 +146,13 @@ class Evidence:
                 faults.append(ShapeFault(name, float(shares[4]), p))
         return min(faults, key=lambda fault: fault.p_value, default=None)
 
-    def _known(self, figure: str) -> Interval:
-        """A figure that is 1 for the honest, and by which factors draws may be off to give it."""
-        value = self.row.figures[figure].value
-        if self.row.null is None or not self.drawn or not math.isfinite(value):
-            return self.row.figures[figure]
-        _, _, least, most = self.row.null.scatter[figure]
-        return Interval(value, value / most if most else 0.0, value / least if least else math.inf)
-
     def _p_value(self, figure: str) -> float:
         if self.row.null is not None and self.drawn:
             return self.row.null.scatter[figure].p_value
         return self.row.p_values.get(figure, 1.0) if self.row.ok >= COMPONENT_RUNS else 1.0
 
     def _p_of_bias(self, component: int) -> float:
-        """Of a mean error as large beside what is claimed, so that a far mode that did not occur is no bias."""
+        """Of a mean error as large beside what is claimed: a far mode that did not occur is no bias."""
         variance = float(self.row.P[component, component])
         if self.drawn or not variance > 0:
             return 0.0

@@ -1,10 +1,10 @@
 """How the figures of an estimator would scatter if each truth were a draw from its belief.
 
-That is what an exact Bayesian filter claims, whatever the shape of its beliefs: the truth and independent draws
-from the belief can be exchanged. So each draw is put in the truth's place, and sums over the runs of what the
-draws give have the distribution of the sum over the runs of what the truths give: long tails, rare far modes and
-all (a parametric bootstrap: Davison and Hinkley, Bootstrap Methods and their Application, 1997, section 4.2).
-Ranks of the truth among the draws are uniform (Talts et al., 2018).
+That is what an exact Bayesian filter claims, whatever the shape of its beliefs: the truth and independent
+draws from the belief can be exchanged. So draws are put in the place of the truths, and the sums over runs
+that they give have the distribution of the sum that the truths give, long tails, rare far modes and all (a
+parametric bootstrap: Davison and Hinkley, Bootstrap Methods and their Application, 1997, section 4.2). Ranks
+of the truth among the draws are uniform (Talts et al., 2018).
 
 Runs are added up in groups, so that no more memory is taken than for the sums of some dozen runs.
 """
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.special import gammainc, gammaincc, ndtr
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, BoolArray, IntArray
 from ..results import KEPT_DRAWS, kept_offsets
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval, Moments, uniform_p_value
@@ -107,7 +107,7 @@ class NullSums:
         """Add the runs of a block that have draws."""
         if block.draws is None:
             return
-        drawn = np.isfinite(block.draws).all((1, 2))
+        drawn: BoolArray = np.asarray(np.isfinite(block.draws).all((1, 2)))
         for first in range(0, len(drawn), SLAB):
             runs = np.flatnonzero(drawn[first : first + SLAB]) + first
             self._add(block, runs)
@@ -138,6 +138,8 @@ class NullSums:
             return None
         groups = self.sums[: min(GROUPS, self.runs)]
         studies = groups[np.arange(len(groups)), _choices(len(groups))].sum(1) / self.runs
+        middle = studies.mean(0)
+        studies = middle + np.sqrt(1 + 1 / KEPT_DRAWS) * (studies - middle)  # the middle is one of 39 draws
         size = len(self.names)
         variances = studies[:, 1 + size :] / np.where(claims > 0, claims, 1.0)
         columns = {"anees": studies[:, 0]}

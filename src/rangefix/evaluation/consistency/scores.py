@@ -57,7 +57,7 @@ def nees(errors: Array, covariance: Array) -> Array:
 
 
 def along_principal_axes(errors: Array, covariance: Array) -> Array:
-    """Errors along the principal axes of each claim, over the claimed deviations: (M, n), (M, n, n) -> (M, n).
+    """Errors (M, n) along the principal axes of each claim (M, n, n), in claimed deviations, (M, n).
 
     Squares add up to the NEES. NaN where the covariance is not positive definite.
     """

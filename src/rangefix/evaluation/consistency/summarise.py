@@ -161,5 +161,5 @@ class Accumulator:
             one_truth=one_truth,
             ranks=self.ranks if self.ranks.ndim else None,
             null=self.null.distribution(figures, claims.diagonal()) if drawn else None,
-            directions=np.linalg.eigvalsh(self.directions) / runs if sound else None,
+            directions=np.asarray(np.linalg.eigvalsh(self.directions) / runs, float) if sound else None,
         )

@@ -1,7 +1,7 @@
 """The figures of a row in words: whether an estimator's covariance may be trusted.
 
-An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`), whatever the
-shape of its beliefs: the levels below add up to it. What the p-values rest on is in `evidence.py`;
+An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`),
+whatever the shape of its beliefs. What the p-values rest on is in `evidence.py`;
 docs/report.md has what was measured.
 """
 
@@ -71,12 +71,11 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
-    known, value = evidence.factor, row.anees.value
+    known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
     level = (BY_COMPONENTS if evidence.drawn else BY_COMPONENTS_UNDRAWN) / family
     ratios, biases = evidence.ratios(level), evidence.biases(level)
     uneven = ", ".join(
-        ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name)
-        for name, ratio in ratios.items()
+        ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
     )
     biased = [_bias_words(name, bias) for name, bias in biases.items()]
     notes = (*([f"{uneven} (G over mean P)"] if uneven else []), *biased, *_ground(evidence), *_caveats(row))
@@ -85,6 +84,10 @@ def decide(row: Row, family: int = 1) -> Verdict:
         indefinite = f"in {share} of the runs its covariance is not positive definite"
         why = indefinite if row.indefinite.value else "in some runs its covariance all but vanishes"
         return Verdict("overconfident", known, "DO NOT TRUST: claims certainty, and errs", (why, *notes))
+    fault = evidence.shape(BY_SHAPE / family)
+    shape = "" if fault is None else f"errs as much as it claims, but {_shape_words(fault)}"
+    if shape and evidence.scatters_about_one and 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
+        return Verdict("shape", known, shape, notes)
     if evidence.too_large < TOO_LARGE / family:
         large = "DO NOT TRUST: " if value > LARGE_FACTOR else "a little "
         return Verdict("overconfident", known, large + _factor_words(known), (*_few(known), *notes))
@@ -99,15 +102,17 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if biased:
         told = f"errs as much as it claims, but is biased: {', '.join(biased)}"
         return Verdict("biased", known, told, notes)
-    if (fault := evidence.shape(BY_SHAPE / family)) is not None:
-        return Verdict("shape", known, f"errs as much as it claims, but {_shape_words(fault)}", notes)
+    if shape:
+        return Verdict("shape", known, shape, notes)
     if too_small:
         return Verdict("unsure", known, f"cannot tell with {row.ok} runs", (_unseen(known), *notes))
-    if not (known.low == known.low and known.high <= LARGE_FACTOR and known.low >= 1 / LARGE_FACTOR):
-        return Verdict("unsure", known, f"cannot tell with {row.ok} runs", (_needed(known, row.ok), *notes))
-    off = 100 * (max(known.high, 1 / known.low) - 1)
+    _, low, high = tolerance
+    if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
+        needed = _needed(tolerance, row.ok)
+        return Verdict("unsure", tolerance, f"cannot tell with {row.ok} runs", (needed, *notes))
+    off = 100 * (max(high, 1 / low) - 1)
     close = f"squared errors and claimed variances agree to within {off:.2g} %, at 95 % confidence"
-    return Verdict("honest", known, "honest: errs as it claims", (close, *notes))
+    return Verdict("honest", tolerance, "honest: errs as it claims", (close, *notes))
 
 
 def decide_overall(rows: Sequence[Row]) -> Verdict:
@@ -148,7 +153,11 @@ def _factor_words(known: Interval, component: str = "") -> str:
     if value == math.inf:
         return f"{said} by a factor of any number"
     if low < value / KNOWN:
-        return f"{said}, by how much is open" if low < 1.1 else f"{said} by a factor of at least {format_factor(low)}"
+        return (
+            f"{said}, by how much is open"
+            if low < 1.1
+            else f"{said} by a factor of at least {format_factor(low)}"
+        )
     if value < 1.1:
         return f"{said}, by {100 * (value - 1):.2g} %"
     ends = [format_factor(max(end, 1.0)) for end in (low, high)]
@@ -188,8 +197,8 @@ def _ground(evidence: Evidence) -> tuple[str, ...]:
 def _unseen(known: Interval) -> str:
     """Why errors that are too small are no evidence."""
     return (
-        f"squared errors are {format_number(known.value)} times what is claimed in these runs; it claims too much, or a "
-        "rare mode of its beliefs was not met: samples of its beliefs, or more runs, would tell"
+        f"squared errors are {format_number(known.value)} times what is claimed in these runs: it claims too "
+        "much, or a rare mode of its beliefs was not met; samples of its beliefs, or more runs, would tell"
     )
 
 

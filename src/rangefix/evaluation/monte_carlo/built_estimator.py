@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...arrays import Array, real_floats
 from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
@@ -114,7 +116,8 @@ class BuiltEstimator(NamedTuple):
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
             where = plugin_line(error.__traceback__)
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
-        outcome = outcome._replace(draws=np.stack(kept, axis=1) if kept else None)
+        if kept:
+            outcome = outcome._replace(draws=np.stack(kept, axis=1))
         return outcome._replace(beliefs=belief_arrays(scores)) if scores else outcome
 
     def run(
@@ -159,7 +162,7 @@ class BuiltEstimator(NamedTuple):
         outcome = with_status(*tried[:3])
         outcome.reasons.update(tried.reasons)
         outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
-        return outcome._replace(beliefs=tried.beliefs)
+        return outcome._replace(beliefs=tried.beliefs, draws=tried.draws)
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

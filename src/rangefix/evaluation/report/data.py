@@ -22,6 +22,7 @@ SIGNS: dict[Kind, tuple[str, str]] = {
     "cautious": ("\u2193", "too cautious"),
     "uneven": ("!", "uneven"),
     "biased": ("\u2192", "biased"),
+    "shape": ("~", "wrong shape"),
     "unsure": ("?", "cannot tell"),
     "failed": ("\u00d7", "no answer"),
 }

@@ -13,7 +13,7 @@ FARTHEST = 6e4  # claimed standard deviations; half precision ends at 65504
 
 
 def keep_draws(offsets: Array, covariance: Array) -> HalfArray:
-    """Draws less the estimate (..., S, n) in standard deviations of the claim (..., n, n), to three digits."""
+    """Draws less the estimate (..., S, n) in standard deviations of the claim (..., n, n): three digits."""
     return np.clip(offsets / _stds(covariance), -FARTHEST, FARTHEST).astype(np.float16)
 
 

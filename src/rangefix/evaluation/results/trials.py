@@ -166,10 +166,10 @@ class InFolder:
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
-            if (found := part.get("draws")) is not None:
+            if (kept := part.get("draws")) is not None:
                 if draws is None:
-                    draws = np.full((runs, *found.shape[1:]), np.nan, dtype=np.float16)
-                draws[mine] = found[its]
+                    draws = np.full((runs, *kept.shape[1:]), np.nan, dtype=np.float16)
+                draws[mine] = kept[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):
                 if first <= low + int(place) < end:
                     reasons[low + int(place)] = str(reason)

@@ -55,7 +55,8 @@ class Study(Section):
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)
     beliefs: bool | None = Field(
-        default=None, description="whether to judge beliefs that can be sampled; false: draw none, not even for verdicts"
+        default=None,
+        description="whether to judge beliefs that can be sampled; false: draw none, not even for verdicts",
     )
     timeout_s: float | None = Field(
         default=None, ge=0, description="longest that a trial may take; 0: any time"
