@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from .metrics import RunBlock
 
 GROUPS = 32  # of runs whose sums are drawn together; 39 draws each make 39^32 studies
-REPEATS = 2000  # studies that are drawn
-COUNTED = 10  # of them at least beyond a figure, or its p-value is that of a gamma law with the same moments
+REPEATS = 4000  # studies that are drawn
+COUNTED = 2  # of them at least beyond a figure, or its p-value is that of a gamma law with the same moments
 SLAB = 500  # runs at once, which stay in the cache
 COHERENT = 0.05  # by how much draws' squared distances may differ from those claimed, however sure it is
 INCOHERENT_P = 0.001  # p-value below which they do not differ by chance

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from .evidence import Evidence, ShapeFault
 from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
@@ -18,9 +18,7 @@ from .intervals import Interval
 from .row import Row
 
 LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
-BY_ANEES = 0.05  # two-sided level of its 95 % interval: half of it is that of overconfidence
-TOO_LARGE, TOO_SMALL, BY_COMPONENTS, BY_SHAPE = BY_ANEES / 2, 0.015, 0.01, 0.01  # p-values that accuse
-TOO_SMALL_UNDRAWN, BY_COMPONENTS_UNDRAWN = 0.01, 0.005  # the same without draws: Hall's are not exact
+BY_ANEES = 0.05  # two-sided level of its 95 % interval, beyond which it accuses where there are no draws
 CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
@@ -29,6 +27,19 @@ Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "shape
 WORST_FIRST: tuple[Kind, ...] = (
     "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "honest",
 )  # fmt: skip
+
+
+class Levels(NamedTuple):
+    """p-values below which figures accuse: one-sided for ANEES, two-sided for all components together."""
+
+    too_large: float
+    too_small: float
+    components: float
+    shape: float
+
+
+WITH_DRAWS = Levels(0.024, 0.0125, 0.007, 0.005)  # they may add up to 6 %
+WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
 
 
 @dataclass(frozen=True)
@@ -72,8 +83,8 @@ def decide(row: Row, family: int = 1) -> Verdict:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
     known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
-    level = (BY_COMPONENTS if evidence.drawn else BY_COMPONENTS_UNDRAWN) / family
-    ratios, biases = evidence.ratios(level), evidence.biases(level)
+    levels = Levels(*(level / family for level in (WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS)))
+    ratios, biases = evidence.ratios(levels.components), evidence.biases(levels.components)
     uneven = ", ".join(
         ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
     )
@@ -84,14 +95,14 @@ def decide(row: Row, family: int = 1) -> Verdict:
         indefinite = f"in {share} of the runs its covariance is not positive definite"
         why = indefinite if row.indefinite.value else "in some runs its covariance all but vanishes"
         return Verdict("overconfident", known, "DO NOT TRUST: claims certainty, and errs", (why, *notes))
-    fault = evidence.shape(BY_SHAPE / family)
+    fault = evidence.shape(levels.shape)
     shape = "" if fault is None else f"errs as much as it claims, but {_shape_words(fault)}"
     if shape and evidence.scatters_about_one and 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
         return Verdict("shape", known, shape, notes)
-    if evidence.too_large < TOO_LARGE / family:
+    if evidence.too_large < levels.too_large:
         large = "DO NOT TRUST: " if value > LARGE_FACTOR else "a little "
         return Verdict("overconfident", known, large + _factor_words(known), (*_few(known), *notes))
-    too_small = evidence.too_small < (TOO_SMALL if evidence.drawn else TOO_SMALL_UNDRAWN) / family
+    too_small = evidence.too_small < levels.too_small
     if too_small and evidence.shows_caution:
         large = "too " if value * LARGE_FACTOR < 1 else "a little "
         return Verdict("cautious", known, large + _factor_words(known), notes)

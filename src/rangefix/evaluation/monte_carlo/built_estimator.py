@@ -114,6 +114,7 @@ class BuiltEstimator(NamedTuple):
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = message_of(error) or "no message"
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
+            text += "; beliefs = false draws nothing" if stage.verb == "sample" else ""
             where = plugin_line(error.__traceback__)
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
         if kept:
