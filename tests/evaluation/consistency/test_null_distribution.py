@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
 from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.consistency.null_distribution import NullSums
+from rangefix.evaluation.consistency.verdict import short_factor
 from rangefix.evaluation.results import KEPT_DRAWS, keep_draws, kept_offsets, load
 from rangefix.filters import build
 
@@ -167,6 +168,7 @@ def test_few_runs_that_make_a_factor_are_told():
     assert found.kind == "overconfident"
     assert "by a factor of at least" in found.words
     assert any("a few runs make most of" in note for note in found.notes)
+    assert short_factor(found.factor).endswith(" or more")
 
 
 def test_a_factor_of_one_is_told_in_per_cent():
@@ -176,6 +178,7 @@ def test_a_factor_of_one_is_told_in_per_cent():
     assert found.kind == "overconfident"
     assert found.words.startswith("a little overconfident, by ")
     assert found.words.endswith(" %")
+    assert short_factor(found.factor).startswith("by ")
 
 
 def test_no_answer_is_no_verdict_on_trust():

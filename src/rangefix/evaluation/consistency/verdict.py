@@ -156,19 +156,31 @@ def _size(factor: Interval) -> float:
     return abs(math.log(factor.value)) if 0 < factor.value < math.inf else math.inf
 
 
+def short_factor(known: Interval) -> str:
+    """By how much squared errors are larger or smaller than claimed, as a badge shows it; "" if that is open."""
+    value, low, _ = _as_factor(known)
+    if low < value / KNOWN:
+        return f"\u00d7 {format_factor(low)} or more" if low >= 1.1 else ""
+    return f"\u00d7 {format_factor(value)}" if value >= 1.1 else f"by {100 * (value - 1):.2g} %"
+
+
+def _as_factor(known: Interval) -> Interval:
+    """The same as a factor of 1 or more, also where errors are smaller than claimed."""
+    if known.value > 1:
+        return known
+    return Interval(*(1 / end if end else math.inf for end in (known.value, known.high, known.low)))
+
+
 def _factor_words(known: Interval, component: str = "") -> str:
     """How much larger or smaller than claimed squared errors are, as far as that is known."""
-    over, where = known.value > 1, f" in {component}" if component else ""
-    said = f"{'overconfident' if over else 'cautious'}{where}"
-    value, low, high = known if over else (1 / end if end else math.inf for end in (known[0], *known[:0:-1]))
+    where = f" in {component}" if component else ""
+    said = f"{'overconfident' if known.value > 1 else 'cautious'}{where}"
+    value, low, high = _as_factor(known)
     if value == math.inf:
         return f"{said} by a factor of any number"
     if low < value / KNOWN:
-        return (
-            f"{said}, by how much is open"
-            if low < 1.1
-            else f"{said} by a factor of at least {format_factor(low)}"
-        )
+        least = f" by a factor of at least {format_factor(low)}"
+        return said + (least if low >= 1.1 else ", by how much is open")
     if value < 1.1:
         return f"{said}, by {100 * (value - 1):.2g} %"
     ends = [format_factor(max(end, 1.0)) for end in (low, high)]

@@ -7,11 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..consistency.formatting import format_factor, format_interval
+from ..consistency.formatting import format_interval
 from ..consistency.gates import Gate, GateLine, check_gates
 from ..consistency.row import Row
 from ..consistency.summarise import run_blocks, summarise
-from ..consistency.verdict import CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall
+from ..consistency.verdict import (
+    CERTAIN,
+    LARGE_FACTOR,
+    Kind,
+    Verdict,
+    decide,
+    decide_overall,
+    short_factor,
+)
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
 from .tables import Table, overview, scores
@@ -45,7 +53,7 @@ class Badge(NamedTuple):
             if 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
                 word = f"a little {word.removeprefix('too ')}"
             if with_factor:
-                word += f" \u00d7 {format_factor(max(value, 1 / value))}"
+                word = f"{word} {short_factor(verdict.factor)}".rstrip()
         return cls(sign, word, colour(verdict))
 
 
