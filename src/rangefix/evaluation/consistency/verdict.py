@@ -157,7 +157,7 @@ def _size(factor: Interval) -> float:
 
 
 def short_factor(known: Interval) -> str:
-    """By how much squared errors are larger or smaller than claimed, as a badge shows it; "" if that is open."""
+    """By how much squared errors are larger or smaller than claimed, for a badge; "" if that is open."""
     value, low, _ = _as_factor(known)
     if low < value / KNOWN:
         return f"\u00d7 {format_factor(low)} or more" if low >= 1.1 else ""
