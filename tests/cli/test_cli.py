@@ -298,7 +298,7 @@ def test_some_failed(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     rows = {(row["estimator"], row["beams"]): row for row in json.loads(said.out)["rows"]}
     assert said.code == 1
     assert rows["broken", "1"]["ok"] == 0
-    assert rows["broken", "1"]["verdict"] == "no run went well"
+    assert rows["broken", "1"]["verdict"] == "gave no answer"
     assert rows["point-mass", "1"]["ok"] == 12
 
 

@@ -143,7 +143,8 @@ def run(
     tls = _tls(cluster, cluster_tls_ca, cluster_tls_cert, cluster_tls_key)
     described = load_study(study, runs=runs, seed=seed, map_path=map_path, plugins=not no_plugins)
     experiment = described.experiment()
-    need_sound(gates, tuple(experiment.estimators), experiment.assumed_problem.space.names, described.beliefs)
+    names = experiment.assumed_problem.space.names
+    need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs))
     folder = Path("results") / described.name if out is None else out
     if only_run is not None:
         from .one_run import show_run

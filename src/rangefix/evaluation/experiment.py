@@ -79,8 +79,9 @@ class Experiment:
             for builders that are Python objects.
         plugin_memory_gb: Memory that the process of an estimator with a time limit may take, GB; half of the
             machine's, at most 8, unless given.
-        beliefs: Whether to judge the beliefs themselves, of estimators that can sample them: ranks of the
-            truth, energy score, main mode (`belief_scores.py`). It takes about a millisecond a run and step.
+        beliefs: What to do with the beliefs of estimators that can sample them. True: judge them by ranks of
+            the truth, energy score, main mode (`belief_scores.py`), in about a millisecond a run and step.
+            None: draw just what verdicts need (`null_distribution.py`). False: draw nothing.
 
     Raises:
         ValueError: If any of these does not fit.
@@ -102,7 +103,7 @@ class Experiment:
     sources: Sequence[str] = ()
     timeout: float | None = None
     plugin_memory_gb: float | None = None
-    beliefs: bool = False
+    beliefs: bool | None = None
 
     def __post_init__(self) -> None:
         if not self.estimators:

@@ -1,6 +1,6 @@
 """Verdicts on planted truths; false alarms no more often than stated.
 
-By hand, for the figures in docs/report.md: python -m tests.evaluation.consistency.test_verdict 400 FOLDER
+By hand, of the point-mass filter: python -m tests.evaluation.consistency.test_verdict 400 FOLDER
 """
 
 from __future__ import annotations

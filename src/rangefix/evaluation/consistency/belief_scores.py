@@ -130,8 +130,26 @@ def judge_belief(
     Raises:
         ValueError: If `sample` gives draws of the wrong shape or not finite.
     """
-    draws = sample_belief(estimator, belief, RANK_DRAWS, streams(seed, f"belief {step}", runs))
+    draws = draw_belief(estimator, belief, RANK_DRAWS, seed, runs, step)
     return None if draws is None else measure(draws, truth, space)
+
+
+def draw_belief(
+    estimator: Any, belief: Any, size: int, seed: int, runs: Iterable[int], step: int
+) -> Array | None:
+    """Draws from the beliefs of some runs, (M, size, n); None if the estimator cannot sample.
+
+    Raises:
+        ValueError: If `sample` gives draws of the wrong shape or not finite.
+    """
+    return sample_belief(estimator, belief, size, streams(seed, f"belief {step}", runs))
+
+
+def choose_draws(draws: Array, size: int, seed: int, runs: Iterable[int], step: int) -> Array:
+    """Some draws (M, S, n) of each run in random order, (M, size, n): a plug-in may give them sorted."""
+    rngs = streams(seed, f"kept draws {step}", runs)
+    places = np.stack([rng.permutation(draws.shape[1])[:size] for rng in rngs])
+    return np.take_along_axis(draws, places[..., None], axis=1)
 
 
 def belief_arrays(steps: Sequence[BeliefScores]) -> dict[str, Array]:

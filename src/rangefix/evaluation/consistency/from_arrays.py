@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from ...arrays import Array, wrap
-from ..results import Status
+from ...arrays import Array, BoolArray, wrap
+from ..results import KEPT_DRAWS, HalfArray, Status, keep_draws
 from .intervals import LEVEL, Interval, share_interval
 from .metrics import METRICS, RunBlock
 from .row import Row
@@ -57,6 +57,7 @@ def credibility(
     angles: Sequence[bool] | None = None,
     names: Sequence[str] | None = None,
     label: str = "",
+    draws: Array | None = None,
 ) -> Row:
     """Whether the covariances that an estimator claims mean anything, from your own runs.
 
@@ -67,6 +68,8 @@ def credibility(
         angles: Which components are angles (rad), whose errors are taken the short way round.
         names: Names of the components; x1, x2, ... unless given.
         label: Name of the estimator in the row.
+        draws: Independent draws from the belief of each run, (M, S, n) with S of 39 or more, of which the
+            first 39 are used. With them the verdict holds for beliefs of any shape, and judges the shape.
 
     Returns:
         One row. Runs with a number that is not finite are left out and counted as failed ("nan").
@@ -90,11 +93,27 @@ def credibility(
     names = tuple(names) if names is not None else _names(size)
     if len(names) != size:
         raise ValueError(f"{size} components have {len(names)} names")
+    kept = None if draws is None else _kept(np.asarray(draws, dtype=float), mean, covariance, turning)
     errors = np.where(turning, wrap(truth - mean), truth - mean)
     sound = np.isfinite(errors).all(-1) & np.isfinite(covariance).all((-2, -1))
     status = np.where(sound, Status.OK.code, Status.NAN.code)
-    block = RunBlock(names, errors[sound], covariance[sound], status=status.astype(np.int8))
+    block = RunBlock(
+        names,
+        errors[sound],
+        covariance[sound],
+        status=status.astype(np.int8),
+        draws=None if kept is None else kept[sound],
+    )
     return Accumulator.of(block).row(label)
+
+
+def _kept(draws: Array, mean: Array, covariance: Array, turning: BoolArray) -> HalfArray:
+    """Draws as results keep them."""
+    runs, size = mean.shape
+    if draws.ndim != 3 or draws.shape[::2] != (runs, size) or draws.shape[1] < KEPT_DRAWS:
+        raise ValueError(f"draws must be ({runs}, {KEPT_DRAWS} or more, {size}), got {draws.shape}")
+    offsets = draws[:, :KEPT_DRAWS] - mean[:, None]
+    return keep_draws(np.where(turning, wrap(offsets), offsets), covariance)
 
 
 def _names(size: int) -> tuple[str, ...]:

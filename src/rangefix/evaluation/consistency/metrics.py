@@ -20,7 +20,7 @@ from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
-from ..results import BeliefScores, Status
+from ..results import BeliefScores, HalfArray, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
@@ -45,6 +45,7 @@ class RunBlock:
         status: Codes of `Status` of the planned runs, (M,).
         diagnostics: What the estimator says of its own computation, by the names in `DIAGNOSTICS`, (K,) each.
         belief: What draws from the beliefs come to, of the runs that have them; None if none has.
+        draws: Some of these draws as `results/draws.py` keeps them, (K, S, n); None if there are none.
     """
 
     def __init__(
@@ -58,9 +59,10 @@ class RunBlock:
         status: NDArray[np.int8] | None = None,
         belief: BeliefScores | None = None,
         diagnostics: Mapping[str, Array] = MappingProxyType({}),
+        draws: HalfArray | None = None,
     ) -> None:
         runs = len(errors)
-        self.names, self.errors, self.covariance = names, errors, covariance
+        self.names, self.errors, self.covariance, self.draws = names, errors, covariance, draws
         self.log_evidence = np.full(runs, np.nan) if log_evidence is None else log_evidence
         self.improbable = np.zeros(runs, dtype=bool) if improbable is None else improbable
         self.status = np.zeros(runs, dtype=np.int8) if status is None else status

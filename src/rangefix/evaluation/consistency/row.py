@@ -15,6 +15,7 @@ from ..results import FAILURES, html_table
 from .formatting import beams_in_words, factor, format_interval, format_number
 from .intervals import UNKNOWN, Interval, uniform_p_value
 from .metrics import LEVELS, Metric, Place, metrics
+from .null_distribution import NullDistribution
 from .scores import anees_band
 
 FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # begin so
@@ -78,7 +79,10 @@ class Row:
         p_values: Figure -> p-value against an honest estimator: see `intervals.py`.
         one_truth: Whether all runs have the same true state: an exact Bayesian filter is honest on average
             over its prior, and need not be at one place of it.
-        ranks: See `BeliefSummary`; None where beliefs were not sampled.
+        ranks: See `BeliefSummary`; None where beliefs were not judged.
+        null: How figures scatter where truths are draws from the beliefs; None without draws of all runs.
+        directions: Mean squared errors over claimed variances along lines at right angles in the frame of the
+            claims' principal axes, the least and the largest first and last, (n,); their mean is ANEES / n.
     """
 
     estimator: str
@@ -95,6 +99,8 @@ class Row:
     p_values: dict[str, float] = field(default_factory=dict)
     one_truth: bool = False
     ranks: Array | None = None
+    null: NullDistribution | None = None
+    directions: Array | None = None
 
     g = _components("G", "Diagonal of G.")
     p = _components("P", "Diagonal of P.")

@@ -56,6 +56,18 @@ def nees(errors: Array, covariance: Array) -> Array:
     return np.where(positive, result, wrong)
 
 
+def along_principal_axes(errors: Array, covariance: Array) -> Array:
+    """Errors (M, n) along the principal axes of each claim (M, n, n), in claimed deviations, (M, n).
+
+    Squares add up to the NEES. NaN where the covariance is not positive definite.
+    """
+    values, axes = np.linalg.eigh(covariance)
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(1)[:, None], axis=1)
+    along = np.einsum("mij,mi->mj", np.where(largest < 0, -axes, axes), errors)
+    positive = (values > 0).all(-1, keepdims=True)
+    return np.where(positive, along / np.sqrt(np.where(positive, values, 1.0)), np.nan)
+
+
 def anees_band(runs: int, size: int, level: float = LEVEL) -> tuple[float, float]:
     """Where ANEES / n would lie for Gaussian posteriors: a REFERENCE only, theirs are not Gaussian here.
 

@@ -16,7 +16,9 @@ from .averages import AVERAGES, Mean
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval
 from .metrics import Metric, RunBlock, metrics
+from .null_distribution import NullSums
 from .row import Row
+from .scores import along_principal_axes
 
 PASSES = 3  # over the runs: means; what varies about the means; what varies about G
 
@@ -70,6 +72,7 @@ def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> l
             status=trials.status,
             belief=trials.belief(step, ok),
             diagnostics={name: array[ok, step] for name, array in trials.diagnostics.items()},
+            draws=None if trials.draws is None else trials.draws[ok, step],
         )
         for step in range(errors.shape[1])
     ]
@@ -84,6 +87,7 @@ class Accumulator:
         self.averages: dict[str, dict[str, Mean]] = {metric.name: {} for metric in self.table}
         self.squares, self.claims = np.zeros((2, len(names), len(names)))
         self.ranks: Array = np.zeros(())
+        self.null, self.directions = NullSums(names), np.zeros((len(names), len(names)))
 
     @classmethod
     def of(cls, runs: RunBlock, table: Sequence[Metric] | None = None) -> Accumulator:
@@ -100,6 +104,9 @@ class Accumulator:
             self.counts += np.bincount(runs.status, minlength=len(STATUSES))
             self.squares = self.squares + runs.errors.T @ runs.errors
             self.claims = self.claims + runs.covariance.sum(0)
+            self.null.add(runs)
+            whitened = along_principal_axes(runs.errors, runs.covariance)
+            self.directions = self.directions + whitened.T @ whitened
             if runs.belief is not None:
                 ranks = (*runs.belief.ranks.T, runs.belief.distance_rank)
                 self.ranks = self.ranks + np.stack([rank_histogram(column) for column in ranks])
@@ -135,7 +142,10 @@ class Accumulator:
         one_truth: bool = False,
     ) -> Row:
         """The row after all passes."""
-        runs = self.runs or np.nan
+        runs, figures = self.runs or np.nan, self.figures()
+        claims = self.claims / runs
+        drawn = self.null.runs == self.runs  # not if a batch of the runs could not be sampled
+        sound = bool(self.runs) and bool(np.isfinite(self.directions).all())
         return Row(
             estimator=estimator,
             beams=beams,
@@ -145,10 +155,12 @@ class Accumulator:
             ok=self.runs,
             failures=failures_of(self.counts),
             G=self.squares / runs,
-            P=self.claims / runs,
-            figures=self.figures(),
+            P=claims,
+            figures=figures,
             seconds=seconds,
             p_values=self.p_values(),
             one_truth=one_truth,
             ranks=self.ranks if self.ranks.ndim else None,
+            null=self.null.distribution(figures, claims.diagonal()) if drawn else None,
+            directions=np.asarray(np.linalg.eigvalsh(self.directions) / runs, float) if sound else None,
         )

@@ -1,13 +1,8 @@
 """The figures of a row in words: whether an estimator's covariance may be trusted.
 
-An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`), mostly
-through ANEES, else through its components and bias. docs/report.md has what was measured.
-
-Two things about ANEES / n of an exact filter go into the rules. Its NEES may have a long tail: where a second
-mode holds 1 % of a belief, 1 % of the runs have an error many times the usual. As long as none of these has
-occurred the mean looks too small, so caution needs a smaller p-value than overconfidence. And the mean is k
-or more with probability 1 / k at most, for any number of runs (Markov's inequality): 20 or more is evidence
-even where a single run makes it and no interval can be given.
+An exact filter gets another verdict than "honest" or "cannot tell" in at most 6 % of rows (`ALARMS`),
+whatever the shape of its beliefs. What the p-values rest on is in `evidence.py`;
+docs/report.md has what was measured.
 """
 
 from __future__ import annotations
@@ -15,23 +10,37 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
+from .evidence import Evidence, ShapeFault
 from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
 from .intervals import Interval
 from .metrics import MIN_EFFECTIVE
 from .row import Row
 
 LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
-BY_ANEES, BY_CAUTION, BY_COMPONENTS = 0.05, 0.02, 0.005  # two-sided p-values below which a figure accuses
+BY_ANEES = 0.05  # two-sided level of its 95 % interval, beyond which it accuses where there are no draws
 CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
-COMPONENT_RUNS = 100  # with fewer, p-values as small as components need are not to be relied on
 MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
-Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "unsure", "failed"]
+KNOWN = 2.0  # a factor whose lower bound is further from it is known as "at least" that bound
+Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed"]
 WORST_FIRST: tuple[Kind, ...] = (
-    "overconfident", "uneven", "biased", "cautious", "failed", "unsure", "honest",
+    "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "honest",
 )  # fmt: skip
+
+
+class Levels(NamedTuple):
+    """p-values below which figures accuse: one-sided for ANEES, two-sided for all components together."""
+
+    too_large: float
+    too_small: float
+    components: float
+    shape: float
+
+
+WITH_DRAWS = Levels(0.0265, 0.0105, 0.006, 0.004)  # 4.7 %: draws of 39 studies scatter themselves
+WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
 
 
 @dataclass(frozen=True)
@@ -41,8 +50,9 @@ class Verdict:
     Attributes:
         kind: "honest"; "overconfident", "cautious": squared errors are larger, smaller than claimed;
             "uneven": right on the whole, wrong in single components; "biased": right on the whole, but for a
-            mean error; "unsure": too few runs; "failed": no run went well.
-        factor: ANEES / n with its 95 % interval: squared error over claimed variance.
+            mean error; "shape": the covariance is right, the tails or the symmetry of the belief are not;
+            "unsure": too few runs; "failed": it gave no answer.
+        factor: ANEES / n, squared error over claimed variance, with what is known of it at 95 %.
         words: One phrase.
         notes: What else a reader must know, a sentence each.
     """
@@ -54,10 +64,8 @@ class Verdict:
 
     @property
     def severe(self) -> bool:
-        """Whether it must not be trusted: much more error than claimed, or no answer at all."""
-        return self.kind in ("uneven", "failed") or (
-            self.kind == "overconfident" and self.factor.value > LARGE_FACTOR
-        )
+        """Whether it must not be trusted: much more error than claimed."""
+        return self.kind == "uneven" or (self.kind == "overconfident" and self.factor.value > LARGE_FACTOR)
 
     @property
     def overconfident(self) -> bool:
@@ -70,42 +78,53 @@ def decide(row: Row, family: int = 1) -> Verdict:
 
     Args:
         row: The row.
-        family: Rows among which false alarms are to be as rare as stated for one (Bonferroni). With 1, the
-            verdict is "overconfident" wherever the 95 % interval of ANEES / n lies above 1.
+        family: Rows among which false alarms are to be as rare as stated for one (Bonferroni).
     """
-    value, low, high = row.anees
     if not row.ok:
-        return Verdict("failed", row.anees, "no run went well", _caveats(row))
-    ratios, biases = (_suspects(row, figure, family) for figure in ("ratio", "bias"))
+        return Verdict("failed", row.anees, "gave no answer", _caveats(row))
+    evidence = Evidence(row)
+    known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
+    levels = Levels(*(level / family for level in (WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS)))
+    ratios, biases = evidence.ratios(levels.components), evidence.biases(levels.components)
     uneven = ", ".join(
-        ("" if ratio > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
+        ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
     )
     biased = [_bias_words(name, bias) for name, bias in biases.items()]
-    notes = (*([f"{uneven} (G over mean P)"] if uneven else []), *biased, *_caveats(row))
+    notes = (*([f"{uneven} (G over mean P)"] if uneven else []), *biased, *_ground(evidence), *_caveats(row))
     if value > CERTAIN:
         share = format_percent(row.indefinite.value)
         indefinite = f"in {share} of the runs its covariance is not positive definite"
         why = indefinite if row.indefinite.value else "in some runs its covariance all but vanishes"
-        return Verdict("overconfident", row.anees, "DO NOT TRUST: claims certainty, and errs", (why, *notes))
-    p = row.p_values.get("anees", math.nan if low <= 1 <= high else 0.0)
-    if value > 1 and (p < BY_ANEES / family or value > family / BY_ANEES):
+        return Verdict("overconfident", known, "DO NOT TRUST: claims certainty, and errs", (why, *notes))
+    fault = evidence.shape(levels.shape)
+    shape = "" if fault is None else f"errs as much as it claims, but {_shape_words(fault)}"
+    if shape and evidence.scatters_about_one and 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
+        return Verdict("shape", known, shape, notes)
+    if evidence.too_large < levels.too_large:
         large = "DO NOT TRUST: " if value > LARGE_FACTOR else "a little "
-        return Verdict("overconfident", row.anees, large + _factor_words(value), notes)
-    if value < 1 and p < BY_CAUTION / family:
+        return Verdict("overconfident", known, large + _factor_words(known), (*_few(known), *notes))
+    too_small = evidence.too_small < levels.too_small
+    if too_small and evidence.shows_caution:
         large = "too " if value * LARGE_FACTOR < 1 else "a little "
-        return Verdict("cautious", row.anees, large + _factor_words(value), notes)
+        return Verdict("cautious", known, large + _factor_words(known), notes)
     if uneven:
-        over = any(ratio > 1 for ratio in ratios.values())
+        over = any(ratio.value > 1 for ratio in ratios.values())
         kind: Kind = "uneven" if over else "cautious"
-        return Verdict(kind, row.anees, "DO NOT TRUST: " * over + uneven, notes)
+        return Verdict(kind, known, "DO NOT TRUST: " * over + uneven, notes)
     if biased:
         told = f"errs as much as it claims, but is biased: {', '.join(biased)}"
-        return Verdict("biased", row.anees, told, notes)
+        return Verdict("biased", known, told, notes)
+    if shape:
+        return Verdict("shape", known, shape, notes)
+    if too_small:
+        return Verdict("unsure", known, f"cannot tell with {row.ok} runs", (_unseen(known), *notes))
+    _, low, high = tolerance
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
-        return Verdict("unsure", row.anees, f"cannot tell with {row.ok} runs", (_needed(row), *notes))
+        needed = _needed(tolerance, row.ok)
+        return Verdict("unsure", tolerance, f"cannot tell with {row.ok} runs", (needed, *notes))
     off = 100 * (max(high, 1 / low) - 1)
     close = f"squared errors and claimed variances agree to within {off:.2g} %, at 95 % confidence"
-    return Verdict("honest", row.anees, "honest: errs as it claims", (close, *notes))
+    return Verdict("honest", tolerance, "honest: errs as it claims", (close, *notes))
 
 
 def decide_overall(rows: Sequence[Row]) -> Verdict:
@@ -138,20 +157,73 @@ def _size(factor: Interval) -> float:
     return abs(math.log(factor.value)) if 0 < factor.value < math.inf else math.inf
 
 
-def _factor_words(value: float, component: str = "") -> str:
-    """How much larger or smaller than claimed squared errors are, on the whole or in a component."""
-    kind, where = "overconfident" if value > 1 else "cautious", f" in {component}" if component else ""
-    return f"{kind}{where} by a factor of {format_factor(max(value, 1 / value)) if value else 'any number'}"
+def short_factor(known: Interval) -> str:
+    """By how much squared errors are larger or smaller than claimed, for a badge; "" if that is open."""
+    value, low, _ = _as_factor(known)
+    if low < value / KNOWN:
+        return f"\u00d7 {format_factor(low)} or more" if low >= 1.1 else ""
+    return f"\u00d7 {format_factor(value)}" if value >= 1.1 else f"by {100 * (value - 1):.2g} %"
 
 
-def _suspects(row: Row, figure: str, family: int) -> dict[str, float]:
-    """Components whose figure speaks against the estimator; a circular mean may be biased by rights."""
-    level = BY_COMPONENTS / (2 * len(row.names) * family) if row.ok >= COMPONENT_RUNS else 0.0
-    return {
-        name: row.figures[f"{figure}_{name}"].value
-        for name in row.names
-        if row.p_values.get(f"{figure}_{name}", math.nan) < level and (figure, name) != ("bias", "heading")
-    }
+def _as_factor(known: Interval) -> Interval:
+    """The same as a factor of 1 or more, also where errors are smaller than claimed."""
+    if known.value > 1:
+        return known
+    return Interval(*(1 / end if end else math.inf for end in (known.value, known.high, known.low)))
+
+
+def _factor_words(known: Interval, component: str = "") -> str:
+    """How much larger or smaller than claimed squared errors are, as far as that is known."""
+    where = f" in {component}" if component else ""
+    said = f"{'overconfident' if known.value > 1 else 'cautious'}{where}"
+    value, low, high = _as_factor(known)
+    if value == math.inf:
+        return f"{said} by a factor of any number"
+    if low < value / KNOWN:
+        least = f" by a factor of at least {format_factor(low)}"
+        return said + (least if low >= 1.1 else ", by how much is open")
+    if value < 1.1:
+        return f"{said}, by {100 * (value - 1):.2g} %"
+    ends = [format_factor(max(end, 1.0)) for end in (low, high)]
+    told = f" ({ends[0]} to {ends[1]})" if ends[0] != ends[1] and high < math.inf else ""
+    return f"{said} by a factor of {format_factor(value)}{told}"
+
+
+def _few(known: Interval) -> tuple[str, ...]:
+    """A note where a few runs make most of the factor."""
+    if known.low * KNOWN >= known.value:
+        return ()
+    ends = f"{format_number(known.value)} [{format_number(known.low)}, {format_number(known.high)}]"
+    return (f"a few runs make most of ANEES / n = {ends}",)
+
+
+def _shape_words(fault: ShapeFault) -> str:
+    """In which way the shape of the beliefs is not that of the errors."""
+    share = format_percent(fault.inner)
+    if fault.name:
+        return f"its beliefs in {fault.name} have another shape ({share} of truths in their lower half)"
+    if abs(fault.inner - 0.5) < 0.03:
+        return "its beliefs have another shape"
+    tails = "heavier" if fault.inner > 0.5 else "lighter"
+    return f"with {tails} tails than it believes ({share} of truths in the nearer half of its beliefs)"
+
+
+def _ground(evidence: Evidence) -> tuple[str, ...]:
+    """What the verdict rests on, where that is not draws from all beliefs."""
+    if evidence.drawn:
+        return ()
+    if (null := evidence.row.null) is None:
+        return ("judged by means and covariances alone, for want of samples of its beliefs",)
+    claimed = format_number(null.claimed.value)
+    return (f"its samples have {claimed} times the squared distances that it claims: judged without them",)
+
+
+def _unseen(known: Interval) -> str:
+    """Why errors that are too small are no evidence."""
+    return (
+        f"squared errors are {format_number(known.value)} times what is claimed in these runs: it claims too "
+        "much, or a rare mode of its beliefs was not met; samples of its beliefs, or more runs, would tell"
+    )
 
 
 def _bias_words(name: str, bias: float) -> str:
@@ -181,13 +253,13 @@ def _caveats(row: Row) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _needed(row: Row) -> str:
+def _needed(known: Interval, runs: int) -> str:
     """How many runs would tell, the interval shrinking as their root."""
-    _, low, high = row.anees
+    _, low, high = known
     if not (0 < low < math.inf and 0 < high < math.inf):
         return "too few runs for an interval"
     wide = max(math.log(high), -math.log(low)) / math.log(LARGE_FACTOR)
-    about = row.ok * wide**2
+    about = runs * wide**2
     digits = 10 ** max(0, math.floor(math.log10(about)) - 1)
     return (
         f"squared errors may be {format_number(low)} to {format_number(high)} times what is claimed; about "

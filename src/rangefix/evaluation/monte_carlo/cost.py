@@ -16,7 +16,7 @@ from ...filters import EachRun, Estimator
 from ...filters.estimator import filtered
 from ..experiment import Experiment, NamedEstimator
 from ..isolation import machine_memory_gb, undisturbed
-from ..results import MAX_RUNS_IN_MEMORY, FolderLayout, ResultsError, trials_path
+from ..results import KEPT_DRAWS, MAX_RUNS_IN_MEMORY, FolderLayout, ResultsError, trials_path
 from ..seeds import Streams
 from ..trials.built_estimator import BuiltEstimator
 from ..trials.trial import Trial
@@ -26,7 +26,7 @@ from .worker import Worker
 if TYPE_CHECKING:
     from ...filters.memory import MemoryNeed
 
-FLOAT = 8  # bytes
+HALF, FLOAT = 2, 8  # bytes
 COPIES = 4  # of the arrays of a block of runs, while it is simulated, masked, tried and saved
 PART_BYTES = 4000  # of a part beside its numbers
 WORTH_TELLING_BYTES, WORTH_TELLING_S = 1e9, 60.0
@@ -74,7 +74,8 @@ def check_memory(
         raise ValueError(f"the limit of memory must be positive, got {limit_gb} GB")
     runs, steps = min(experiment.block, experiment.runs), experiment.steps
     size, beams = experiment.truth.space.size, len(experiment.truth.sensor.bearings)
-    world, trials = FLOAT * steps * (size + beams), FLOAT * steps * (size * size + size + 2)
+    drawn = 0 if experiment.beliefs is False else KEPT_DRAWS
+    world, trials = FLOAT * steps * (size + beams), steps * trial_bytes(size, drawn)
     pairs = len(experiment.estimators) * len(experiment.beam_sets)
     whole = in_memory or experiment.runs <= MAX_RUNS_IN_MEMORY
     read = experiment.runs if in_memory else min(experiment.runs, MAX_RUNS_IN_MEMORY)
@@ -123,8 +124,18 @@ def estimator_needs(experiment: Experiment) -> dict[str, MemoryNeed]:
     return needs
 
 
-def check_disk(folder: Path, plan: FolderLayout) -> float:
+def trial_bytes(size: int, drawn: int) -> int:
+    """Bytes of the estimate of one run and step, of so many components, and of the draws from its belief."""
+    return FLOAT * (size * size + size + 2) + HALF * drawn * size
+
+
+def check_disk(folder: Path, plan: FolderLayout, drawn: int) -> float:
     """Compare what the arrays of a plan take with what the disk has.
+
+    Args:
+        folder: The folder of results.
+        plan: What is to be there.
+        drawn: Draws that are kept of each belief, at most.
 
     Returns:
         Bytes that they take.
@@ -134,7 +145,7 @@ def check_disk(folder: Path, plan: FolderLayout) -> float:
     """
     steps, size, beams = plan.shape
     pairs = len(plan.estimators) * len(plan.beams)
-    needed = FLOAT * plan.runs * steps * (size + beams + pairs * (size * size + size + 2))
+    needed = plan.runs * steps * (FLOAT * (size + beams) + pairs * trial_bytes(size, drawn))
     needed += PART_BYTES * (1 + pairs) * -(-plan.runs // plan.block)
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
@@ -181,7 +192,7 @@ def time_needed(
     if not any(left.values()):
         return TimeNeed(0.0, 0.0, {})
     simulating = _until_slow(lambda runs: _seconds(lambda: simulate(experiment, 0, runs)) / runs, plan.runs)
-    keeping = experiment.steps * (KEEPING_S + JUDGING_S * experiment.beliefs)
+    keeping = experiment.steps * (KEEPING_S + JUDGING_S * bool(experiment.beliefs))
     total, each = max(left.values()) * simulating, dict[str, float]()
     processes = min(workers, cpu_count() or 1)
     for (label, beams), runs in left.items():

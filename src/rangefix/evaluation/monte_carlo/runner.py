@@ -14,6 +14,7 @@ from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..experiment import Experiment, NamedEstimator
 from ..results import (
+    KEPT_DRAWS,
     MANIFEST,
     SCENE,
     SUMMARY,
@@ -153,7 +154,7 @@ def run(
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
-        disk = check_disk(folder, plan)
+        disk = check_disk(folder, plan, 0 if experiment.beliefs is False else KEPT_DRAWS)
         stack.enter_context(locked(folder))
         older = what_is_older(folder, plan, experiment.name, force)
         if not isinstance(study, Experiment):

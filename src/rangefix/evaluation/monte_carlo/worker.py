@@ -50,7 +50,8 @@ class Worker:
     def trial(self) -> Trial:
         """What all estimators are put to."""
         moves = read_only(self.experiment.control_sequence.copy())
-        return Trial(self.experiment.assumed_problem, moves, self.experiment.seed)
+        keep_draws = self.experiment.beliefs is not False
+        return Trial(self.experiment.assumed_problem, moves, self.experiment.seed, keep_draws)
 
     def estimator(self, label: str) -> BuiltEstimator | GuardedEstimator:
         """The estimator, built in this process; where its trials have a time limit, in a separate one.

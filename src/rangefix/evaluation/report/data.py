@@ -9,11 +9,19 @@ from typing import NamedTuple
 
 from ..comparison.paired import compare_estimators
 from ..comparison.worst_runs import WorstRun, worst_runs
-from ..consistency.formatting import format_factor, format_interval
+from ..consistency.formatting import format_interval
 from ..consistency.gates import Gate, GateLine, check_gates
 from ..consistency.row import Row
 from ..consistency.summarise import run_blocks, summarise
-from ..consistency.verdict import CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall
+from ..consistency.verdict import (
+    CERTAIN,
+    LARGE_FACTOR,
+    Kind,
+    Verdict,
+    decide,
+    decide_overall,
+    short_factor,
+)
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
 from .tables import Table, accuracy, overview, scores
@@ -24,6 +32,7 @@ SIGNS: dict[Kind, tuple[str, str]] = {
     "cautious": ("\u2193", "too cautious"),
     "uneven": ("!", "uneven"),
     "biased": ("\u2192", "biased"),
+    "shape": ("~", "wrong shape"),
     "unsure": ("?", "cannot tell"),
     "failed": ("\u00d7", "no answer"),
 }
@@ -46,7 +55,7 @@ class Badge(NamedTuple):
             if 1 / LARGE_FACTOR <= value <= LARGE_FACTOR:
                 word = f"a little {word.removeprefix('too ')}"
             if with_factor:
-                word += f" \u00d7 {format_factor(max(value, 1 / value))}"
+                word = f"{word} {short_factor(verdict.factor)}".rstrip()
         return cls(sign, word, colour(verdict))
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray, IntArray
 from ...errors import cut
+from .draws import HalfArray
 
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 DIAGNOSTICS = ("effective_particles",)  # what an estimator may say of its own computation, by array name
@@ -45,8 +46,9 @@ def failures_of(counts: IntArray) -> dict[str, int]:
 class Outcome(NamedTuple):
     """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok.
 
-    Where beliefs are judged and the estimator can sample them, also what `belief_scores.py` says of them; and
-    of `DIAGNOSTICS`, (M, T) each, those that the estimator has.
+    Where the estimator can sample its beliefs, also some draws (M, T, S, n) as `draws.py` keeps them and, if
+    beliefs are judged, what `belief_scores.py` says of them; and of `DIAGNOSTICS`, (M, T) each, those that
+    the estimator has.
     """
 
     mean: Array
@@ -56,6 +58,7 @@ class Outcome(NamedTuple):
     reasons: dict[int, str]
     beliefs: Mapping[str, Array] = {}
     diagnostics: Mapping[str, Array] = {}
+    draws: HalfArray | None = None
 
 
 def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, reason: str = "") -> Outcome:
@@ -132,7 +135,9 @@ def concatenate(outcomes: list[Outcome]) -> Outcome:
         _joined(batches, runs)
         for batches in zip(*((outcome.beliefs, outcome.diagnostics) for outcome in outcomes), strict=True)
     )
-    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs, diagnostics)
+    drawn = next((outcome.draws for outcome in outcomes if outcome.draws is not None), None)
+    draws = None if drawn is None else np.concatenate([_draws_or_nan(each, drawn) for each in outcomes])
+    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs, diagnostics, draws)
 
 
 def _joined(batches: Sequence[Mapping[str, Array]], runs: Sequence[int]) -> dict[str, Array]:
@@ -144,6 +149,13 @@ def _joined(batches: Sequence[Mapping[str, Array]], runs: Sequence[int]) -> dict
             [batch.get(name, nan) for batch, nan in zip(batches, unknown, strict=True)]
         )
     return joined
+
+
+def _draws_or_nan(outcome: Outcome, like: HalfArray) -> HalfArray:
+    """The draws of an outcome; NaN of the shape of another's where it has none."""
+    if outcome.draws is not None:
+        return outcome.draws
+    return np.full((len(outcome.status), *like.shape[1:]), np.nan, dtype=np.float16)
 
 
 class BeliefScores(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
+from .draws import KEPT_DRAWS
 from .files import ResultsError
 from .folder import FolderLayout, trials_path, world_path
 from .npz import Form, Forms, read_part
@@ -36,6 +37,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         "reasons": np.array([outcome.reasons[place][:LONGEST_REASON] for place in failed], dtype=str),
         **outcome.beliefs,
         **outcome.diagnostics,
+        **({} if outcome.draws is None else {"draws": outcome.draws}),
     }
 
 
@@ -103,7 +105,8 @@ def _most(plan: FolderLayout, first: int, end: int) -> int:
     """Bytes that a part may have."""
     steps, size, beams = plan.shape
     numbers = steps * (6 * size * size + 20 * size + beams + 20)
-    return (end - first) * (8 * numbers + 4 * LONGEST_REASON) + OVERHEAD
+    drawn = steps * KEPT_DRAWS * size * 2
+    return (end - first) * (8 * numbers + drawn + 4 * LONGEST_REASON) + OVERHEAD
 
 
 def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
@@ -122,6 +125,7 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
         "failed": Form((None,), "<i8"),
         "reasons": Form((None,), "U"),
         **{name: Form(each, optional=True) for name in DIAGNOSTICS},
+        "draws": Form((*each, KEPT_DRAWS, size), "<f2", optional=True),
         **{PREFIX + name: Form((*each, *ends[name]), optional=True) for name in BeliefScores._fields},
     }
 

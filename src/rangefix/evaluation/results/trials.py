@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
 from ...errors import printable
+from .draws import HalfArray
 from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, diagnostics_of, failures_of
 from .parts import read_trials, read_world
@@ -34,6 +35,8 @@ class Trials:
             where none were drawn.
         diagnostics: What the estimator says of its own computation, by the names in `DIAGNOSTICS`, (M, T)
             each; those that it has.
+        draws: Some draws from the beliefs as `draws.py` keeps them, (M, T, S, n); NaN where the trial failed.
+            None where none were drawn.
     """
 
     estimator: str
@@ -46,6 +49,7 @@ class Trials:
     reasons: Mapping[int, str] = field(default_factory=dict)
     beliefs: Mapping[str, Array] = field(default_factory=dict)
     diagnostics: Mapping[str, Array] = field(default_factory=dict)
+    draws: HalfArray | None = None
 
     @classmethod
     def of_part(cls, estimator: str, beams: str, part: Mapping[str, NDArray[Any]]) -> Trials:
@@ -62,6 +66,7 @@ class Trials:
             reasons=dict(reasons),
             beliefs=belief_of(part),
             diagnostics=diagnostics_of(part),
+            draws=part.get("draws"),
         )
 
     def part(self, first: int, end: int) -> Trials:
@@ -77,6 +82,7 @@ class Trials:
             reasons={run: text for run, text in self.reasons.items() if first <= run < end},
             beliefs={name: array[runs] for name, array in self.beliefs.items()},
             diagnostics={name: array[runs] for name, array in self.diagnostics.items()},
+            draws=None if self.draws is None else self.draws[runs],
         )
 
     def __repr__(self) -> str:
@@ -171,6 +177,7 @@ class InFolder:
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
         diagnostics: dict[str, Array] = {}
+        draws: HalfArray | None = None
         for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
@@ -185,10 +192,16 @@ class InFolder:
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
             for name, found in diagnostics_of(part).items():
                 diagnostics.setdefault(name, np.full((runs, steps), np.nan))[mine] = found[its]
+            if (kept := part.get("draws")) is not None:
+                if draws is None:
+                    draws = np.full((runs, *kept.shape[1:]), np.nan, dtype=np.float16)
+                draws[mine] = kept[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):
                 if first <= low + int(place) < end:
                     reasons[low + int(place)] = str(reason)
-        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, diagnostics=diagnostics, **arrays)
+        return Trials(
+            estimator, beams, reasons=reasons, beliefs=beliefs, diagnostics=diagnostics, draws=draws, **arrays
+        )
 
 
 def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:

@@ -43,7 +43,10 @@ class StudySections(Section):
     title: str = Field(default="", max_length=LONGEST_TITLE)
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)
-    beliefs: bool = Field(default=False, description="whether to judge beliefs that can be sampled")
+    beliefs: bool | None = Field(
+        default=None,
+        description="whether to judge beliefs that can be sampled; false: draw none, not even for verdicts",
+    )
     timeout_s: float | None = Field(
         default=None, ge=0, description="longest that a trial may take; 0: any time"
     )

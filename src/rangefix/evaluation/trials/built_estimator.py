@@ -13,9 +13,19 @@ from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
 from ...filters.estimator import effective_particles, filtered
 from ...filters.plugin_line import plugin_line
+from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator
 from ..isolation import Stage, begin_piece, begin_stage, memory_hint
-from ..results import BeliefScores, Outcome, concatenate, failed_outcome, with_status
+from ..results import (
+    KEPT_DRAWS,
+    BeliefScores,
+    HalfArray,
+    Outcome,
+    concatenate,
+    failed_outcome,
+    keep_draws,
+    with_status,
+)
 from ..seeds import Streams
 from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
@@ -65,7 +75,8 @@ class BuiltEstimator(NamedTuple):
         """
         rngs = Streams(self.trial.seed, "estimator", runs)
         outcome = failed_outcome(measurement.shape, self.trial.problem.space.size)
-        scores: list[BeliefScores | None] = []
+        scores: list[BeliefScores] = []
+        kept: list[HalfArray] = []
         diagnostics: dict[str, Array] = {}
         stage = Stage(verb="init", step=0)
 
@@ -94,25 +105,26 @@ class BuiltEstimator(NamedTuple):
                 if (numbers := effective_particles(self.estimator, belief, len(measurement))) is not None:
                     blank = np.full(measurement.shape[:2], np.nan)
                     diagnostics.setdefault("effective_particles", blank)[:, step] = numbers
-                if truth is not None:
-                    from ..consistency.belief_scores import judge_belief
-
+                if self.trial.keep_draws or truth is not None:
                     begin("sample", step)
-                    true, space = truth[:, step], self.trial.problem.space
-                    scores.append(
-                        judge_belief(self.estimator, belief, true, space, self.trial.seed, runs, step)
-                    )
+                    space, size = self.trial.problem.space, KEPT_DRAWS if truth is None else RANK_DRAWS
+                    draws = draw_belief(self.estimator, belief, size, self.trial.seed, runs, step)
+                    if draws is not None and truth is not None:
+                        scores.append(measure(draws, truth[:, step], space))
+                    if draws is not None and self.trial.keep_draws:
+                        draws = choose_draws(draws, KEPT_DRAWS, self.trial.seed, runs, step)
+                        offsets = space.difference(draws, outcome.mean[:, step, None])
+                        kept.append(keep_draws(offsets, outcome.covariance[:, step]))
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             text = message_of(error) or "no message"
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
+            text += "; beliefs = false draws nothing" if stage.verb == "sample" else ""
             where = plugin_line(error.__traceback__)
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
         outcome = outcome._replace(diagnostics=diagnostics)
-        if not (known := [score for score in scores if score is not None]):
-            return outcome
-        from ..consistency.belief_scores import belief_arrays
-
-        return outcome._replace(beliefs=belief_arrays(known))
+        if kept:
+            outcome = outcome._replace(draws=np.stack(kept, axis=1))
+        return outcome._replace(beliefs=belief_arrays(scores)) if scores else outcome
 
     def run(
         self,
@@ -156,7 +168,7 @@ class BuiltEstimator(NamedTuple):
         outcome = with_status(*tried[:3])
         outcome.reasons.update(tried.reasons)
         outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
-        return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics)
+        return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics, draws=tried.draws)
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

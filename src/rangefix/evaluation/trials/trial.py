@@ -15,8 +15,10 @@ class Trial(NamedTuple):
         problem: The problem as they know it.
         moves: Between the measurements, (T - 1, k).
         seed: Of the estimators' random streams.
+        keep_draws: Whether to keep some draws of each belief, from estimators that can sample them.
     """
 
     problem: Problem
     moves: Array
     seed: int
+    keep_draws: bool = False

@@ -304,7 +304,7 @@ class ExactPositionFilter(BriefRepr):
         return tabulate(density, centres, stds, np.asarray(measured.any(axis=0)))
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
-        room = 1 << 15
+        room = 1 << 17  # enough for most: to do it again costs as much as the first time
         while True:
             nodes = nodes_for(room)
             self._answer(readings, self._rules, nodes)

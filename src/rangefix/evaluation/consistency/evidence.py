@@ -1,0 +1,160 @@
+"""What speaks against an estimator in a row: p-values that hold for beliefs of any shape.
+
+With draws from the beliefs the p-values are those of the distribution that the beliefs themselves claim.
+
+Without draws only means and covariances are known, and of these:
+
+- Errors that are too LARGE show: Hall's interval holds, for what makes errors large is in the data. Where no
+  interval tells because a single run makes the mean: it is k times what is claimed with probability 1 / k at
+  most (Markov's inequality).
+- Errors that are too SMALL may not be: a far mode that holds 1 % of each belief, 20 deviations off, makes the
+  claim five times larger, and in 37 % of studies of 100 runs no truth lies there. But a mode lies in one
+  direction. So caution is accused where errors are too small in all directions alike, by Mauchly's test of
+  sphericity, or plainly so in each; with one component, or in a component alone, only from as many runs as
+  would show a mode of 0.2 %.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc, ndtr
+
+from .intervals import Interval
+from .null_distribution import SEEN
+from .row import Row
+
+ALIKE = 0.5  # p-value of Mauchly's test above which all directions count as alike
+PLAIN = 3.0  # standard errors by which every direction must be too small
+COMPONENT_RUNS = 100  # without draws and with fewer, p-values as small as components need do not hold
+SHAPE_OFF = 0.03  # share of truths that must lie elsewhere than believed for the shape to be named
+MARKOV = 20.0  # ANEES / n from which a single run is evidence
+
+
+class ShapeFault(NamedTuple):
+    """Where truths lie among the draws otherwise than a draw would.
+
+    Attributes:
+        name: The component; "" for the distance from the estimate.
+        inner: Share of the truths among the lower, or nearer, half of the draws.
+        p_value: Of even ranks.
+    """
+
+    name: str
+    inner: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a row says for and against an estimator."""
+
+    row: Row
+
+    @property
+    def drawn(self) -> bool:
+        """Whether the p-values are those of draws from the beliefs, which have the covariance claimed."""
+        return self.row.null is not None and self.row.null.coherent
+
+    @property
+    def factor(self) -> Interval:
+        """ANEES / n with what the runs say of it at 95 %, few runs that make most of it included."""
+        value, low, high = self.row.anees
+        return Interval(value, float(np.fmax(low, value / MARKOV)) if value > 1 else low, high)
+
+    @property
+    def tolerance(self) -> Interval:
+        """ANEES / n, and by which factors all claims may be off for it to be what it is, at 95 %."""
+        value = self.row.anees.value
+        if self.row.null is None or not self.drawn or not math.isfinite(value):
+            return self.factor
+        _, _, least, most = self.row.null.scatter["anees"]
+        return Interval(value, value / most if most else 0.0, value / least if least else math.inf)
+
+    @property
+    def too_large(self) -> float:
+        """One-sided p-value of squared errors as large as these, as a whole; 1 if they are not too large."""
+        value, low, _ = self.row.anees
+        if not value > 1:
+            return 1.0
+        if self.row.null is not None and self.drawn:
+            return self.row.null.scatter["anees"].above
+        p = self.row.p_values.get("anees", 0.0 if low > 1 else math.nan) / 2
+        return float(np.fmin(p, 0.5 / value))
+
+    @property
+    def too_small(self) -> float:
+        """One-sided p-value of squared errors as small as these, as a whole; 1 if they are not too small."""
+        value, _, high = self.row.anees
+        if not value < 1:
+            return 1.0
+        if self.row.null is not None and self.drawn:
+            return self.row.null.scatter["anees"].below
+        return self.row.p_values.get("anees", 0.0 if high < 1 else math.nan) / 2
+
+    @property
+    def scatters_about_one(self) -> bool:
+        """Whether ANEES / n agrees with 1 as far as its own scatter tells, whatever the beliefs say of it."""
+        return self.row.anees.low <= 1 <= self.row.anees.high
+
+    @property
+    def shows_caution(self) -> bool:
+        """Whether errors that are too small cannot be a far mode of the beliefs that did not occur."""
+        runs, found = self.row.ok, self.row.directions
+        if self.drawn or runs >= SEEN:
+            return True
+        size = len(self.row.names)
+        if found is None or size == 1 or found[0] <= 0:
+            return False
+        if found[-1] * (1 + PLAIN * math.sqrt(2 / runs)) < 1:
+            return True
+        statistic = -runs * float(np.log(found).sum() - size * math.log(found.mean()))
+        return bool(chdtrc(size * (size + 1) / 2 - 1, statistic) > ALIKE)
+
+    def ratios(self, level: float) -> dict[str, Interval]:
+        """Components whose squared errors are too large or too small, with G over mean P: two-sided level."""
+        bound = level / (2 * len(self.row.names))
+        shows_caution = self.drawn or self.row.ok >= SEEN
+        return {
+            name: ratio
+            for name, ratio in zip(self.row.names, self.row.ratio, strict=True)
+            if self._p_value(f"ratio_{name}") < bound and (ratio.value > 1 or shows_caution)
+        }
+
+    def biases(self, level: float) -> dict[str, float]:
+        """Components with a mean error; a circular mean may be biased by rights."""
+        bound = level / (2 * len(self.row.names))
+        return {
+            name: bias.value
+            for i, (name, bias) in enumerate(zip(self.row.names, self.row.bias, strict=True))
+            if name != "heading" and max(self._p_value(f"bias_{name}"), self._p_of_bias(i)) < bound
+        }
+
+    def shape(self, level: float) -> ShapeFault | None:
+        """The component, or distance, in which beliefs most plainly have another shape than the errors."""
+        if self.row.null is None or not self.drawn:
+            return None
+        faults = []
+        names = (*self.row.names, "")
+        for name, counts, p in zip(names, self.row.null.ranks, self.row.null.rank_p_values, strict=True):
+            shares = np.cumsum(counts) / counts.sum()
+            off = np.abs(shares - np.arange(1, 11) / 10).max()
+            if p < level / len(names) and off >= SHAPE_OFF:
+                faults.append(ShapeFault(name, float(shares[4]), p))
+        return min(faults, key=lambda fault: fault.p_value, default=None)
+
+    def _p_value(self, figure: str) -> float:
+        if self.row.null is not None and self.drawn:
+            return self.row.null.scatter[figure].p_value
+        return self.row.p_values.get(figure, 1.0) if self.row.ok >= COMPONENT_RUNS else 1.0
+
+    def _p_of_bias(self, component: int) -> float:
+        """Of a mean error as large beside what is claimed: a far mode that did not occur is no bias."""
+        variance = float(self.row.P[component, component])
+        if self.drawn or not variance > 0:
+            return 0.0
+        away = abs(self.row.bias[component].value) / math.sqrt(variance / self.row.ok)
+        return float(2 * ndtr(-away))

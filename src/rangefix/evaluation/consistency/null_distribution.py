@@ -1,0 +1,182 @@
+"""How the figures of an estimator would scatter if each truth were a draw from its belief.
+
+That is what an exact Bayesian filter claims, whatever the shape of its beliefs: the truth and independent
+draws from the belief can be exchanged. So draws are put in the place of the truths, and the sums over runs
+that they give have the distribution of the sum that the truths give, long tails, rare far modes and all (a
+parametric bootstrap: Davison and Hinkley, Bootstrap Methods and their Application, 1997, section 4.2). Ranks
+of the truth among the draws are uniform (Talts et al., 2018).
+
+Runs are added up in groups, so that no more memory is taken than for the sums of some dozen runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.special import gammainc, gammaincc, ndtr
+
+from ...arrays import Array, BoolArray, IntArray
+from ..results import KEPT_DRAWS, kept_offsets
+from .belief_scores import rank_histogram
+from .intervals import LEVEL, Interval, Moments, uniform_p_value
+from .scores import nees
+
+if TYPE_CHECKING:
+    from .metrics import RunBlock
+
+GROUPS = 32  # of runs whose sums are drawn together; 39 draws each make 39^32 studies
+REPEATS = 4000  # studies that are drawn
+COUNTED = 2  # of them at least beyond a figure, or its p-value is that of a gamma law with the same moments
+SLAB = 500  # runs at once, which stay in the cache
+COHERENT = 0.05  # by how much draws' squared distances may differ from those claimed, however sure it is
+INCOHERENT_P = 0.001  # p-value below which they do not differ by chance
+RAREST = 0.002  # share of a far mode that verdicts reckon with
+SEEN = 2100  # draws, or runs, among which it occurs but for 1.5 %: ln(0.015) / ln(1 - RAREST)
+
+
+class Scatter(NamedTuple):
+    """Where a figure would lie if truths were draws from the beliefs.
+
+    Attributes:
+        below, above: How probable a figure as small, as large is.
+        low, high: Between which it would lie in 95 % of studies.
+    """
+
+    below: float
+    above: float
+    low: float
+    high: float
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided."""
+        return min(1.0, 2 * min(self.below, self.above))
+
+
+@dataclass(frozen=True)
+class NullDistribution:
+    """What draws from the beliefs of all runs say of the figures of a row.
+
+    Attributes:
+        draws: How many there are in all.
+        claimed: NEES / n of the draws themselves, with its 95 % interval: 1 where beliefs have the
+            covariance that is claimed.
+        claimed_p: p-value of "it is 1".
+        scatter: Figure -> where it would lie: "anees", "ratio_NAME", "bias_NAME".
+        ranks: How often the truth has each rank among the draws, in ten equal bins; a row for each component
+            and one for the distance from the estimate, (n + 1, 10).
+    """
+
+    draws: int
+    claimed: Interval
+    claimed_p: float
+    scatter: Mapping[str, Scatter]
+    ranks: Array
+
+    @property
+    def coherent(self) -> bool:
+        """Whether the draws have the covariance that is claimed, as far as they tell.
+
+        Too small a one is no evidence unless a rare far mode would have been drawn.
+        """
+        value = self.claimed.value
+        apart = abs(value - 1) > COHERENT and self.claimed_p < INCOHERENT_P
+        return not (apart and (value > 1 or self.draws >= SEEN))
+
+    @property
+    def rank_p_values(self) -> list[float]:
+        """p-values of even ranks, for each component and the distance; NaN with fewer than 50 runs."""
+        return [uniform_p_value(counts) for counts in self.ranks]
+
+
+class NullSums:
+    """Adds up, block by block, what each draw would give in the truth's place."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        size = len(names)
+        self.names, self.runs = names, 0
+        self.sums = np.zeros((GROUPS, KEPT_DRAWS, 1 + 2 * size))
+        self.ranks = np.zeros((size + 1, 10))
+        self.claimed = Moments()
+
+    def add(self, block: RunBlock) -> None:
+        """Add the runs of a block that have draws."""
+        if block.draws is None:
+            return
+        drawn: BoolArray = np.asarray(np.isfinite(block.draws).all((1, 2)))
+        for first in range(0, len(drawn), SLAB):
+            runs = np.flatnonzero(drawn[first : first + SLAB]) + first
+            self._add(block, runs)
+
+    def _add(self, block: RunBlock, runs: IntArray) -> None:
+        assert block.draws is not None
+        covariance = block.covariance[runs]
+        offsets, size = kept_offsets(block.draws[runs], covariance), len(self.names)
+        squares = nees(offsets, covariance[:, None])
+        squares = np.where(np.isfinite(squares), squares, 0.0) / size  # a claim of certainty, judged as such
+        figures = np.concatenate([squares[..., None], offsets, offsets**2], axis=-1)
+        for place in range(min(GROUPS, len(runs))):
+            self.sums[(self.runs + place) % GROUPS] += figures[place::GROUPS].sum(0)
+        self.runs += len(runs)
+        self.claimed.add(squares.mean(1))
+        errors, true = block.errors[runs], block.nees[runs] / size
+        ranks = [*(offsets < errors[:, None]).sum(1).T, (squares < true[:, None]).sum(1)]
+        self.ranks += np.stack([rank_histogram(column, KEPT_DRAWS) for column in ranks])
+
+    def distribution(self, figures: Mapping[str, Interval], claims: Array) -> NullDistribution | None:
+        """What the sums say of the figures of a row; None without draws.
+
+        Args:
+            figures: Figure -> its interval.
+            claims: Mean claimed variance of each component, (n,).
+        """
+        if not self.runs:
+            return None
+        groups = self.sums[: min(GROUPS, self.runs)]
+        studies = groups[np.arange(len(groups)), _choices(len(groups))].sum(1) / self.runs
+        middle = studies.mean(0)
+        studies = middle + np.sqrt(1 + 1 / KEPT_DRAWS) * (studies - middle)  # the middle is one of 39 draws
+        size = len(self.names)
+        variances = studies[:, 1 + size :] / np.where(claims > 0, claims, 1.0)
+        columns = {"anees": studies[:, 0]}
+        columns |= {f"bias_{name}": studies[:, 1 + i] for i, name in enumerate(self.names)}
+        columns |= {f"ratio_{name}": variances[:, i] for i, name in enumerate(self.names)}
+        scatter = {name: _scatter(column, figures[name].value) for name, column in columns.items()}
+        p = self.claimed.p_value_of_mean(1.0)
+        return NullDistribution(self.runs * KEPT_DRAWS, self.claimed.interval(), p, scatter, self.ranks)
+
+
+@lru_cache(maxsize=GROUPS)
+def _choices(groups: int) -> IntArray:
+    """Which draw each group has in each of the repeats, (REPEATS, groups); the same in every process."""
+    return np.random.default_rng(0).integers(KEPT_DRAWS, size=(REPEATS, groups))
+
+
+def _scatter(drawn: Array, value: float) -> Scatter:
+    tail = (1 - LEVEL) / 2
+    low, high = np.quantile(drawn, [tail, 1 - tail])
+    return Scatter(_tail(-drawn, -value), _tail(drawn, value), float(low), float(high))
+
+
+def _tail(drawn: Array, value: float) -> float:
+    """Probability of a value as large, from draws; beyond most of them by the gamma law of their moments."""
+    if value != value:
+        return float("nan")
+    beyond = int((drawn >= value).sum())
+    counted = (1 + beyond) / (1 + len(drawn))
+    spread = float(drawn.std())
+    if beyond >= COUNTED or spread == 0.0:
+        return counted
+    if value == np.inf:
+        return 0.0
+    away = (value - float(drawn.mean())) / spread
+    skewness = float((((drawn - drawn.mean()) / spread) ** 3).mean())
+    if abs(skewness) < 0.02:
+        return min(counted, float(ndtr(-away)))
+    shape = 4 / skewness**2
+    place = max(shape + np.sign(skewness) * away * np.sqrt(shape), 0.0)
+    return min(counted, float((gammaincc if skewness > 0 else gammainc)(shape, place)))

@@ -1,0 +1,198 @@
+"""Where figures lie if truths are draws from the beliefs: closed forms, and what verdicts make of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from rangefix.evaluation import Experiment, credibility, decide, run, summarise
+from rangefix.evaluation.consistency.metrics import RunBlock
+from rangefix.evaluation.consistency.null_distribution import NullSums
+from rangefix.evaluation.consistency.verdict import short_factor
+from rangefix.evaluation.results import KEPT_DRAWS, keep_draws, kept_offsets, load
+from rangefix.filters import build
+
+from ..conftest import make_problem
+from .test_verdict import doctored
+
+
+def gaussian_row(runs, *, claimed=1.0, believed=None, seed=0, truth=None):
+    """Truths from N(0, I) unless given; a claim and a belief of a variance in both components."""
+    rng = np.random.default_rng(seed)
+    errors = rng.standard_normal((runs, 2)) if truth is None else truth(rng, runs)
+    believed = claimed if believed is None else believed
+    draws = np.sqrt(believed) * rng.standard_normal((runs, KEPT_DRAWS, 2))
+    return credibility(errors, np.zeros((runs, 2)), claimed * np.eye(2), draws=draws)
+
+
+def far_errors(rng, runs):
+    """Of unit covariance, heavy in the tails."""
+    return rng.standard_normal((runs, 2)) / np.sqrt(rng.chisquare(4, runs) / 2)[:, None]
+
+
+def test_p_values_of_gaussian_beliefs_are_those_of_chi_square():
+    """2 M ANEES / n is chi-square with 2 M degrees.
+
+    The middle of the draws of 39 studies scatters by 0.16 deviations, so p by 0.065 at most; a mean of 30 by
+    0.012. A correct p leaves five such errors for fewer than 1 seed in a million.
+    """
+    apart = []
+    for seed in range(30):
+        row = gaussian_row(60, seed=seed)
+        exact = chi2.sf(120 * row.anees.value, 120)
+        assert row.null is not None
+        apart.append(row.null.scatter["anees"].above - exact)
+        assert row.null.scatter["anees"].below == pytest.approx(1 - row.null.scatter["anees"].above, abs=1e-3)
+    assert np.abs(apart).max() < 5 * 0.065
+    assert abs(np.mean(apart)) < 5 * 0.012
+
+
+def test_far_p_values_do_not_end_at_the_number_of_repeats():
+    """Covariance x 0.5, 100 runs: chi-square says some 1e-14; the gamma law of the moments as much."""
+    row = gaussian_row(100, claimed=0.5)
+    exact = chi2.logsf(200 * row.anees.value, 200)
+    assert row.null is not None
+    assert np.log(row.null.scatter["anees"].above) == pytest.approx(exact, rel=0.25)
+
+
+def test_blocks_of_any_size_give_the_same():
+    rng = np.random.default_rng(3)
+    errors, offsets = rng.standard_normal((700, 2)), rng.standard_normal((700, KEPT_DRAWS, 2))
+    covariance = np.broadcast_to(np.eye(2), (700, 2, 2))
+    found = []
+    for ends in ([0, 700], [0, 13, 512, 700]):
+        sums = NullSums(("x1", "x2"))
+        for first, end in pairwise(ends):
+            runs = slice(first, end)
+            kept = keep_draws(offsets[runs], covariance[runs])
+            sums.add(RunBlock(("x1", "x2"), errors[runs], covariance[runs], draws=kept))
+        found.append(sums)
+    assert found[0].sums == pytest.approx(found[1].sums, rel=1e-12)
+    assert (found[0].ranks == found[1].ranks).all()
+
+
+def test_draws_are_kept_to_three_digits_in_any_unit():
+    rng = np.random.default_rng(4)
+    offsets = rng.standard_normal((5, KEPT_DRAWS, 2)) * [1e-6, 1e5]
+    covariance = np.broadcast_to(np.diag([1e-12, 1e10]), (5, 2, 2))
+    back = kept_offsets(keep_draws(offsets, covariance), covariance)
+    assert back == pytest.approx(offsets, rel=1e-3, abs=1e-12)
+    nowhere = keep_draws(offsets, np.zeros((5, 2, 2)))  # a claim of certainty
+    assert np.isfinite(nowhere).all()
+
+
+def test_wrong_tails_are_named():
+    """Student's t with 4 degrees of freedom for a Gaussian belief of the same covariance, 1000 runs."""
+    row = gaussian_row(1000, truth=far_errors, seed=6)
+    found = decide(row)
+    assert found.kind == "shape"
+    assert "heavier tails than it believes" in found.words
+    assert not found.severe
+    light = decide(gaussian_row(1000, truth=lambda rng, runs: rng.uniform(-1, 1, (runs, 2)) * np.sqrt(3)))
+    assert light.kind == "shape"
+    assert "lighter tails" in light.words
+
+
+def test_a_lopsided_belief_is_named_by_its_component():
+    """Errors of x1 exponential, with mean 0 and variance 1, for a Gaussian belief."""
+
+    def lopsided(rng, runs):
+        return np.stack([rng.exponential(1.0, runs) - 1.0, rng.standard_normal(runs)], axis=-1)
+
+    found = decide(gaussian_row(1000, truth=lopsided, seed=3))
+    assert found.kind == "shape"
+    assert "its beliefs in x1 have another shape" in found.words
+
+
+def test_samples_that_are_not_what_is_claimed_are_not_used():
+    """Draws of twice and half the covariance: said, and judged without them."""
+    for believed in (2.0, 0.5):
+        row = gaussian_row(400, believed=believed)
+        assert row.null is not None
+        assert not row.null.coherent
+        found = decide(row)
+        assert found.kind == "honest"
+        assert any("judged without them" in note for note in found.notes)
+
+
+def test_draws_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match="draws must be"):
+        credibility(np.zeros((5, 2)), np.zeros((5, 2)), np.eye(2), draws=np.zeros((5, 3, 2)))
+
+
+@pytest.mark.parametrize("beliefs", [None, True, False])
+def test_studies_keep_draws_unless_told_not_to(tmp_path, beliefs):
+    """In memory as in the folder; the estimates are the same whatever is drawn."""
+
+    def experiment(what):
+        builders = {"ekf": partial(build, "ekf"), "doctored": doctored}
+        return Experiment(make_problem(), builders, runs=30, seed=3, block=20, beliefs=what)
+
+    results = run(experiment(beliefs), tmp_path / "out", timing=False)
+    plain = run(experiment(False), timing=False)
+    loaded = load(tmp_path / "out")
+    for label in ("ekf", "doctored"):
+        assert (results.get(label).mean == plain.get(label).mean).all()
+    drawn = loaded.get("ekf").draws
+    if beliefs is False:
+        assert drawn is None
+    else:
+        assert drawn is not None
+        assert drawn.shape == (30, 1, KEPT_DRAWS, 2)
+        assert (drawn == results.get("ekf").draws).all()
+    rows = {row.estimator: row for row in summarise(loaded)}
+    assert (rows["ekf"].null is not None) == (beliefs is not False)
+    assert rows["doctored"].null is None  # it has no method `sample`
+    assert any("for want of samples" in note for note in decide(rows["doctored"]).notes)
+
+
+def test_a_row_of_which_some_runs_have_no_draws_is_judged_without():
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((50, KEPT_DRAWS, 2))
+    draws[3] = np.nan
+    row = credibility(rng.standard_normal((50, 2)), np.zeros((50, 2)), np.eye(2), draws=draws)
+    assert row.null is None
+
+
+def test_few_runs_that_make_a_factor_are_told():
+    """6338 made by one run of 60: at least a twentieth of it, and no verdict of 'a factor of 6338'."""
+    errors = np.random.default_rng(6).normal(size=(60, 2))
+    claims = np.broadcast_to(np.eye(2), (60, 2, 2)).copy()
+    claims[7] = 1e-6 * np.eye(2)
+    found = decide(credibility(np.zeros(2), errors, claims))
+    assert found.kind == "overconfident"
+    assert "by a factor of at least" in found.words
+    assert any("a few runs make most of" in note for note in found.notes)
+    assert short_factor(found.factor).endswith(" or more")
+
+
+def test_a_factor_of_one_is_told_in_per_cent():
+    """Squared errors 4 % too large over 40 000 runs."""
+    errors = np.random.default_rng(1).normal(size=(40_000, 2)) * np.sqrt(1.04)
+    found = decide(credibility(np.zeros(2), errors, np.eye(2)))
+    assert found.kind == "overconfident"
+    assert found.words.startswith("a little overconfident, by ")
+    assert found.words.endswith(" %")
+    assert short_factor(found.factor).startswith("by ")
+
+
+def test_no_answer_is_no_verdict_on_trust():
+    found = decide(credibility(np.zeros(2), np.full((3, 2), np.nan), np.eye(2)))
+    assert found.words == "gave no answer"
+    assert not found.severe
+
+
+def test_small_errors_may_be_a_mode_that_was_not_met():
+    """x1 errs a fifth of the variance claimed, x2 as claimed: without samples that is no evidence."""
+    errors = np.random.default_rng(2).normal(size=(200, 2)) * [np.sqrt(0.2), 1.0]
+    row = credibility(np.zeros(2), errors, np.eye(2))
+    assert decide(row).kind == "unsure"
+    assert "samples of its beliefs" in decide(row).notes[0]
+    alike = credibility(np.zeros(2), errors * [np.sqrt(2.5), np.sqrt(0.5)], np.eye(2))
+    assert decide(alike).kind == "cautious"
+    assert decide(replace(row, directions=None)).kind == "unsure"
