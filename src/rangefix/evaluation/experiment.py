@@ -19,6 +19,7 @@ from ..filters.registry import BUILT_IN, build_with, resolve
 
 Builder = Callable[[Problem], Estimator[Any]]
 MAX_BEAMS_LISTED = 8  # sets of more are labelled by ranges
+STEP_TIMEOUT_S = 60.0  # of our own, for each measurement of a run
 TRIAL_TIMEOUT_S = 60.0  # of a plug-in, unless the study says otherwise
 
 
@@ -75,8 +76,9 @@ class Experiment:
         identity: What tells this experiment's problem from another's; by pickling the problems unless given.
         sources: Modules that made the problem, beyond those of its objects; their source is in the keys.
         timeout: Longest that a trial may take, s; then it is killed, which takes a process of its own. 0: no
-            limit. None: TRIAL_TIMEOUT_S for plug-ins that are known by name, none for our own estimators and
-            for builders that are Python objects.
+            limit. None: TRIAL_TIMEOUT_S for plug-ins that are known by name; STEP_TIMEOUT_S for each
+            measurement for our own estimators, in this process, where it has an alarm clock; none for
+            builders that are Python objects.
         plugin_memory_gb: Memory that the process of an estimator with a time limit may take, GB; half of the
             machine's, at most 8, unless given.
         beliefs: What to do with the beliefs of estimators that can sample them. True: judge them by ranks of
@@ -168,6 +170,12 @@ class Experiment:
         if self.timeout is not None:
             return self.timeout or None
         return TRIAL_TIMEOUT_S if isinstance(builder, NamedEstimator) and not builder.is_built_in else None
+
+    def limit_here(self, label: str) -> float:
+        """Seconds after which a run of an estimator is ended that has no process of its own; inf: never."""
+        builder = self.estimators[label]
+        ours = isinstance(builder, NamedEstimator) and builder.is_built_in
+        return STEP_TIMEOUT_S * self.steps if ours and self.timeout is None else np.inf
 
     def masked(self, measurement: Array, beam_set: int) -> Array:
         """Measurements (..., B) as a set of beams, counted from 0, shows them: NaN for the others."""

@@ -30,6 +30,9 @@ class Faulty(PriorOnly):
         guilty = measurement[:, 0] == 5
         if self.fault == "raise" and guilty.any():
             raise ZeroDivisionError("five\nis too much")
+        if self.fault == "hang" and guilty.any():
+            while True:
+                pass
         if self.fault == "write" and guilty.any():
             measurement[guilty] = 0
         if self.fault == "shape" and guilty.any():
@@ -70,6 +73,16 @@ def test_only_the_guilty_run_is_lost(fault, status, words):
     others = np.arange(RUNS) != 5
     assert (outcome.mean[others] == good.mean[others]).all()
     assert (outcome.covariance[others] == good.covariance[others]).all()
+
+
+def test_a_run_that_takes_too_long_costs_itself_alone():
+    """Here, in this process: the batch is ended, and of its runs one by one the guilty one."""
+    trial = Trial(make_problem(), np.zeros((0, 0)), seed=3)
+    outcome = BuiltEstimator(trial, Faulty(make_problem(), fault="hang")).run(MEASUREMENT, 0, limit=0.2)
+    assert [STATUSES[code] for code in outcome.status] == [
+        "timeout" if run == 5 else "ok" for run in range(RUNS)
+    ]
+    assert outcome.reasons[5].startswith("update() at measurement 1: it took more than 0.2 s")
 
 
 def test_each_run_draws_from_its_own_stream_whatever_the_batch():

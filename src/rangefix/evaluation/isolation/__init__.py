@@ -1,5 +1,6 @@
 """Do work in a separate process, because it may hang or crash; or here, and leave no trace of it."""
 
+from .deadline import TookTooLong, deadline
 from .look import PluginInfo, signature_of
 from .pickling import to_pickle
 from .process import (
@@ -23,8 +24,10 @@ __all__ = [
     "PluginInfo",
     "Raised",
     "Stage",
+    "TookTooLong",
     "begin_piece",
     "begin_stage",
+    "deadline",
     "default_memory_gb",
     "machine_memory_gb",
     "memory_hint",

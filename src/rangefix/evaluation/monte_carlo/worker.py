@@ -108,7 +108,8 @@ class Worker:
                     outcome = built.run(readings, task.first, first_two, truth)
                 else:
                     size = self._batch_size(task.estimator, task.beams, built)
-                    outcome = built.run(readings, task.first, size, truth, note)
+                    limit = self.experiment.limit_here(task.estimator)
+                    outcome = built.run(readings, task.first, size, truth, note, limit)
         except (Raised, Lost) as error:
             status = error.status if isinstance(error, Lost) else "error"
             reason = self._why_not_built(task.estimator, error)

@@ -15,12 +15,13 @@ from ...filters.estimator import effective_particles, filtered
 from ...filters.plugin_line import plugin_line
 from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator
-from ..isolation import Stage, begin_piece, begin_stage, memory_hint
+from ..isolation import Stage, TookTooLong, begin_piece, begin_stage, deadline, memory_hint
 from ..results import (
     KEPT_DRAWS,
     BeliefScores,
     HalfArray,
     Outcome,
+    Status,
     concatenate,
     failed_outcome,
     keep_draws,
@@ -31,9 +32,15 @@ from .batch_size import batch_size
 from .timing import one_thread, seconds_per_update
 from .trial import Trial
 
+RUNS_TO_A_LIMIT = 10  # of a batch, which goes faster than its runs one by one
+
 
 class TrialError(Exception):
-    """What an estimator did wrong, in a line that names the method."""
+    """What an estimator did wrong, in a line that names the method; and the status of such a trial."""
+
+    def __init__(self, text: str, status: Status = Status.ERROR) -> None:
+        super().__init__(text)
+        self.status = status
 
 
 class Probe(NamedTuple):
@@ -120,6 +127,8 @@ class BuiltEstimator(NamedTuple):
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
             text += "; beliefs = false draws nothing" if stage.verb == "sample" else ""
             where = plugin_line(error.__traceback__)
+            if isinstance(error, TookTooLong):
+                raise TrialError(f"{stage.words}: {text}{where}", Status.TIMEOUT) from error
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
         outcome = outcome._replace(diagnostics=diagnostics)
         if kept:
@@ -133,6 +142,7 @@ class BuiltEstimator(NamedTuple):
         size: int | None = None,
         truth: Array | None = None,
         note: Callable[[int, int], None] = begin_piece,
+        limit: float = np.inf,
     ) -> Outcome:
         """Runs first, first + 1, ... in batches; where a batch fails, run by run.
 
@@ -144,6 +154,8 @@ class BuiltEstimator(NamedTuple):
             size: Runs to a batch; all at once unless given.
             truth: True states (M, T, n), if beliefs are to be judged.
             note: Told the place of the first run, and how many are done at once, before each piece of work.
+            limit: Longest that a run may take, s, where this process can end it; ten runs of a batch may each
+                take a tenth.
         """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
@@ -157,13 +169,14 @@ class BuiltEstimator(NamedTuple):
             readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
                 numbers = range(first + start, first + end)
-                outcomes.append(self.attempt(readings, numbers, true))
+                with deadline(limit * -(-len(readings) // RUNS_TO_A_LIMIT)):
+                    outcomes.append(self.attempt(readings, numbers, true))
             except TrialError as error:
                 if end - start > 1:  # whose fault it is will show
                     todo += [(place, place + 1) for place in range(start, end)][::-1]
                 else:
                     shape, components = readings.shape, self.trial.problem.space.size
-                    outcomes.append(failed_outcome(shape, components, "error", str(error)))
+                    outcomes.append(failed_outcome(shape, components, error.status, str(error)))
         tried = concatenate(outcomes)
         outcome = with_status(*tried[:3])
         outcome.reasons.update(tried.reasons)
