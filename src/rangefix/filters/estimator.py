@@ -166,6 +166,16 @@ class EachRun(Generic[Belief]):
             raise NotImplementedError(f"a {type(self.single).__name__} does not know its numerical error")
         return np.array([float(self.single.error(run)) for run in belief])
 
+    def resultant(self, belief: tuple[Belief, ...]) -> Array:
+        """The lengths of the runs' mean resultant vectors, (M,).
+
+        Raises:
+            NotImplementedError: If the single-run estimator cannot tell.
+        """
+        if not isinstance(self.single, CanTellDirectionOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} cannot tell its resultant")
+        return np.array([float(self.single.resultant(run)) for run in belief])
+
 
 class Image(NamedTuple):
     """What the belief of one run looks like: its density over the room, and over an unknown heading.
@@ -223,6 +233,26 @@ class CanEstimateErrorOne(Protocol[Asked]):
 
 
 @runtime_checkable
+class CanTellDirection(Protocol[Asked]):
+    """The optional method `resultant` of an estimator whose belief of the heading is more than a Gaussian."""
+
+    def resultant(self, belief: Asked) -> Array:
+        """Length of the mean resultant vector |E exp(i heading)|, 0 to 1, (M,).
+
+        Below `rangefix.filters.space.NO_DIRECTION` the heading has no circular mean: what `estimate` gives
+        for it is one direction among many, and mean and covariance of the heading mean nothing.
+        """
+
+
+@runtime_checkable
+class CanTellDirectionOne(Protocol[Asked]):
+    """`CanTellDirection` of an estimator for single runs."""
+
+    def resultant(self, belief: Asked) -> float:
+        """Length of the mean resultant vector |E exp(i heading)|, 0 to 1."""
+
+
+@runtime_checkable
 class CanSampleOne(Protocol[Asked]):
     """`CanSample` of an estimator for single runs."""
 
@@ -274,17 +304,34 @@ def numerical_error(estimator: Any, belief: Any, runs: int) -> Array | None:
     Raises:
         ValueError: If there is not one real number, not negative, for each run; inf is allowed.
     """
-    if not isinstance(estimator, CanEstimateError):
-        return None
+    return _told(estimator.error, belief, runs) if isinstance(estimator, CanEstimateError) else None
+
+
+def mean_resultant(estimator: Any, belief: Any, runs: int) -> Array | None:
+    """Lengths of the mean resultant vectors of the heading, (M,); None where an estimator cannot tell.
+
+    Raises:
+        ValueError: If there is not one real number, not negative, for each run.
+    """
+    return _told(estimator.resultant, belief, runs) if isinstance(estimator, CanTellDirection) else None
+
+
+def _told(method: Callable[[Any], Array], belief: Any, runs: int) -> Array | None:
+    """What an optional method says of M runs, (M,); None where it is not implemented.
+
+    Raises:
+        ValueError: If there is not one real number, not negative, for each run.
+    """
+    name = method.__name__
     try:
-        errors = real_floats("what error() gives", estimator.error(belief))
+        numbers = real_floats(f"what {name}() gives", method(belief))
     except NotImplementedError:
         return None
-    if errors.shape != (runs,):
-        raise ValueError(f"error() gave shape {errors.shape}, not ({runs},)")
-    if not (errors >= 0).all():
-        raise ValueError("error() gave numbers that are negative or NaN")
-    return errors
+    if numbers.shape != (runs,):
+        raise ValueError(f"{name}() gave shape {numbers.shape}, not ({runs},)")
+    if not (numbers >= 0).all():
+        raise ValueError(f"{name}() gave numbers that are negative or NaN")
+    return numbers
 
 
 def filtered(

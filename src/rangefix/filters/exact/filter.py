@@ -25,6 +25,8 @@ from .partition import partition
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
 APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
+ROUNDING = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
+TABULATION = 1e-5  # the same of densities that are interpolated between a table's nodes
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
@@ -147,7 +149,11 @@ class ExactPositionFilter(BriefRepr):
         return belief.estimate
 
     def error(self, belief: ExactBelief) -> Array:
-        """How far mean and covariance may be off, in posterior deviations, (M,): by other nodes."""
+        """How far mean and covariance may be off, in posterior deviations, (M,): see `CanEstimateError`.
+
+        What rules with other nodes have otherwise, and what rounding or the tables of readings leave.
+        """
+        least = ROUNDING if self.problem.sensor.gaussian_stds is not None else TABULATION
         mean, covariance, log_evidence = belief.estimate
         errors = np.zeros(len(mean))
         other = rules(MORE_NODES)
@@ -155,7 +161,9 @@ class ExactPositionFilter(BriefRepr):
             again, spread, _ = self._answer(belief.readings[run], other)
             std = np.sqrt(np.diagonal(covariance[run]))
             off = np.abs(again - mean[run]) / std
-            errors[run] = max(off.max(), (np.abs(spread - covariance[run]) / np.outer(std, std)).max())
+            errors[run] = least + max(
+                off.max(), (np.abs(spread - covariance[run]) / np.outer(std, std)).max()
+            )
         return errors
 
     def sample(self, belief: ExactBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -330,7 +338,8 @@ class ExactPositionFilter(BriefRepr):
         sensor = self.problem.sensor
         ranges = np.linspace(0.0, min(sensor.max_range, 10.0), 12)[1:-1, None] * np.ones(len(sensor.bearings))
         before, after = (sensor.beam_log_density(ranges, ranges * side) for side in (1 - 1e-9, 1 + 1e-9))
-        return bool((np.abs(after - before) > JUMP_NATS).any())
+        with np.errstate(invalid="ignore"):  # -inf on both sides: beyond what a mixture reads
+            return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
         room = 1 << 15
