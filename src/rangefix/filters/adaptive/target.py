@@ -11,7 +11,7 @@ from ...arrays import Array, IntArray
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
-WORK = 4e6  # rays that a fix may take: 1 to 3 s
+WORK = 3e6  # rays that a fix may take: 1 to 3 s
 STATE_COST = 6.0  # of a state among others, whatever its density takes, in rays
 CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
 
