@@ -32,13 +32,13 @@ def module_name(path: Path) -> str:
 MODULES = {module_name(path): path for path in sorted(ROOT.rglob("*.py"))}
 
 
-def imports(name: str, top_level_only: bool = False) -> list[tuple[int, str]]:
+def imports(name: str) -> list[tuple[int, str]]:
     """Level (0 = absolute) and full name of everything that a module imports."""
     path = MODULES[name]
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     found = []
-    for node in tree.body if top_level_only else ast.walk(tree):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found += [(0, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -88,10 +88,9 @@ def test_only_figures_import_matplotlib(name: str) -> None:
 
 
 def test_no_circles() -> None:
-    """Modules can be put in an order in which each imports only those before it."""
+    """Modules have an order in which each imports only those before it, in functions and for types too."""
     graph = {
-        name: {target for level, target in imports(name, top_level_only=True) if level and target in MODULES}
-        for name in MODULES
+        name: {target for level, target in imports(name) if level and target in MODULES} for name in MODULES
     }
     graph = {name: targets - {name} for name, targets in graph.items()}
     assert list(TopologicalSorter(graph).static_order())

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_REASON = 2000  # characters of a reason that is kept
 MAX_MESSAGE = 1500  # of the message in it: what and where come before and after
+OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories: control, direction, lone surrogates, ends of lines
+JOINER = "\u200d"  # holds emoji together
 
 
 def suggestion(name: str, known: Iterable[str], more: str = "") -> str:
@@ -32,7 +35,25 @@ def message_of(thing: object) -> str:
         text = str(thing)
     except Exception:  # its author has made a mistake there, too
         return f"(a message of {type(thing).__name__} that cannot be shown)"
-    return cut(" ".join(text.split()), MAX_MESSAGE)
+    return cut(printable(" ".join(text.split())), MAX_MESSAGE)
+
+
+def printable(text: str, keep: str = "") -> str:
+    r"""The text, with all that a terminal would obey or not show written as escapes, such as \x1b.
+
+    Args:
+        text: From a file, a plug-in or the command line.
+        keep: Characters that are left as they are, such as the ends of lines.
+    """
+    if text.isprintable():
+        return text
+    harmless = keep + JOINER
+    return "".join(
+        each.encode("unicode_escape").decode()
+        if unicodedata.category(each) in OBEYED and each not in harmless
+        else each
+        for each in text
+    )
 
 
 def cut(text: str, most: int = MAX_REASON) -> str:

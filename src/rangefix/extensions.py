@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from importlib import import_module
 from importlib.metadata import entry_points
 
 from .errors import one_line
@@ -21,10 +20,7 @@ def extensions(group: str) -> dict[str, object]:
         The loaded objects. One that cannot be loaded is left out with a warning that says why.
     """
     loaded: dict[str, object] = {}
-    entries = sorted(entry_points(group=group), key=lambda entry: entry.name)
-    if entries:  # they are made of it, and would load it when they are half loaded themselves
-        import_module(".evaluation", __package__)
-    for entry in entries:
+    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
         try:
             loaded[entry.name] = entry.load()
         except Exception as error:  # whatever a stranger's module raises

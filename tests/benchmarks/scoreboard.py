@@ -9,6 +9,7 @@ import platform
 import subprocess
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 HEAD = ("", "rangefix", "against", "its value", "ratio", "target", "")
 PACKAGES = (
@@ -119,7 +120,7 @@ def amount(value: float, unit: str) -> str:
     return f"{value:.3g} s" if value >= 1 else f"{1e3 * value:.3g} ms"
 
 
-def surroundings() -> dict[str, object]:
+def surroundings() -> dict[str, Any]:
     """Machine, versions, threads and commit."""
     import numba
 

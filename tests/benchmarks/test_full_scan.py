@@ -49,7 +49,7 @@ class Case:
         self.by_direction = np.ascontiguousarray(ranges.ranges[:, 0, : ranges.period].T)
         self.headings = np.arange(0, 1000, 1000 // SHARE)
 
-    def is_built_in(self):
+    def ours(self):
         return self.estimator.estimate(self.estimator.update(self.belief, self.measurement, self.rngs))
 
     def loop(self):

@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numba
@@ -36,10 +37,10 @@ class Case:
     """One grid, ours and everybody's readings."""
 
     def __init__(self, problem, cell, runs):
-        self.estimator = build("point-mass", problem, cell=cell)
-        grid = self.estimator.grid
+        estimator: Any = build("point-mass", problem, cell=cell)
+        self.estimator, grid = estimator, estimator.grid
         self.step, self.shape = grid.step, grid.shape
-        self.ranges = np.ascontiguousarray(grid.image(self.estimator.cells.ranges.T))  # (B, *shape)
+        self.ranges = np.ascontiguousarray(grid.image(estimator.cells.ranges.T))  # (B, *shape)
         edges = zip(grid.lower, self.step, self.shape, strict=True)
         self.axes = [low + step * (np.arange(count) + 0.5) for low, step, count in edges]
         self.points = np.stack([axis.ravel() for axis in np.meshgrid(*self.axes, indexing="ij")])
@@ -50,7 +51,7 @@ class Case:
         self.prior = problem.prior
         self.belief = self.estimator.init(self.prior, self.rngs)
 
-    def is_built_in(self):
+    def ours(self):
         return self.estimator.estimate(self.estimator.update(self.belief, self.readings, self.rngs))
 
     def ours_from_the_start(self):

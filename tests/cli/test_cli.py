@@ -16,6 +16,7 @@ import pytest
 from rangefix import __version__
 from rangefix.cli import main
 from rangefix.cli.main import gather_bearings
+from rangefix.evaluation import load
 
 STUDY = """
 runs = 12
@@ -233,6 +234,40 @@ def test_compare(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     assert (said.code, said.err) == (0, "")
     assert "B is larger" in said.out
     assert rangefix("compare", "a", "nowhere").code == 2
+
+
+def test_compare_the_estimators_of_one_study(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Without a second folder: who is more accurate on the same truths."""
+    study = write(tmp_path / "s.toml", STUDY)
+    rangefix("run", study, "--runs", "60", "--out", "a")
+    said = rangefix("compare", "a", "--json")
+    assert (said.code, said.err) == (0, "")
+    pairs = json.loads(said.out)["pairs"]
+    assert pairs
+    assert all(pair["rmse"] >= pair["best_rmse"] for pair in pairs)
+    assert "Who is more accurate on the same truths" in rangefix("compare", "a").out
+
+
+def test_only_run(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """A run repeated alone: its estimates are those of the study, and what is believed is drawn."""
+    study = write(tmp_path / "s.toml", STUDY)
+    rangefix("run", study, "--runs", "5", "--out", "a")
+    said = rangefix("run", study, "--runs", "5", "--only-run", "3", "--out", "a", "--json")
+    assert (said.code, said.err) == (0, "")
+    told = json.loads(said.out)
+    trials = load(tmp_path / "a").trials
+    for trial, whole in zip(told["trials"], trials, strict=True):
+        np.testing.assert_allclose(trial["mean"], whole.mean[3], rtol=1e-9)
+    assert (tmp_path / "a/figures/run-3.svg").is_file()
+    assert "run 3" in rangefix("run", study, "--runs", "5", "--only-run", "3", "--out", "a").out
+    for options in (("--workers", "2"), ("--force",), ("--no-resume",), ("--gate", "anees=0:2")):
+        said = rangefix("run", study, "--only-run", "3", *options)
+        assert (said.code, said.err.count("\n")) == (2, 1)
+        assert said.err.startswith("rangefix: --only-run goes with")
+    assert (
+        "no run 5: the runs of the study are 0 to 4"
+        in rangefix("run", study, "--runs", "5", "--only-run", "5").err
+    )
 
 
 def test_check(rangefix: Callable[..., Said], tmp_path: Path) -> None:

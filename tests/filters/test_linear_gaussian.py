@@ -66,7 +66,7 @@ STEPS = 5
 REPEATS = 12
 OPTIONS: dict[str, dict[str, Any]] = {  # where the error of the default is larger than it need be
     "point-mass": {"cell": 0.04},
-    "particle": {"particles": 20_000},
+    "particle": {"particles": 20_000, "temper": False},
     "enkf": {"members": 20_000},
 }
 STATED = {  # errors over the posterior's spread, of what draws nothing; 1e-9 unless it stands here
@@ -386,10 +386,10 @@ def test_no_beam_says_nothing(name):
 
 
 SAMPLED = {
-    "particle": ParticleFilter(PROBLEM, 20_000),
+    "particle": ParticleFilter(PROBLEM, 20_000, temper=False),
     "bootstrap": ParticleFilter(PROBLEM, 20_000, regularise=False, resampling="residual"),
     "kernel": ParticleFilter(PROBLEM, 20_000, bandwidth=1.0),
-    "tempered": ParticleFilter(PROBLEM, 5_000, temper=True),
+    "tempered": ParticleFilter(PROBLEM, 5_000),
     "enkf": EnsembleKalmanFilter(PROBLEM, 20_000),
 }
 

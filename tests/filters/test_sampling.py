@@ -38,7 +38,7 @@ def room_problem(beams: int = 3) -> Problem:
 
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "point-mass": {"cell": 0.1},
-    "particle": {"particles": 500, "temper": True},
+    "particle": {"particles": 500},
     "ekf": {},
     "ukf": {},
     "ckf": {},

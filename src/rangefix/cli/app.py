@@ -1,14 +1,17 @@
-"""What the commands share: the application, its exit codes, and JSON on standard output."""
+"""What the commands share: the application, its exit codes, and all that is printed."""
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from ..errors import printable
 
 app = typer.Typer(
     name="rangefix",
@@ -46,8 +49,18 @@ class Stopped(Exception):
     """Somebody has stopped a command; what there is to say of it."""
 
 
+def say(text: object) -> None:
+    """A line on standard output, for people; what a terminal would obey is shown as escapes."""
+    typer.echo(printable(str(text)))
+
+
+def warn(text: str) -> None:
+    """A line on standard error, that begins with the name of the command."""
+    print(printable(f"rangefix: {text}"), file=sys.stderr)
+
+
 def print_json(document: Any) -> None:
-    """One JSON document on standard output; numbers that are not finite become null."""
+    """One JSON document on standard output, in printable ASCII; numbers that are not finite become null."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):
@@ -56,4 +69,4 @@ def print_json(document: Any) -> None:
             return [plain(each) for each in value]
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    typer.echo(json.dumps(plain(document), indent=2, allow_nan=False))
+    typer.echo(json.dumps(plain(document), indent=2, allow_nan=False).replace("\x7f", "\\u007f"))

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, print_json
+from .app import ExitCode, Json, print_json, say
 
 
 def check(
@@ -36,17 +36,22 @@ def check(
     for result in run_checks_isolated(target, options, reasons, timeout):
         results.append(result)
         for line in () if as_json else lines_of(result):
-            typer.echo(line)
+            say(line)
     if as_json:
         checks = [vars(result) for result in results]
         print_json({"target": target, "conforms": conforms(results), "checks": checks})
     else:
-        typer.echo(sum_up(results))
+        say(sum_up(results))
     if not conforms(results):
         raise typer.Exit(ExitCode.SOME_FAILED)
 
 
-def estimators(as_json: Json = False) -> None:
+def estimators(
+    no_plugins: Annotated[
+        bool, typer.Option("--no-plugins", help="Leave out those of other packages, which are imported here.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
     """The estimators that there are, with their options."""
     from ..evaluation.isolation import signature_of
     from ..evaluation.isolation.look import inspect_plugin
@@ -54,7 +59,7 @@ def estimators(as_json: Json = False) -> None:
     from ..filters.registry import BUILT_IN, resolve
 
     described = []
-    for name in available():  # plug-ins are imported in processes of their own
+    for name in BUILT_IN if no_plugins else available():  # plug-ins are imported in processes of their own
         plugin = signature_of(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
         options = dict(plugin.parameters)
         row: dict[str, Any] = {"name": name, "summary": plugin.summary, "options": options}
@@ -64,10 +69,11 @@ def estimators(as_json: Json = False) -> None:
         return
     for row in described:
         if "fault" in row:
-            typer.echo(f"{row['name']:<12} cannot be used: {row['fault']}")
+            say(f"{row['name']:<12} cannot be used: {row['fault']}")
             continue
         listed = ", ".join(f"{name}={value}" for name, value in row["options"].items())
-        typer.echo(f"{row['name']:<12} {row['summary']}\n{'':<12} options: {listed or 'none'}")
+        say(f"{row['name']:<12} {row['summary']}")
+        say(f"{'':<12} options: {listed or 'none'}")
 
 
 def read_options(given: Iterable[str]) -> dict[str, Any]:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from signal import SIGTERM, default_int_handler, signal
 from threading import current_thread, main_thread
+from types import TracebackType
 from typing import Annotated, NoReturn
 
 import typer
 
 from .. import __version__
-from .app import ExitCode, Stopped, app
+from ..errors import printable
+from .app import ExitCode, Stopped, app, say, warn
 from .estimators import check, estimators
 from .maps import ranges
 from .results import compare, paper, plot, report
-from .run import new, run
+from .run import new, run, validate
 
-for command in (new, check, estimators, plot, report, compare, paper, run, ranges):
+for command in (new, validate, run, check, estimators, plot, report, compare, paper, ranges):
     app.command()(command)
 
 
@@ -30,21 +33,28 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
     except (Stopped, typer.Abort) as stopped:
-        print(f"rangefix: {str(stopped) or 'stopped'}", file=sys.stderr)
+        warn(str(stopped) or "stopped")
         code = ExitCode.INTERRUPTED
     except Exception as error:
         mistakes = explain(error)
         if mistakes is None:
+            sys.excepthook = _print_traceback
             raise
         for line in mistakes:
-            print(f"rangefix: {line}", file=sys.stderr)
+            warn(line)
         code = ExitCode.BAD_INPUT
     sys.exit(code if isinstance(code, int) else ExitCode.FINE)
 
 
+def _print_traceback(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
+    """An error of ours as Python shows it, but for what a terminal would obey."""
+    text = "".join(traceback.format_exception(kind, error, where))
+    print(printable(text, keep="\n"), end="", file=sys.stderr)
+
+
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"rangefix {__version__}")
+        say(f"rangefix {__version__}")
         raise typer.Exit
 
 

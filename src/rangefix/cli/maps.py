@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import Json, print_json
+from .app import Json, print_json, say
 
 
 def ranges(
@@ -45,6 +45,6 @@ def ranges(
     if as_json:
         print_json({"map": map_name, "at_m": list(at), "heading_deg": heading_deg, "beams": rows})
         return
-    typer.echo("bearing, deg   range, m")
+    say("bearing, deg   range, m")
     for row in rows:
-        typer.echo(f"{row['bearing_deg']:>12.2f}   {row['range_m']:>8.4f}")
+        say(f"{row['bearing_deg']:>12.2f}   {row['range_m']:>8.4f}")

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
+from ..errors import printable
 from ..evaluation import Progress
 
 
@@ -32,7 +33,7 @@ def bars() -> Iterator[Callable[[Progress], None] | None]:
         def show(progress: Progress) -> None:
             if progress.estimator not in tasks:
                 tasks[progress.estimator] = display.add_task(
-                    progress.estimator, total=progress.total, failed=""
+                    printable(progress.estimator), total=progress.total, failed=""
                 )
             failed = f"{progress.failed} failed" if progress.failed else ""
             display.update(tasks[progress.estimator], completed=progress.done, failed=failed)

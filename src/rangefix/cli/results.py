@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, named, print_json
+from .app import Json, named, print_json, say
 
 
 def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
@@ -19,7 +19,7 @@ def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_
         print_json({"figures": [str(path) for path in paths]})
         return
     for path in paths:
-        typer.echo(path)
+        say(path)
 
 
 def report(
@@ -37,18 +37,23 @@ def report(
     if as_json:
         print_json({"report": str(path)})
     else:
-        typer.echo(path)
+        say(path)
 
 
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    b: Annotated[
+        Path | None, typer.Argument(metavar="B", help="Another one; without it, the estimators of A.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """What differs between two results, in config, versions and numbers, and what of it may be chance."""
+    """What differs between two results, or between the estimators of one, and what of it may be chance."""
     from ..evaluation import load
     from ..evaluation.consistency.compare import compare as compared
 
+    if b is None:
+        _compare_estimators(a, as_json)
+        return
     comparison = compared(load(a), load(b))
     if as_json:
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
@@ -57,8 +62,21 @@ def compare(
 
     screen = console()
     for line in preamble(comparison, str(a), str(b)):
-        screen.print(line, markup=False, soft_wrap=True)
+        screen.say(line)
     screen.print(differences(comparison))
+
+
+def _compare_estimators(folder: Path, as_json: bool) -> None:
+    from ..evaluation import compare_estimators, load
+
+    pairs = compare_estimators(load(folder))
+    if as_json:
+        print_json({"folder": str(folder), "pairs": [vars(pair) | {"words": pair.words} for pair in pairs]})
+        return
+    from .tables import accuracy, console
+
+    screen = console()
+    screen.print(accuracy(pairs))
 
 
 def paper(
@@ -87,6 +105,6 @@ def paper(
     screen = console()
     screen.print(table1(solved))
     for note in table1_notes(solved):
-        screen.print(note)
+        screen.say(note)
     if out is not None:
-        screen.print(f"Figures: {out / 'figures'}")
+        screen.say(f"Figures: {out / 'figures'}")

@@ -7,16 +7,19 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from ..evaluation import Results, Row
+from ..errors import printable
+from ..evaluation import PairedComparison, Results, Row
 from ..evaluation.consistency.compare import Comparison, Difference
-from ..evaluation.consistency.formatting import beams_in_words, format_number, unit
+from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
-from ..evaluation.consistency.metrics import Metric
+from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
 
@@ -25,10 +28,22 @@ WIDTH = 150  # where the output is not a terminal
 SHOWN = 40  # lines of a config's diff
 
 
-def console() -> Console:
+class Screen(Console):
+    """A console on which no text of ours, a file or a plug-in is obeyed: escapes of a terminal are shown."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Any text that is printed, alone or in a table."""
+        return super().render_str(printable(text, keep="\n"), **options)
+
+    def say(self, text: str) -> None:
+        """Print one line, however long."""
+        self.print(printable(text), soft_wrap=True)
+
+
+def console() -> Screen:
     """Standard output; as wide as the terminal, or WIDTH. Labels and titles are shown as they are."""
     width = None if sys.stdout.isatty() else WIDTH
-    return Console(width=width, highlight=False, markup=False, emoji=False)
+    return Screen(width=width, highlight=False, markup=False, emoji=False)
 
 
 def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
@@ -117,14 +132,14 @@ def _heading(metric: Metric, component: str, narrow: bool) -> str:
     """On two lines. What has an honest value is shown with its interval, to be compared with it."""
     if metric.honest is not None:
         return f"\n{metric.short_label(component)}" if narrow else f"{metric.short_label(component)}\n[95 %]"
-    first, _, rest = metric.full_label(component).partition(" ")
+    first, _, rest = metric.full_label(component).partition(" (")[0].partition(" ")
     return f"{first}\n{rest}"
 
 
 def _cell(row: Row, metric: Metric, component: str, narrow: bool) -> str:
     interval = metric.in_shown_unit(row.figures.get(metric.column(component), UNKNOWN), component)
     if metric.honest is None:
-        return format_number(interval.value) if row.ok else "-"
+        return "-" if math.isnan(interval.value) else format_number(interval.value)
     if narrow or not math.isfinite(interval.value):
         return format_number(interval.value)
     return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
@@ -169,6 +184,33 @@ def improbable(rows: Sequence[Row]) -> list[str]:
     ]
 
 
+def collapsed(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams with few effective particles in many runs."""
+    end = max(row.step for row in rows)
+    return [
+        f"{row.estimator}, {beams_in_words(row.beams)}: collapsed in {100 * row.collapsed.value:.3g} % of "
+        f"the runs; fewer than {MIN_EFFECTIVE} effective particles"
+        for row in rows
+        if row.step == end and row.collapsed.value > MENTION_SHARE
+    ]
+
+
+def inaccurate(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams with large numerical errors or no mean heading."""
+    end = max(row.step for row in rows)
+    lines = []
+    for row in rows:
+        where = f"{row.estimator}, {beams_in_words(row.beams)}"
+        if row.step == end and row.inaccurate.value > MENTION_SHARE:
+            lines.append(
+                f"{where}: inaccurate in {100 * row.inaccurate.value:.3g} % of the runs; numerical error "
+                f"above {MAX_ERROR:g} deviations"
+            )
+        if row.step == end and row.undirected.value > MENTION_SHARE:
+            lines.append(f"{where}: no mean heading in {100 * row.undirected.value:.3g} % of the runs")
+    return lines
+
+
 def failures(results: Results) -> list[str]:
     """A line for each estimator and set of beams of which runs failed: how many, and why the first did."""
     lines = []
@@ -211,6 +253,24 @@ def differences(comparison: Comparison) -> Table:
     for difference in comparison.differences:
         if difference.step in (-1, last):
             table.add_row(*_difference_cells(difference), style="bold" if difference.significant else "")
+    return table
+
+
+def accuracy(pairs: Sequence[PairedComparison]) -> Table:
+    """Each estimator beside the most accurate one on the same truths."""
+    columns = ["\nestimator", "runs of\nboth", "rms error of the\nposition, m", "that of\nthe best"]
+    columns += ["closer than\nthe best in", "\np"]
+    table = new_table("Who is more accurate on the same truths, after the last measurement", columns)
+    table.add_column("", justify="left")
+    for beams, best in dict.fromkeys((pair.beams, pair.best) for pair in pairs):
+        table.add_row(f"{beams_in_words(beams)}; the most accurate is {best}", style="bold")
+        for pair in (pair for pair in pairs if (pair.beams, pair.best) == (beams, best)):
+            p = "-" if pair.p != pair.p else f"{pair.p:.2g}"
+            closer = "-" if not pair.runs else format_percent(pair.closer)
+            rms = format_number(pair.rmse), format_number(pair.best_rmse)
+            style = "bold" if pair.significant else ""
+            table.add_row(f"  {pair.estimator}", str(pair.runs), *rms, closer, p, pair.words, style=style)
+        table.add_section()
     return table
 
 

@@ -5,12 +5,14 @@ from .consistency.from_arrays import coverage, credibility, noncredibility
 from .consistency.gates import check_gates, parse_gates
 from .consistency.intervals import Interval, mean_interval, share_interval
 from .consistency.metrics import Metric, RunBlock
+from .consistency.paired import PairedComparison, compare_estimators
 from .consistency.row import Row, to_csv
 from .consistency.scores import anees_band, is_positive, nees
 from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
+from .consistency.worst_runs import WorstRun, worst_runs
 from .experiment import Experiment, NamedEstimator
-from .monte_carlo import Progress, run
+from .monte_carlo import ClusterTls, Progress, repeat_run, run
 from .report import write_report
 from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
@@ -20,11 +22,13 @@ Named = NamedEstimator  # its name in 0.1
 
 __all__ = [
     "STATUSES",
+    "ClusterTls",
     "Experiment",
     "Interval",
     "Metric",
     "Named",
     "NamedEstimator",
+    "PairedComparison",
     "Progress",
     "Results",
     "ResultsError",
@@ -34,8 +38,10 @@ __all__ = [
     "StudyError",
     "Trials",
     "Verdict",
+    "WorstRun",
     "anees_band",
     "check_gates",
+    "compare_estimators",
     "coverage",
     "credibility",
     "decide",
@@ -48,6 +54,7 @@ __all__ = [
     "parse_gates",
     "parse_study",
     "ratio_interval",
+    "repeat_run",
     "run",
     "share_interval",
     "stream",
@@ -55,5 +62,6 @@ __all__ = [
     "study_names",
     "summarise",
     "to_csv",
+    "worst_runs",
     "write_report",
 ]

@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..errors import printable
 from ..filters import Estimator, Problem
 from ..filters.registry import BUILT_IN, build_with, resolve
 
@@ -27,10 +29,13 @@ class NamedEstimator:
     Attributes:
         name: As for `build`.
         options: The estimator's own.
+        folder: Where a file counts from, and where modules are looked for that are not installed: that of the
+            study which names it. Unless given, a file counts from the current folder.
     """
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path | None = None
 
     def __call__(self, problem: Problem) -> Estimator[Any]:
         """Build the estimator for a problem."""
@@ -38,7 +43,7 @@ class NamedEstimator:
 
     def factory(self) -> Any:
         """Import the function or class of that name; it may raise what `resolve` raises."""
-        return resolve(self.name)
+        return resolve(self.name, self.folder)
 
     def build_with(self, factory: Any, problem: Problem) -> Estimator[Any]:
         """Build the estimator for a problem; whatever the factory raises comes out."""
@@ -130,7 +135,8 @@ class Experiment:
 
     def __repr__(self) -> str:
         names, sets = ", ".join(self.estimators), ", ".join(self.beam_labels)
-        return f"<Experiment {self.name!r}: {names} on beams {sets}; {self.runs} runs of {self.steps} steps>"
+        told = f"{names} on beams {sets}; {self.runs} runs of {self.steps} steps"
+        return printable(f"<Experiment {self.name!r}: {told}>")
 
     @property
     def assumed_problem(self) -> Problem:

@@ -176,6 +176,16 @@ class EachRun(Generic[Belief]):
             raise NotImplementedError(f"a {type(self.single).__name__} cannot tell its resultant")
         return np.array([float(self.single.resultant(run)) for run in belief])
 
+    def effective_particles(self, belief: tuple[Belief, ...]) -> Array:
+        """Each run's effective number of particles, (M,).
+
+        Raises:
+            NotImplementedError: If the single-run estimator has none.
+        """
+        if not isinstance(self.single, HasParticlesOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} has no particles")
+        return np.array([float(self.single.effective_particles(run)) for run in belief])
+
 
 class Image(NamedTuple):
     """What the belief of one run looks like: its density over the room, and over an unknown heading.
@@ -207,6 +217,26 @@ class CanShow(Protocol[Asked]):
 
     def density(self, belief: Asked, run: int) -> Image:
         """What the belief of a run looks like."""
+
+
+@runtime_checkable
+class HasParticles(Protocol[Asked]):
+    """The optional method `effective_particles` of an estimator whose belief is weighted points."""
+
+    def effective_particles(self, belief: Asked) -> Array:
+        """Effective number of particles, 1 / sum w^2 for weights that sum to one, (M,).
+
+        Copies that nothing has moved apart are best counted as one: they tell no more than one does. Below
+        50 a run is called collapsed, in tables and by the verdict.
+        """
+
+
+@runtime_checkable
+class HasParticlesOne(Protocol[Asked]):
+    """`HasParticles` of an estimator for single runs."""
+
+    def effective_particles(self, belief: Asked) -> float:
+        """Effective number of particles."""
 
 
 @runtime_checkable
@@ -298,6 +328,25 @@ def show_belief(estimator: Any, belief: Any, run: int) -> Image | None:
         return None
 
 
+def effective_particles(estimator: Any, belief: Any, runs: int) -> Array | None:
+    """Effective numbers of particles in the beliefs of M runs, (M,); None for an estimator without particles.
+
+    Raises:
+        ValueError: If there is not one positive, finite number for each run.
+    """
+    if not isinstance(estimator, HasParticles):
+        return None
+    try:
+        numbers = real_floats("what effective_particles() gives", estimator.effective_particles(belief))
+    except NotImplementedError:
+        return None
+    if numbers.shape != (runs,):
+        raise ValueError(f"effective_particles() gave shape {numbers.shape}, not ({runs},)")
+    if not (np.isfinite(numbers) & (numbers > 0)).all():
+        raise ValueError("effective_particles() gave numbers that are not positive and finite")
+    return numbers
+
+
 def numerical_error(estimator: Any, belief: Any, runs: int) -> Array | None:
     """Numerical errors that an estimator states of M runs, (M,); None where it cannot tell.
 
@@ -332,6 +381,20 @@ def _told(method: Callable[[Any], Array], belief: Any, runs: int) -> Array | Non
     if not (numbers >= 0).all():
         raise ValueError(f"{name}() gave numbers that are negative or NaN")
     return numbers
+
+
+def diagnostics_of(estimator: Any, belief: Any, runs: int) -> dict[str, Array]:
+    """What an estimator says of its own computation, for M runs: name -> (M,), of what it can tell.
+
+    Raises:
+        ValueError: If it says what cannot be.
+    """
+    told = {
+        "effective_particles": effective_particles(estimator, belief, runs),
+        "numerical_error": numerical_error(estimator, belief, runs),
+        "mean_resultant": mean_resultant(estimator, belief, runs),
+    }
+    return {name: numbers for name, numbers in told.items() if numbers is not None}
 
 
 def filtered(

@@ -7,7 +7,8 @@ import importlib.util
 import inspect
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib.metadata import entry_points
 from operator import attrgetter
@@ -81,20 +82,27 @@ def build_with(name: str, factory: Any, problem: Problem, options: Mapping[str, 
     return EachRun(estimator) if single else estimator
 
 
-def resolve(name: str) -> Any:
-    """The function or class behind an estimator's name.
+def resolve(name: str, folder: Path | None = None) -> Any:
+    """The function or class behind an estimator's name, whose code is run to find it.
+
+    Args:
+        name: As for `build`.
+        folder: Where a file counts from, and where modules are looked for that are not installed; unless
+            given a file counts from the current folder, and only what Python finds is a module.
 
     Raises:
-        KeyError: If there is no such estimator.
+        KeyError: If there is no such estimator, or two modules that are called so.
         ImportError: If its code fails to import.
     """
     target = _target(name)
     where, _, attribute = target.rpartition(":")
+    file = file_of(name, folder)
     try:
-        module = _file_module(Path(where)) if where.endswith(".py") else importlib.import_module(where)
+        with _modules_of(folder):
+            module = _file_module(file) if where.endswith(".py") and file else importlib.import_module(where)
     except (Exception, SystemExit) as error:  # whatever a plug-in's code may raise
         missing = error.name or where if isinstance(error, ModuleNotFoundError) else ""
-        if name == target and (isinstance(error, _NoFile) or f"{where}.".startswith(f"{missing or ' '}.")):
+        if name == target and f"{where}.".startswith(f"{missing or ' '}."):
             raise KeyError(f"no estimator {name!r}: {error}") from None
         cause = f"{type(error).__name__}: {' '.join(str(error).split())}{plugin_line(error.__traceback__)}"
         raise ImportError(f"estimator {name!r} failed to import: {cause}") from error
@@ -107,6 +115,84 @@ def resolve(name: str) -> Any:
         if name == target:
             raise KeyError(f"no estimator {name!r}: {text}") from None
         raise ImportError(f"estimator {name!r} failed to import: {text}") from None
+
+
+def file_of(name: str, folder: Path | None = None) -> Path | None:
+    """The file of a plug-in that is named as one, or lies in a folder as a module; nothing of it is run.
+
+    Args:
+        name: As for `build`.
+        folder: As for `resolve`.
+
+    Returns:
+        The file, or the `__init__.py` of a package; None for what is built in or installed.
+
+    Raises:
+        KeyError: If there is no such file or module, or two modules are called so.
+    """
+    target = _target(name)
+    where = target.rpartition(":")[0]
+    if name in BUILT_IN or target != name:
+        return None
+    if where.endswith(".py"):
+        file = Path(where) if folder is None else folder / where
+        if os.path.isfile(file):  # it says so of names too long, too
+            return file
+        here = folder is not None and os.path.isfile(where)
+        hint = "; there is one in the current folder: a path counts from the study's folder" if here else ""
+        raise KeyError(f"no estimator {name!r}: no file {file}{hint}")
+    top = where.partition(".")[0]
+    beside = _module_in(folder, top) if folder is not None and top.isidentifier() else None
+    found, origin = _installed(top)
+    if beside is None:
+        if found:
+            return None
+        raise KeyError(f"no estimator {name!r}: no module named {top!r}")
+    if found and (origin is None or not os.path.exists(origin) or not os.path.samefile(origin, beside)):
+        raise KeyError(
+            f"no estimator {name!r}: which one? There are {beside} and {origin or 'a built-in one'}; rename "
+            f"the one beside the study, or write {top}.py:{name.rpartition(':')[2]} for it"
+        )
+    return beside
+
+
+def _module_in(folder: Path, top: str) -> Path | None:
+    places = (folder / f"{top}.py", folder / top / "__init__.py")
+    return next((place for place in places if os.path.isfile(place)), None)
+
+
+def _installed(top: str) -> tuple[bool, str | None]:
+    """Whether Python finds a module, which is not imported, and in which file."""
+    loaded = sys.modules.get(top)
+    if loaded is not None and loaded.__spec__ is None:  # a script or notebook
+        return True, getattr(loaded, "__file__", None)
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ValueError, ImportError):
+        return False, None
+    return spec is not None, spec.origin if spec else None
+
+
+@contextmanager
+def _modules_of(folder: Path | None) -> Iterator[None]:
+    """Let modules of a folder be imported, after all others; then they are forgotten.
+
+    Another study may have others that are called the same.
+    """
+    if folder is None:
+        yield
+        return
+    before, place = set(sys.modules), str(folder)
+    sys.path.append(place)
+    try:
+        yield
+    finally:
+        if place in sys.path:  # a plug-in may have taken it away
+            del sys.path[len(sys.path) - 1 - sys.path[::-1].index(place)]
+        for name in set(sys.modules) - before:
+            file = getattr(sys.modules[name], "__file__", None)
+            if file and Path(file).is_relative_to(folder) and place not in sys.path:
+                del sys.modules[name]
 
 
 def module_of(name: str) -> str:
@@ -130,15 +216,11 @@ def _target(name: str) -> str:
     raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
 
 
-class _NoFile(FileNotFoundError):
-    """There is no such file; a plug-in that misses another one raises its own error."""
-
-
 def _file_module(path: Path) -> ModuleType:
     """A module made from a file outside any package."""
     spec = importlib.util.spec_from_file_location(f"rangefix_file_{path.stem}", path)
-    if spec is None or spec.loader is None or not os.path.isfile(path):  # it says so of names too long, too
-        raise _NoFile(f"no file {path}")
+    assert spec is not None  # its name ends in .py
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look there while they are made
     try:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..errors import printable
 
 PARALLEL = 1e-15  # below this a sine or cosine is rounding: right angles are exact
 EDGE_ON = 1e-12  # below this |v.d| a wall is met edge-on, and its range has no derivative
@@ -15,6 +16,9 @@ EDGE_ON = 1e-12  # below this |v.d| a wall is met edge-on, and its range has no 
 
 class MapError(ValueError):
     """A map that cannot be: a crossed outline, an empty mesh, a broken file. One line, with the fix."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class Hits(NamedTuple):

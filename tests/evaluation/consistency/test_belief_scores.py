@@ -237,7 +237,7 @@ def test_copies_of_few_points_are_not_torn_apart():
 
 BUILT_IN: dict[str, dict[str, Any]] = {
     "point-mass": {"cell": 0.04},
-    "particle": {"particles": 1000, "temper": True},
+    "particle": {"particles": 1000},
 }
 
 

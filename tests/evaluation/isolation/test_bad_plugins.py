@@ -212,7 +212,7 @@ def test_a_study_warns_of_plug_ins_and_runs(
 )
 def test_a_name_that_leads_nowhere_is_a_mistake_of_the_study(folder: Path, name: str, says: str) -> None:
     with pytest.raises(ValueError, match="estimators") as error:
-        parse_study(f'{STUDY}[[estimators]]\nname = "{folder}/{name}"\n', source="s.toml")
+        parse_study(f'{STUDY}[[estimators]]\nname = "{folder}/{name}"\n', source="s.toml").check_plugins()
     expected = says.replace("'{}'", repr(f"{folder}/{name}")).replace("{}", f"{folder}/")
     assert str(error.value) == f"s.toml:14: {expected}"
 
@@ -220,7 +220,7 @@ def test_a_name_that_leads_nowhere_is_a_mistake_of_the_study(folder: Path, name:
 def test_options_of_plug_ins_are_checked(folder: Path) -> None:
     text = f'{STUDY}[[estimators]]\nname = "{folder}/bad.py:Good"\noptions = {{ sise = 2 }}\n'
     with pytest.raises(ValueError, match=r"s.toml:15: estimators\[2\].options.sise: .* did you mean size\?"):
-        parse_study(text, source="s.toml")
+        parse_study(text, source="s.toml").check_plugins()
 
 
 @pytest.mark.parametrize(

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
 
-from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
+from rangefix.evaluation import ClusterTls, Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.isolation import to_pickle
 from rangefix.evaluation.monte_carlo import backends, keys, worker
 from rangefix.evaluation.monte_carlo.backends import Payload
+from rangefix.evaluation.monte_carlo.environment import arithmetic, other_bits
 from rangefix.evaluation.monte_carlo.simulate import Simulation
 
 from ..conftest import make_problem
@@ -35,24 +38,33 @@ class Slow:
 """
 
 
+def payload(content, code, bits):
+    return Payload(content, tuple(code.items()), tuple(bits.items()))
+
+
 def contents(folder):
     return {file.relative_to(folder): file.read_bytes() for file in (folder / "parts").rglob("*.npz")}
 
 
-@pytest.fixture
-def dask(tmp_path):
-    """The address of a scheduler, and its two workers."""
+@contextmanager
+def cluster(folder, workers, *options):
+    """A scheduler on loopback: its address, and its workers, each with variables of its environment."""
     pytest.importorskip("distributed", reason="dask is not installed: pip install 'rangefix[dask]'")
     with ExitStack() as running:
 
-        def start(*arguments):
-            command = [sys.executable, "-m", *arguments]
-            process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        def start(*arguments, **variables):
+            command = [sys.executable, "-m", *arguments, *options]
+            process = subprocess.Popen(
+                command,
+                stderr=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                env=os.environ | variables,
+            )
             running.callback(process.wait)
             running.callback(process.kill)
             return process
 
-        where = tmp_path / "scheduler.json"
+        where = folder / "scheduler.json"
         local = ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(where))
         start("distributed.cli.dask_scheduler", "--port", "0", *local)
         deadline = time.monotonic() + 30
@@ -63,8 +75,23 @@ def dask(tmp_path):
                 address = json.loads(where.read_text())["address"]
             except (OSError, ValueError):
                 continue
-        alone = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(tmp_path))
-        yield address, [start("distributed.cli.dask_worker", address, *alone) for _ in range(2)]
+        alone = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder))
+        yield address, [start("distributed.cli.dask_worker", address, *alone, **each) for each in workers]
+
+
+def wait_for_workers(address, count, **options):
+    """Until so many are there."""
+    import distributed
+
+    with distributed.Client(address, set_as_default=False, **options) as client:
+        client.wait_for_workers(count, timeout=60)
+
+
+@pytest.fixture
+def dask(tmp_path):
+    """The address of a scheduler, and its two workers."""
+    with cluster(tmp_path, [{}, {}]) as running:
+        yield running
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
@@ -104,6 +131,96 @@ def test_a_task_that_kills_its_workers_ends_the_run_in_a_line(request, monkeypat
         run(Experiment(make_problem(), deadly, runs=3, timeout=0), tmp_path / "out", cluster=address)
 
 
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_a_worker_of_other_bits_is_refused_before_anything_is_written(tmp_path):
+    """Another BLAS kernel is named; the same one is fine. `test_other_bits_are_other_numbers` says why."""
+    if "openblas" not in arithmetic()["BLAS"] or arithmetic()["BLAS"].count("Nehalem"):
+        pytest.skip("it takes OpenBLAS to choose another kernel")
+    made = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=4)
+    with cluster(tmp_path, [{"OPENBLAS_CORETYPE": "Nehalem"}]) as (address, _):
+        wait_for_workers(address, 1)
+        says = r"^worker tcp://\S+ gives other numbers: BLAS .*Nehalem.*, here .*; other last bits of a short"
+        with pytest.raises(ResultsError, match=says):
+            run(made, tmp_path / "new" / "out", cluster=address)
+    assert not (tmp_path / "new").exists()
+
+
+def authority(folder):
+    """Makes an authority, and certificates that it has signed, by openssl."""
+
+    def call(*arguments):
+        subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)
+
+    folder.mkdir()
+    key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj")
+    call("req", "-x509", *key, "/CN=authority", "-keyout", "ca-key.pem", "-out", "ca.pem", "-days", "2")
+    call("req", *key, "/CN=rangefix", "-keyout", "key.pem", "-out", "request.pem")
+    signed = ("-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial", "-days", "2")
+    call("x509", "-req", "-in", "request.pem", *signed, "-out", "certificate.pem")
+    return ClusterTls(folder / "ca.pem", folder / "certificate.pem", folder / "key.pem")
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="there is no openssl to make certificates")
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_certificates_let_in_those_who_have_them(tmp_path, monkeypatch):
+    """The same bits through TLS; without a certificate, or with one of another authority, no scheduler."""
+    monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "3s")
+    ours, theirs = authority(tmp_path / "ours"), authority(tmp_path / "theirs")
+    options = ("--tls-ca-file", str(ours.ca), "--tls-cert", str(ours.certificate), "--tls-key", str(ours.key))
+    made = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=4)
+    with cluster(tmp_path, [{}], *options, "--protocol", "tls") as (address, _):
+        assert address.startswith("tls://")
+        run(made, tmp_path / "tls", cluster=address, cluster_tls=ours, timing=False)
+        for wrong, where in ((None, address), (theirs, address), (None, address.replace("tls", "tcp"))):
+            with pytest.raises(ResultsError, match="no dask scheduler answers"):
+                run(made, tmp_path / "new" / "out", cluster=where, cluster_tls=wrong)
+    run(made, tmp_path / "serial", timing=False)
+    assert contents(tmp_path / "tls") == contents(tmp_path / "serial")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("address", "tls", "says"),
+    [
+        ("tcp://127.0.0.1:1", None, r"--cluster tcp://127.0.0.1:1: no dask scheduler answers"),
+        ("nonsense://x", None, "no dask scheduler answers"),
+        (" ", None, "--cluster is empty"),
+        ("tcp://127.0.0.1:1", ("a", "b"), "certificates are for an address that begins with tls://"),
+        ("tls://127.0.0.1:1", ("a.pem", "b.pem"), "no file a.pem"),
+    ],
+)
+def test_an_address_is_checked_before_anything_is_written(address, tls, says, tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="dask is not installed: pip install 'rangefix[dask]'")
+    monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "1s")
+    made = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3)
+    with pytest.raises(ValueError, match=says):
+        run(made, tmp_path / "new", cluster=address, cluster_tls=tls and ClusterTls(*tls))
+    assert not (tmp_path / "new").exists()
+
+
+def test_other_bits_are_other_numbers(tmp_path):
+    """The same digest in every process, another one with another BLAS kernel; names alone only explain."""
+    code = "from rangefix.evaluation.monte_carlo.environment import arithmetic; import json; "
+    command = [sys.executable, "-c", code + "print(json.dumps(arithmetic()))"]
+
+    def of(**variables):
+        where = os.environ | variables
+        done = subprocess.run(command, env=where, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)
+
+    here = arithmetic()
+    assert other_bits(of(OMP_NUM_THREADS="1"), here) == ("", "")
+    assert other_bits(of(OMP_NUM_THREADS="4"), here) == ("", "")
+    assert other_bits(here | {"processor": "A"}, here | {"processor": "B"}) == ("", "processor A, here B")
+    assert other_bits({name: value for name, value in here.items() if name != "scipy"}, here)[0] == (
+        f"scipy none, here {here['scipy']}"
+    )
+    if "openblas" in here["BLAS"] and "Nehalem" not in here["BLAS"]:
+        differs, _ = other_bits(of(OPENBLAS_CORETYPE="Nehalem"), here)
+        assert differs.startswith("BLAS openblas")
+        assert differs.endswith("other last bits of a short computation")
+
+
 def test_without_dask(monkeypatch, tmp_path):
     def missing(name):
         raise ModuleNotFoundError(name)
@@ -121,17 +238,20 @@ def test_other_code_is_refused():
     """A worker whose source, libraries or plug-ins are not the caller's computes nothing."""
     experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3)
     content, prints = to_pickle(experiment), keys.code_fingerprint(experiment)
-    assert backends._worker(Payload(content, tuple(prints.items()))).experiment.runs == 3
+    here = arithmetic()
+    assert backends._worker(payload(content, prints, here)).experiment.runs == 3
     with pytest.raises(ResultsError, match="another numpy"):
-        backends._worker(Payload(content, tuple((prints | {"numpy": "1.0"}).items())))
+        backends._worker(payload(content, prints | {"numpy": "1.0"}, here))
+    with pytest.raises(ResultsError, match=r"gives other numbers: BLAS .*, here a\.kernel$"):
+        backends._worker(payload(content, prints, here | {"BLAS": "a.kernel", "processor": "another"}))
+    assert backends._worker(payload(content, prints, here | {"processor": "another"})).experiment.runs == 3
 
 
 def test_blocks_reach_the_workers_with_their_measurements(tmp_path):
     """What a worker is sent is what it needs: it reads no file of the caller."""
     experiment = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=20, block=10)
-    code = tuple(keys.code_fingerprint(experiment).items())
-    payload = Payload(to_pickle(experiment), code)
+    shared = payload(to_pickle(experiment), keys.code_fingerprint(experiment), arithmetic())
     results = run(experiment, tmp_path, timing=False)
     task = worker.Task("ekf", 0, 10, 20)
-    _, part = backends._work(payload, task, Simulation(results.truth[10:], results.measurement[10:]))
+    _, part = backends._work(shared, task, Simulation(results.truth[10:], results.measurement[10:]))
     np.testing.assert_array_equal(part["mean"], results.get("ekf").mean[10:])

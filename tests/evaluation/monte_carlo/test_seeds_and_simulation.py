@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from time import process_time
 from zlib import crc32
 
@@ -13,7 +14,19 @@ from rangefix.evaluation import Experiment, parse_study, stream, streams
 from rangefix.evaluation.monte_carlo.evidence_floor import ALLOWANCE, evidence_floor
 from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.seeds import Streams
-from rangefix.filters import BeamMixture, Gaussian, Quantised, Rangefinder, RangeProportional, StudentT
+from rangefix.filters import (
+    BeamMixture,
+    Gaussian,
+    Problem,
+    Quantised,
+    Rangefinder,
+    RangeProportional,
+    Stationary,
+    StudentT,
+    Uniform,
+    position_space,
+)
+from rangefix.maps import FloorPlan
 
 from ..conftest import PriorOnly, make_problem
 
@@ -26,6 +39,47 @@ def test_stream_is_the_stated_one():
     expected = np.random.default_rng([3, crc32(b"truth"), 12]).random(4)
     assert (stream(3, "truth", 12).random(4) == expected).all()
     assert (streams(3, "truth", [11, 12])[1].random(4) == expected).all()
+
+
+@pytest.mark.parametrize("seed", [0, 3, 2**31 + 5, 2**32 - 1, 2**32 + 1])
+def test_streams_made_together_are_the_stated_ones(seed):
+    """To the last bit, with whatever they spawn, and for numbers that numpy cuts into several words."""
+    runs = [0, 1, 499, 2**31, 2**32 - 1]
+    for many in (runs, [*runs, 2**40]):
+        for run, rng in zip(many, streams(seed, "truth", many), strict=True):
+            expected = np.random.default_rng([seed, crc32(b"truth"), run])
+            assert (rng.random(3) == expected.random(3)).all()
+            assert rng.spawn(2)[1].random() == expected.spawn(2)[1].random()
+            assert pickle.loads(pickle.dumps(rng)).random() == expected.random()
+    assert streams(seed, "truth", []) == []
+
+
+class OneByOne:
+    """A prior or sensor that draws for each run alone, as one of somebody else's does."""
+
+    def __init__(self, inner):
+        self.inner = inner
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+@pytest.mark.parametrize("noise", [Gaussian(0.05), StudentT(0.05, 3.0), RangeProportional(0.01, 0.01)])
+def test_drawing_for_all_runs_at_once_changes_no_number(noise):
+    """A box of which walls leave a fifth, so that some runs find no free place among the first draws."""
+    plan = FloorPlan(outer=[[0, 0], [30, 0], [30, 1], [1, 1], [1, 30], [0, 30]])
+    space = position_space()
+    sensor = Rangefinder(plan, np.deg2rad([0.0, 90.0, 180.0]), noise, space, max_range=8.0)
+    prior = Uniform(plan, space)
+    steps = np.zeros((2, 1))
+    quick = Problem(space, Stationary(space), sensor, prior)
+    slow = Problem(space, Stationary(space), OneByOne(sensor), OneByOne(prior))
+    one, other = (
+        simulate(Experiment(problem, {"prior": PriorOnly}, runs=300, seed=5, controls=steps), 0, 300)
+        for problem in (quick, slow)
+    )
+    assert (one.truth == other.truth).all()
+    assert np.array_equal(one.measurement, other.measurement)
 
 
 @pytest.mark.parametrize("other", [(4, "truth", 12), (3, "measurement", 12), (3, "truth", 13)])

@@ -36,7 +36,7 @@ name = "point-mass"
 options = { cell_m = 0.25, heading_cell_deg = 6.0 }
 [[estimators]]
 name = "particle"
-options = { particles = 500, temper = true }
+options = { particles = 500 }
 [[estimators]]
 name = "ekf"
 """

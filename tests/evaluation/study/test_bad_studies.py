@@ -85,4 +85,4 @@ def test_the_study_itself_is_sound() -> None:
     """Negative control: what is changed above is what is wrong."""
     study = parse_study(STUDY, source="study.toml")
     assert list(study.experiment().estimators) == ["ekf", "particle"]
-    assert study.warnings == ()
+    assert study.check_plugins() == ()

@@ -67,6 +67,14 @@ DEEP = "[" * 5000 + "]" * 5000
             "map spans",
         ),
         (f"seed = {'9' * 5000}\n" + GOOD, "s.toml"),
+        (f'name = "{"a" * 100_000}"\n' + GOOD, "name: must have at most 200 letters"),
+        (f'title = "{"a" * 100_000}"\n' + GOOD, "title: must have at most 2000 letters"),
+        (f'{GOOD}label = "{"a" * 100_000}"\n', "estimators[1].label: must have at most 200 letters"),
+        (
+            GOOD.replace("ekf", "enkf") + f"options = {{ members = {'9' * 4000} }}\n",
+            "options.members: must be at most 1000000, got one too large for a float",
+        ),
+        (GOOD.replace("ekf", "point-mass") + f"options = {{ cell_m = {'9' * 4000} }}\n", "too large"),
     ],
 )
 def test_one_line_at_once(text: str, words: str) -> None:
@@ -87,6 +95,17 @@ def test_the_first_mistakes_are_enough() -> None:
     assert len(caught.value.mistakes) == 21
     assert caught.value.mistakes[0].startswith("s.toml:1: k0: unknown key")
     assert caught.value.mistakes[-1] == "s.toml: and 4980 more"
+
+
+def test_thousands_of_estimators_with_mistakes_end_soon() -> None:
+    """Twins, and names of nothing: neither is built or looked at in a process of its own."""
+    start = time.monotonic()
+    unknown = "".join(f'[[estimators]]\nname = "nope{number}"\n' for number in range(2000))
+    for text in (ROOM + SENSOR + EKF * 2000, ROOM + SENSOR + unknown):
+        with pytest.raises(StudyError) as caught:
+            parse_study(text, source="s.toml")
+        assert len(caught.value.mistakes) == 21
+    assert time.monotonic() - start < 40  # two seconds, on a machine that has nothing else to do
 
 
 def test_files_that_are_no_study(tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ def test_a_plugin_that_raises_on_import(tmp_path):
     """The study is sound: its trials will say so, and the others run."""
     (tmp_path / "bad.py").write_text("def make(problem:")
     study = parse_study(GOOD.replace('"ekf"', f'"{tmp_path}/bad.py:make"'), source="s.toml")
-    (found,) = study.warnings
+    (found,) = study.check_plugins()
     assert found.startswith("s.toml:26: estimators[2].name: estimator ")
     assert re.search(r"failed to import: SyntaxError: .+ \(bad.py, line 1\); rangefix check ", found)
 

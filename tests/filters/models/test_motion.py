@@ -138,7 +138,7 @@ def test_filters_predict_alike_without_walls(name: str) -> None:
         GaussianPrior(mean, covariance, space),
     )
     found = []
-    for label, options in (("ekf", {}), ("ukf", {}), ("particle", {"particles": 40_000})):
+    for label, options in (("ekf", {}), ("ukf", {}), ("particle", {"particles": 40_000, "temper": False})):
         estimator = build(label, problem, **options)
         rngs = [np.random.default_rng(12)]
         belief = estimator.init(problem.prior, rngs)

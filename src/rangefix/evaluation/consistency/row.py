@@ -10,11 +10,14 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 from ...arrays import Array
+from ...errors import printable
 from ..results import FAILURES, html_table
 from .formatting import beams_in_words, factor, format_interval, format_number
-from .intervals import Interval, uniform_p_value
+from .intervals import UNKNOWN, Interval, uniform_p_value
 from .metrics import LEVELS, Metric, Place, metrics
 from .scores import anees_band
+
+FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # begin so
 
 
 class ClaimScores(NamedTuple):
@@ -110,6 +113,21 @@ class Row:
         return tuple(self.figures[f"{name}_{component}"] for component in self.names)
 
     @property
+    def inaccurate(self) -> Interval:
+        """Share of ok runs whose numerical error matters; NaN where an estimator states none."""
+        return self.figures.get("share_inaccurate", UNKNOWN)
+
+    @property
+    def undirected(self) -> Interval:
+        """Share of ok runs whose heading has no circular mean; NaN where an estimator does not say."""
+        return self.figures.get("share_undirected", UNKNOWN)
+
+    @property
+    def collapsed(self) -> Interval:
+        """Share of ok runs with too few effective particles; NaN without particles."""
+        return self.figures.get("share_collapsed", UNKNOWN)
+
+    @property
     def coverage(self) -> dict[float, Interval]:
         """Level of ellipse -> share of runs inside it."""
         return {level: self.figures[f"coverage_{100 * level:g}"] for level in LEVELS}
@@ -163,7 +181,7 @@ class Row:
     def __repr__(self) -> str:
         """What it is of, and the figures that a terminal shows."""
         figures = (": ".join(line) for line in self._lines("terminal"))
-        return "\n  ".join([f"Row of {self._title()}", *figures])
+        return "\n  ".join(printable(line) for line in [f"Row of {self._title()}", *figures])
 
     def _repr_html_(self) -> str:
         """The figures of a report as a table, for notebooks."""
@@ -197,11 +215,22 @@ class Row:
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """The rows as CSV text with a header; floats in full. A figure that a row does not have is nan."""
+    """The rows as CSV text with a header; floats in full. A figure that a row does not have is nan.
+
+    Text that a spreadsheet would compute, such as a label that begins with =, has an apostrophe before it;
+    what a terminal would obey is written as escapes.
+    """
     lines = [row.flat() for row in rows]
     text = io.StringIO()
     columns = dict.fromkeys(name for line in lines for name in line)
-    writer = csv.DictWriter(text, list(columns), restval="nan", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(lines)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(map(csv_cell, columns))
+    writer.writerows([csv_cell(line.get(name, "nan")) for name in columns] for line in lines)
     return text.getvalue()
+
+
+def csv_cell(value: object) -> object:
+    """A cell of a table that a spreadsheet may open: text is never a formula (OWASP, CSV injection)."""
+    if not isinstance(value, str):
+        return value
+    return printable(f"'{value}" if value.startswith(FORMULAS) else value)

@@ -69,6 +69,7 @@ def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> l
             improbable=trials.improbable[ok, step],
             status=trials.status,
             belief=trials.belief(step, ok),
+            diagnostics={name: array[ok, step] for name, array in trials.diagnostics.items()},
         )
         for step in range(errors.shape[1])
     ]

@@ -56,7 +56,8 @@ def beliefs_figure(data: FigureData) -> Figure:
         "posterior density, darkest at its peak": Patch(facecolor="#4f94c4"),
         "true heading": Line2D([], [], color=BEAM, linewidth=1.2, linestyle="--"),
     }
-    title = data.heading("What is believed in the first run", with_beams=True)
+    which = f"run {data.run}" if data.run else "the first run"
+    title = data.heading(f"What is believed in {which}", with_beams=True)
     return finish(figure, title, panels.flat, columns=2, more=more)
 
 

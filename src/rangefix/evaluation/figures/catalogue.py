@@ -89,4 +89,4 @@ def drawn(kinds: Iterable[FigureKind[Data]], data: Data) -> Iterator[tuple[Figur
 
 def study_figures(results: Results) -> Iterator[tuple[FigureKind[Any], Figure]]:
     """All figures of a study; those of single runs are for the last set of beams."""
-    return drawn(figure_kinds(), FigureData(results))
+    return drawn(figure_kinds(), FigureData.of(results))

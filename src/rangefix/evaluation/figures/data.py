@@ -14,6 +14,7 @@ from ..consistency.summarise import summarise
 from ..results import Picture, Results, load_pictures
 
 LONGEST_LABEL = 40  # letters of an estimator's label in a figure
+MAX_ESTIMATORS_DRAWN = 24  # of more, panels are too small to be read; tables have them all
 
 
 @dataclass(frozen=True)
@@ -22,9 +23,23 @@ class FigureData:
 
     Attributes:
         results: Its results, under the labels that users chose.
+        run: The number of their first run.
+        images: Pictures of beliefs in that run; those of the folder unless given.
+        estimators: How many estimators the study has; 0 where all of them are in the results.
     """
 
     results: Results
+    run: int = 0
+    images: tuple[Picture, ...] | None = None
+    estimators: int = 0
+
+    @classmethod
+    def of(cls, results: Results) -> FigureData:
+        """The results of all estimators, or of the first where there are too many to be drawn."""
+        count = len(results.estimators)
+        if count <= MAX_ESTIMATORS_DRAWN:
+            return cls(results)
+        return cls(replace(results, estimators=results.estimators[:MAX_ESTIMATORS_DRAWN]), count)
 
     @cached_property
     def labels(self) -> dict[str, str]:
@@ -45,9 +60,10 @@ class FigureData:
 
     @cached_property
     def pictures(self) -> dict[str, Picture]:
-        """Estimator -> picture of its belief in the first run, where one was saved."""
+        """Estimator -> picture of its belief in the first run, where there is one."""
         folder = self.results.folder
-        return {picture.estimator: picture for picture in load_pictures(folder)} if folder else {}
+        saved = load_pictures(folder) if folder and self.images is None else self.images or ()
+        return {picture.estimator: picture for picture in saved}
 
     @property
     def beams(self) -> str:
@@ -59,7 +75,10 @@ class FigureData:
         """The title of the study and its runs, as they stand over every figure."""
         manifest = self.results.manifest
         name = str(manifest.get("title") or manifest.get("name") or "study")
-        return f"{drawable_text(name, 2 * LONGEST_LABEL)} ({self.results.runs} runs)"
+        runs = f"{self.results.runs} runs" if self.results.runs > 1 else f"run {self.run}"
+        if self.estimators:
+            runs += f"; the first {len(self.results.estimators)} of {self.estimators} estimators"
+        return f"{drawable_text(name, 2 * LONGEST_LABEL)} ({runs})"
 
     def heading(self, text: str, *, with_beams: bool = False) -> str:
         """The title over a figure: a text, the set of beams if asked for, and below it the study."""

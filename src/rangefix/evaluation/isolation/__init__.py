@@ -11,6 +11,7 @@ from .process import (
     begin_piece,
     begin_stage,
     default_memory_gb,
+    machine_memory_gb,
     memory_hint,
 )
 from .undisturbed import undisturbed
@@ -25,6 +26,7 @@ __all__ = [
     "begin_piece",
     "begin_stage",
     "default_memory_gb",
+    "machine_memory_gb",
     "memory_hint",
     "signature_of",
     "to_pickle",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import inspect
 import pickle
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...errors import one_line
@@ -24,6 +26,7 @@ class PluginInfo(NamedTuple):
     Attributes:
         summary: First line of its documentation.
         parameters: Its options with their defaults as text, or None where there is none.
+        flags: Those of them that may be true or false.
         any_option: Whether it takes options of any name.
         unfit: Options that do not go with its signature: their place among those given, and why.
         fault: Why it cannot be used: what importing or building it raised; empty if it can be.
@@ -32,23 +35,30 @@ class PluginInfo(NamedTuple):
 
     summary: str = ""
     parameters: Mapping[str, Any] = {}
+    flags: tuple[str, ...] = ()
     any_option: bool = False
     unfit: tuple[tuple[int, str], ...] = ()
     fault: str = ""
     missing: bool = False
 
 
-def inspect_plugin(name: str, problem: Problem | None = None, options: Sequence[Options] = ()) -> PluginInfo:
+def inspect_plugin(
+    name: str,
+    problem: Problem | None = None,
+    options: Sequence[Options] = (),
+    folder: Path | None = None,
+) -> PluginInfo:
     """Import an estimator and, for a problem, build it with each of some options.
 
     Args:
         name: As for `build`.
         problem: What to build it for; without one it is imported alone.
         options: Options to build it with.
+        folder: As for `resolve`.
     """
     child = IsolatedProcess()
     try:
-        content = to_pickle((name, problem, [dict(each) for each in options]))
+        content = to_pickle((name, problem, [dict(each) for each in options], folder))
         info: PluginInfo = child.ask(_inspect, (content,), Limit(LOOK_TIMEOUT_S))
         return info
     except Raised as refused:
@@ -72,15 +82,17 @@ def signature_of(name: str, factory: Any) -> PluginInfo:
     return PluginInfo(
         summary=(inspect.getdoc(factory) or "").split("\n")[0],
         parameters={option.name: _plain(option.default) for option in named},
+        flags=tuple(option.name for option in named if _is_flag(option)),
         any_option=any(option.kind is option.VAR_KEYWORD for option in options),
     )
 
 
 def _inspect(content: bytes) -> PluginInfo:
     """What `inspect_plugin` has done in the separate process."""
-    name, problem, options = pickle.loads(content)
+    name, problem, options, folder = pickle.loads(content)
     begin_stage("importing it")
-    factory = resolve(name)
+    add_folder(folder)
+    factory = resolve(name, folder)
     info = signature_of(name, factory)
     unfit, fault = [], ""
     for place, given in enumerate(options):
@@ -98,6 +110,17 @@ def _inspect(content: bytes) -> PluginInfo:
             text = f"{type(error).__name__}: {one_line(error)}{plugin_line(error.__traceback__)}"
             fault = f"building estimator {name!r} failed: {text}"
     return info._replace(unfit=tuple(unfit), fault=fault)
+
+
+def add_folder(folder: Path | None) -> None:
+    """In a process that is for one plug-in alone: let it import what lies beside it, at any time."""
+    if folder is not None:
+        sys.path.append(str(folder))
+
+
+def _is_flag(option: inspect.Parameter) -> bool:
+    """Whether an option may be true or false, by its default or its annotation, such as `bool | None`."""
+    return isinstance(option.default, bool) or "bool" in str(option.annotation)
 
 
 def _plain(value: Any) -> Any:

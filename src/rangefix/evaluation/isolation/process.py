@@ -26,7 +26,7 @@ from threading import Thread
 from time import monotonic
 from typing import IO, Any, NamedTuple
 
-from ...errors import cut, one_line
+from ...errors import cut, one_line, printable
 from ...filters.plugin_line import innermost, plugin_line
 
 CHILD_CODE = """
@@ -185,13 +185,17 @@ class IsolatedProcess:
         return Lost("timeout", (reason if stage.at_once else f"{did} {seconds}") + line, stage)
 
 
+def machine_memory_gb() -> float:
+    """Memory of this machine, GB; twice MAX_MEMORY_GB where the system does not tell."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    except (AttributeError, ValueError, OSError):
+        return 2 * MAX_MEMORY_GB
+
+
 def default_memory_gb() -> float:
     """Half of the machine's memory, at most MAX_MEMORY_GB."""
-    try:
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    except (AttributeError, ValueError, OSError):
-        return MAX_MEMORY_GB
-    return min(MAX_MEMORY_GB, memory / 2)
+    return min(MAX_MEMORY_GB, machine_memory_gb() / 2)
 
 
 def in_words(memory_gb: float) -> str:
@@ -219,7 +223,7 @@ def _pass_on(pipe: IO[bytes]) -> None:
     with pipe, suppress(OSError, ValueError):
         while content := pipe.read1(65536):  # type: ignore[attr-defined]
             if left > 0:
-                text = content[:left].decode(errors="replace")
+                text = printable(content[:left].decode(errors="replace").replace("\r", "\n"), keep="\n\t")
                 more = "\n(and so on: the rest of what it prints is not shown)\n"
                 print(text + (more if len(content) > left else ""), end="", file=sys.stderr, flush=True)
             left -= len(content)

@@ -7,18 +7,22 @@ import os
 import pickle
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
+from pathlib import Path
 from threading import Lock, Thread
 from time import monotonic, sleep
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from ...errors import one_line
 from ..experiment import Experiment
 from ..isolation import to_pickle
 from ..results import ResultsError
+from .environment import arithmetic, other_bits
 from .keys import code_fingerprint
 from .simulate import Simulation
 from .worker import Task, Worker
@@ -35,10 +39,32 @@ _here: list[Worker] = []  # in a process of a pool: what it works with
 
 
 class Payload(NamedTuple):
-    """What the workers of a cluster share: a pickled experiment, and the code that it is to be run with."""
+    """What the workers of a cluster share: a pickled experiment, and what it is to be run with.
+
+    Attributes:
+        content: The experiment.
+        code: The source and the versions that the caller has.
+        arithmetic: What decides the last bits of the caller's numbers.
+    """
 
     content: bytes
     code: tuple[tuple[str, str | None], ...]
+    arithmetic: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class ClusterTls:
+    """Files in the PEM format by which a dask cluster and its users know each other.
+
+    Attributes:
+        ca: Certificate of the authority that has signed all others.
+        certificate: Ours.
+        key: Its private key; None where that is in the file of the certificate.
+    """
+
+    ca: Path | str
+    certificate: Path | str
+    key: Path | str | None = None
 
 
 def in_process(
@@ -99,30 +125,83 @@ def on_workers(
                     ) from None
 
 
+@contextmanager
+def connected(address: str, tls: ClusterTls | None, say: Callable[[str], None]) -> Iterator[Any]:
+    """A client of a dask cluster, all of whose workers compute the same bits as this process.
+
+    Whoever reaches a dask scheduler can run code on its workers, and in this process, which unpickles what
+    arrives; TLS lets only those reach it who have a certificate.
+
+    Args:
+        address: Of the scheduler.
+        tls: Unless given, dask's own configuration counts.
+        say: Told of workers with another processor, and where there are none yet.
+
+    Raises:
+        ResultsError: If dask is not installed, no scheduler answers there, or the bits differ.
+        ValueError: If the address is empty, or not one for TLS, or a file of the certificates is missing.
+    """
+    if not address.strip():
+        raise ValueError("--cluster is empty: give the address of a dask scheduler, such as tcp://HOST:8786")
+    if tls is not None and not address.startswith("tls://"):
+        raise ValueError(f"--cluster {address}: certificates are for an address that begins with tls://")
+    files = () if tls is None else (tls.ca, tls.certificate, tls.certificate if tls.key is None else tls.key)
+    if missing := [str(file) for file in files if not os.path.isfile(file)]:
+        raise ValueError(f"--cluster {address}: no file {missing[0]}")
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ModuleNotFoundError:
+        raise ResultsError("--cluster needs dask: pip install 'rangefix[dask]'") from None
+    try:
+        names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+        given = dict(zip(names, map(str, files), strict=False))
+        security = distributed.Security(require_encryption=True, **given) if given else None
+        client = distributed.Client(
+            address, timeout=SCHEDULER_TIMEOUT, set_as_default=False, security=security
+        )
+    except (OSError, ValueError, TypeError) as error:  # TimeoutError; TLS without certificates
+        raise ResultsError(f"--cluster {address}: no dask scheduler answers: {one_line(error)}") from None
+    with client:
+        _check_bits(client, say)
+        yield client
+
+
+def _check_bits(client: Any, say: Callable[[str], None]) -> None:
+    """Compare the arithmetic of all workers with ours.
+
+    Raises:
+        ResultsError: If one gives other bits, or cannot say.
+    """
+    found = client.run(arithmetic, on_error="return")
+    if not found:
+        say("the cluster has no workers yet: waiting for one")
+    for worker, there in found.items():
+        if not isinstance(there, dict):
+            text = f"{type(there).__name__}: {one_line(there)}"
+            raise ResultsError(f"worker {worker} cannot run rangefix: {text}")
+        differs, why = other_bits(there, arithmetic())
+        if differs:
+            text = "; ".join(filter(None, (differs, why)))
+            raise ResultsError(f"worker {worker} gives other numbers: {text}")
+        if why:
+            say(f"worker {worker} has another {why}; a short computation gives the same bits there")
+
+
 def on_cluster(
-    experiment: Experiment, tasks: Sequence[Task], world: Callable[[Task], Simulation], address: str
+    experiment: Experiment, tasks: Sequence[Task], world: Callable[[Task], Simulation], client: Any
 ) -> Iterator[tuple[Task, Part]]:
     """Tasks and their parts as the cluster finishes them; dask gives those of a lost worker to another.
 
     By dask's own client: joblib's dask backend waits for ever when a task keeps killing its workers.
 
     Raises:
-        ResultsError: If dask is not installed, no scheduler answers, the workers keep dying, or one of them
-            computes with other code.
+        ResultsError: If the workers keep dying, or one of them computes with other code or to other bits.
     """
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ModuleNotFoundError:
-        raise ResultsError("--cluster needs dask: pip install 'rangefix[dask]'") from None
-    try:
-        client = distributed.Client(address, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as error:  # a TimeoutError is an OSError
-        cause = " ".join(str(error).split())
-        raise ResultsError(f"--cluster {address}: no dask scheduler answers: {cause}") from None
-    with client, warnings.catch_warnings():
+    distributed: Any = importlib.import_module("distributed")
+    with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sending large graph")
-        code = tuple(code_fingerprint(experiment).items())
-        shared = client.submit(Payload, to_pickle(experiment), code, pure=False)  # a task, done again if lost
+        code, bits = tuple(code_fingerprint(experiment).items()), tuple(arithmetic().items())
+        shared = client.submit(Payload, to_pickle(experiment), code, bits, pure=False)  # done again if lost
         calls = (client.submit(_work, shared, task, world(task), pure=False) for task in tasks)
         first = islice(calls, TASKS_AHEAD * max(1, sum(client.nthreads().values())))
         going = distributed.as_completed(first, loop=client.loop)
@@ -163,10 +242,12 @@ def _worker(payload: Payload) -> Worker:
     """The worker of this process of a cluster.
 
     Raises:
-        ResultsError: If it would compute with other code than the process that asks.
+        ResultsError: If it would compute with other code than the process that asks, or to other bits.
     """
     experiment: Experiment = pickle.loads(payload.content)
     here = code_fingerprint(experiment)
     if other := [name for name, value in payload.code if here.get(name) != value]:
         raise ResultsError(f"a worker of the cluster has another {', '.join(other)}: install the same there")
+    if differs := other_bits(arithmetic(), dict(payload.arithmetic))[0]:
+        raise ResultsError(f"a worker of the cluster gives other numbers: {differs}")
     return Worker(experiment)

@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...arrays import Array, real_floats
 from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
-from ...filters.estimator import filtered
+from ...filters.estimator import diagnostics_of, filtered
 from ...filters.plugin_line import plugin_line
 from ..experiment import Builder, NamedEstimator
 from ..isolation import Stage, begin_piece, begin_stage, memory_hint
@@ -64,6 +66,7 @@ class BuiltEstimator(NamedTuple):
         rngs = Streams(self.trial.seed, "estimator", runs)
         outcome = failed_outcome(measurement.shape, self.trial.problem.space.size)
         scores: list[BeliefScores | None] = []
+        diagnostics: dict[str, Array] = {}
         stage = Stage(verb="init", step=0)
 
         def begin(verb: str, step: int) -> None:
@@ -88,6 +91,9 @@ class BuiltEstimator(NamedTuple):
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
+                for name, numbers in diagnostics_of(self.estimator, belief, len(measurement)).items():
+                    blank = np.full(measurement.shape[:2], np.nan)
+                    diagnostics.setdefault(name, blank)[:, step] = numbers
                 if truth is not None:
                     from ..consistency.belief_scores import judge_belief
 
@@ -101,6 +107,7 @@ class BuiltEstimator(NamedTuple):
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
             where = plugin_line(error.__traceback__)
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
+        outcome = outcome._replace(diagnostics=diagnostics)
         if not (known := [score for score in scores if score is not None]):
             return outcome
         from ..consistency.belief_scores import belief_arrays
@@ -149,7 +156,7 @@ class BuiltEstimator(NamedTuple):
         outcome = with_status(*tried[:3])
         outcome.reasons.update(tried.reasons)
         outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
-        return outcome._replace(beliefs=tried.beliefs)
+        return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics)
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

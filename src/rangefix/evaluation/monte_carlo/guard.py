@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...arrays import Array
-from ..experiment import Builder
+from ..experiment import Builder, NamedEstimator
 from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle, undisturbed
+from ..isolation.look import add_folder
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .trial import Trial
@@ -24,6 +25,8 @@ _here: list[BuiltEstimator] = []  # in a separate process: the estimator that it
 
 def _build(content: bytes) -> None:
     trial, builder = pickle.loads(content)
+    if isinstance(builder, NamedEstimator):
+        add_folder(builder.folder)
     with undisturbed(trial):
         _here[:] = [BuiltEstimator.build(trial, builder)]
 

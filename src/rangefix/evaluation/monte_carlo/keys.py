@@ -6,19 +6,19 @@ import datetime
 import importlib.util
 import inspect
 import io
-import os
 import pickle
 import sys
 from collections.abc import Collection
 from contextlib import suppress
 from hashlib import sha256
+from modulefinder import ModuleFinder
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
-from ...filters.registry import module_of
+from ...filters.registry import file_of, module_of
 from ..experiment import Builder, Experiment, NamedEstimator
 from ..isolation import to_pickle
 from ..results import hash_of
@@ -69,17 +69,35 @@ def _world_source(experiment: Experiment) -> dict[str, str]:
 
 
 def plugin_source(builder: Builder) -> str:
-    """SHA-256 of the source behind a builder that is not ours: its package, module or file; "" for ours."""
+    """SHA-256 of the source behind a builder that is not ours: its package, module or files; "" for ours."""
     if not isinstance(builder, NamedEstimator):
         module = inspect.getmodule(builder)
         return "" if module is None else _module_source(module.__name__)
-    where = builder.name.rpartition(":")[0]
-    if where.endswith(".py"):
-        path = Path(where)
-        return sha256(path.read_bytes()).hexdigest() if os.path.isfile(path) else ""
     with suppress(KeyError, ValueError):  # its trials will say that there is no such estimator
+        file = file_of(builder.name, builder.folder)
+        if file is not None:
+            return _file_source(file, builder.folder or file.parent)
         return _module_source(module_of(builder.name))
     return "not found"
+
+
+def _file_source(file: Path, folder: Path) -> str:
+    """SHA-256 of a plug-in's file, and of the modules of a folder that it imports; nothing is run."""
+    finder = ModuleFinder([str(folder)])
+    package = file.name == "__init__.py"
+    used = set(file.parent.rglob("*.py")) if package else {file}
+    for script in used:
+        with suppress(Exception):  # what is no Python is itself alone
+            if package:
+                finder.import_hook(".".join(script.relative_to(folder).with_suffix("").parts))
+            else:
+                finder.run_script(str(script))
+    found: list[Any] = list(finder.modules.values())
+    used |= {Path(module.__file__) for module in found if module.__file__}
+    hashed = sha256(file.read_bytes())
+    for other in sorted(used - {file}):
+        hashed.update(f"\n{other.relative_to(folder).as_posix()}\n".encode() + other.read_bytes())
+    return hashed.hexdigest()
 
 
 def _module_source(module: str) -> str:

@@ -6,7 +6,6 @@ import importlib
 import json
 import os
 import re
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
@@ -21,6 +20,7 @@ from ..results import (
     SCENE,
     SUMMARY,
     TIMING,
+    WORST_RUNS,
     FolderLayout,
     ResultsError,
     read_json,
@@ -30,8 +30,8 @@ from ..results import (
 )
 
 LOCK = ".lock"
-WORTH_TELLING = 1e9  # bytes
-OURS = (TIMING, SCENE, FILE, SUMMARY, REPORT)
+OURS = (TIMING, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
+ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
 PART = re.compile(r"(\d{8,})-(\d{8,})\.npz")
 
 
@@ -51,9 +51,12 @@ class Older(NamedTuple):
 def locked(folder: Path) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
 
+    Folders that are made for it, and hold nothing in the end, are removed.
+
     Raises:
         ResultsError: If another process holds it, which is named, or it cannot be made.
     """
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = _hold(folder / LOCK)
@@ -69,6 +72,9 @@ def locked(folder: Path) -> Iterator[None]:
         with suppress(OSError):
             (folder / LOCK).unlink(missing_ok=True)  # while it is held: nobody else's
         os.close(handle)
+        with suppress(OSError):
+            for place in made:
+                place.rmdir()  # if it is empty
 
 
 def _hold(path: Path) -> int:
@@ -109,26 +115,6 @@ def _lock(handle: int) -> None:
         raise
     except OSError:
         return
-
-
-def check_disk(folder: Path, plan: FolderLayout) -> str:
-    """Compare what the arrays of a plan take with what the disk has.
-
-    Returns:
-        What they take, a line; "" where it is little.
-
-    Raises:
-        ResultsError: If they do not fit.
-    """
-    steps, size, beams = plan.shape
-    pairs = len(plan.estimators) * len(plan.beams)
-    needed = 8 * plan.runs * steps * (size + beams + pairs * (size * size + size + 2))
-    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-    free = shutil.disk_usage(there).free
-    what = f"{plan.runs} runs take about {needed / 1e9:.3g} GB"
-    if needed > free and needed > free + sum(part.stat().st_size for part in _parts(folder)):
-        raise ResultsError(f"{what}, and the disk of {folder} has {free / 1e9:.3g} GB: take fewer runs")
-    return f"{what} in {folder}" if needed > WORTH_TELLING else ""
 
 
 def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = False) -> Older:
@@ -178,7 +164,7 @@ def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) ->
     )
     shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
     orphans = _orphans(folder, plan)
-    files = [*shown, *orphans, folder / SUMMARY, *([folder / TIMING] if anew else [])]
+    files = [*shown, *orphans, folder / SUMMARY, folder / WORST_RUNS, *([folder / TIMING] if anew else [])]
     removed = ", ".join(
         text
         for text, found in (("the older figures and report", shown), (f"{len(orphans)} older parts", orphans))
@@ -206,8 +192,9 @@ def _figures(folder: Path) -> list[Path]:
         return []
     from ..figures.catalogue import figure_kinds
 
-    names = (f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg"))
-    return [path for path in (folder / FIGURES / name for name in names) if path.is_file()]
+    names = [f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg")]
+    paths = (folder / FIGURES).iterdir()
+    return [path for path in paths if path.is_file() and (path.name in names or ONE_RUN.fullmatch(path.name))]
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -11,12 +11,14 @@ from typing import Any, NamedTuple, Protocol
 
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
-from ..experiment import Experiment
+from ..consistency.worst_runs import worst_runs, worst_runs_csv
+from ..experiment import Experiment, NamedEstimator
 from ..results import (
     MANIFEST,
     SCENE,
     SUMMARY,
     TIMING,
+    WORST_RUNS,
     FolderLayout,
     Results,
     ResultsError,
@@ -34,16 +36,17 @@ from ..results import (
     write_npz,
     write_part,
 )
-from .backends import in_process, on_cluster, on_workers
+from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
+from .cost import check_disk, check_memory, estimate_line
 from .environment import environment
 from .keys import part_keys
-from .own_folder import check_disk, locked, remove_files, what_is_older
-from .record_beliefs import save_pictures
+from .own_folder import locked, remove_files, what_is_older
+from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
 from .worker import Task, Worker
 
 MAX_RUNS_TIMED = 128  # at once
-MAX_BLOCKS_IN_MEMORY = 20  # of truths and measurements
+MAX_BLOCKS_IN_MEMORY, MAX_BLOCK_BYTES = 20, 256e6  # of truths and measurements: at least one
 
 
 class Progress(NamedTuple):
@@ -59,8 +62,27 @@ class Describes(Protocol):
     """What can be run as well as an experiment: a study."""
 
     def experiment(self) -> Experiment:
-        """The experiment that it describes."""
+        """The experiment that it describes; no code of plug-ins is run for it."""
         ...
+
+    def check_plugins(self) -> tuple[str, ...]:
+        """Run the code of its plug-ins, and say in a line each what is wrong with them."""
+        ...
+
+
+def experiment_of(study: Experiment | Describes, plugins: bool = True) -> Experiment:
+    """The experiment that is to be run; no code of plug-ins is run for it.
+
+    Raises:
+        StudyError: If the study is not sound.
+        ValueError: If an estimator that is known by name is not built in, and no plug-ins may be.
+    """
+    experiment = study if isinstance(study, Experiment) else study.experiment()
+    for label, builder in experiment.estimators.items():
+        if not plugins and isinstance(builder, NamedEstimator) and not builder.is_built_in:
+            told = f"estimator {label!r} is a plug-in, {builder.name!r}"
+            raise ValueError(f"{told}, and none may run (plugins=False)")
+    return experiment
 
 
 def run(
@@ -69,11 +91,14 @@ def run(
     *,
     workers: int = 1,
     cluster: str | None = None,
+    cluster_tls: ClusterTls | None = None,
+    plugins: bool = True,
     progress: Callable[[Progress], None] | None = None,
     command_line: Sequence[str] | None = None,
     resume: bool = True,
     timing: bool = True,
     force: bool = False,
+    memory_gb: float | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Results:
     """Run an experiment or study and save its results.
@@ -88,47 +113,62 @@ def run(
             belongs to the study of that name, and to one run at a time; what is older than its numbers
             (figures, report, parts of other settings) is removed.
         workers: Processes. They change no number.
-        cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either.
+        cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either:
+            those that would are refused. Whoever reaches a scheduler can run code on its workers and here.
+        cluster_tls: Certificates for a cluster at tls://...; dask's own configuration unless given.
+        plugins: Whether estimators that are known by name may be others than the built-in ones.
         progress: Called with how far each estimator has come.
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
         force: Whether to remove the results of another study from the folder, and to replace a manifest there
             that is not ours. Nothing else is removed.
-        say: Called with a line on what was removed or is made anew, and on much disk to be taken.
+        memory_gb: Memory that the arrays may take, GB; half of the machine's unless given. It only refuses,
+            before anything is allocated or written, and changes no number. Plug-ins have a limit of their
+            own.
+        say: Called with a line on plug-ins that cannot be used, on what was removed or is made anew, on
+            workers of a cluster and, where it is much, on the time and disk that will be taken, as a few runs
+            show.
 
     Returns:
         The results, as `load` reads them from the folder.
 
     Raises:
-        ResultsError: If the folder cannot be written, belongs to another study or is in use, or the
-            workers or the cluster fail.
+        ResultsError: If the study takes more memory or disk than there is, the folder cannot be written,
+            belongs to another study or is in use, or the workers or the cluster fail.
         StudyError: If the study is not sound.
-        ValueError: If there is no worker, or the folder has no name.
+        ValueError: If there is no worker, the folder has no name, or there is a plug-in and none may be.
     """
     if out == "":
         raise ValueError("out is empty: name a folder")
     if workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
-    experiment = study if isinstance(study, Experiment) else study.experiment()
+    experiment = experiment_of(study, plugins)
+    check_memory(experiment, memory_gb, 1 if cluster else workers, in_memory=out is None)
+    tell = say or (lambda line: None)
     with ExitStack() as stack:
+        client = None if cluster is None else stack.enter_context(connected(cluster, cluster_tls, tell))
         folder = Path(
             stack.enter_context(tempfile.TemporaryDirectory(prefix="rangefix-")) if out is None else out
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
         manifest = plan.manifest(experiment, environment(), list(command_line or ()))
-        size = check_disk(folder, plan)
+        disk = check_disk(folder, plan)
         stack.enter_context(locked(folder))
         older = what_is_older(folder, plan, experiment.name, force)
+        if not isinstance(study, Experiment):
+            for line in study.check_plugins():  # nothing else is wrong: now code of others may be run
+                tell(line)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
-        for line in filter(None, (older.line, size)):
-            if say:
-                say(line)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
-        _simulate_all(experiment, plan, folder, resume)
         with closing(Worker(experiment)) as worker:
-            _work_all(worker, plan, folder, workers, cluster, progress, resume)
+            if say:
+                line = estimate_line(worker, plan, folder, disk, workers, resume)
+                for text in filter(None, (older.line, line)):
+                    say(text)
+            _simulate_all(experiment, plan, folder, resume)
+            _work_all(worker, plan, folder, workers, client, progress, resume)
             if timing:
                 _time_all(worker, plan, folder, resume)
         _save_scene(experiment, folder)
@@ -136,6 +176,7 @@ def run(
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
         write_bytes(folder / SUMMARY, to_csv(summarise(results)).encode())
+        write_bytes(folder / WORST_RUNS, worst_runs_csv(worst_runs(results)).encode())
         return results.in_memory() if out is None else results
 
 
@@ -151,7 +192,7 @@ def _work_all(
     plan: FolderLayout,
     folder: Path,
     workers: int,
-    cluster: str | None,
+    client: Any,
     progress: Callable[[Progress], None] | None,
     resume: bool,
 ) -> None:
@@ -165,7 +206,10 @@ def _work_all(
         if progress:
             progress(Progress(label, counts[label][0] + begun, total, counts[label][1]))
 
-    @lru_cache(maxsize=MAX_BLOCKS_IN_MEMORY)
+    steps, size, beams = plan.shape
+    at_once = int(MAX_BLOCK_BYTES / (8 * plan.block * steps * (size + beams)))
+
+    @lru_cache(maxsize=max(1, min(MAX_BLOCKS_IN_MEMORY, at_once)))
     def block(first: int, end: int) -> Simulation:
         return Simulation(**read_world(folder, plan, first, end))
 
@@ -178,9 +222,9 @@ def _work_all(
     tasks = []
     for label in experiment.estimators:
         report(label, 0, 0)
-        for beams in range(len(experiment.beam_labels)):
+        for beam_set in range(len(experiment.beam_labels)):
             for first, end in plan.blocks():
-                task = Task(label, beams, first, end)
+                task = Task(label, beam_set, first, end)
                 saved = if_valid(read_trials, folder, plan, *place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
@@ -188,8 +232,8 @@ def _work_all(
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
-    if cluster is not None:
-        parts = on_cluster(experiment, tasks, world, cluster)
+    if client is not None:
+        parts = on_cluster(experiment, tasks, world, client)
     elif workers == 1 or len(tasks) == 1:
         parts = in_process(worker, tasks, world, lambda task, begun: report(task.estimator, 0, 0, begun))
     else:
@@ -225,13 +269,8 @@ def _timed_before(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:
-    """What pictures need of the map; a map or sensor that is not ours may not have it."""
-    from ..results import scene
-
-    truth = simulate(experiment, 0, 1).truth[0, 0]
-    try:
-        arrays = scene(experiment.truth.sensor, experiment.assumed_problem.prior, truth)
-    except (AttributeError, TypeError):
+    arrays = scene_of(experiment, SHOWN_RUN)
+    if arrays:
+        write_npz(folder / SCENE, arrays)
+    else:
         (folder / SCENE).unlink(missing_ok=True)
-        return
-    write_npz(folder / SCENE, arrays)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ...filters import Motion, Sensor, sample_runs
+from ...filters import Motion, Prior, Rangefinder, Sensor, Uniform, sample_runs
 from ..experiment import Experiment
 from ..seeds import streams
 
@@ -31,7 +31,7 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
     problem, moves, seed = experiment.truth, experiment.control_sequence, experiment.seed
     runs = range(first, end)
     if experiment.start is None:
-        starts = np.concatenate([problem.prior.sample(1, rng) for rng in streams(seed, "truth", runs)])
+        starts = _starts(problem.prior, streams(seed, "truth", runs))
     else:
         starts = np.tile(np.asarray(experiment.start, dtype=float), (len(runs), 1))
     truth = starts[:, None]
@@ -42,10 +42,25 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
     for place in range(0, len(runs), size):
         part = slice(place, place + size)
         expected = _expected(problem.sensor, truth[part])
-        for row, rng in enumerate(streams(seed, "measurement", runs[part]), start=place):
-            for step in range(experiment.steps):
-                measurement[row, step] = problem.sensor.read(expected[row - place, step], rng)
+        measurement[part] = _readings(problem.sensor, expected, streams(seed, "measurement", runs[part]))
     return Simulation(truth, measurement)
+
+
+def _starts(prior: Prior, rngs: Sequence[Generator]) -> Array:
+    """A draw from the prior by each generator, (M, n)."""
+    if (
+        type(prior) is Uniform
+    ):  # all at once, with the same numbers; what wraps or extends it draws its own way
+        return prior.sample_each(rngs)
+    return np.concatenate([prior.sample(1, rng) for rng in rngs])
+
+
+def _readings(sensor: Sensor, expected: Array, rngs: Sequence[Generator]) -> Array:
+    """Readings of runs where ranges (M, T, B) are expected, step by step, each run's by its own generator."""
+    if type(sensor) is Rangefinder:
+        return sensor.read_each(expected, rngs)
+    pairs = zip(expected, rngs, strict=True)
+    return np.array([[sensor.read(step, rng) for step in steps] for steps, rng in pairs])
 
 
 def _expected(sensor: Sensor, states: Array) -> Array:

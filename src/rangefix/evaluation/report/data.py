@@ -9,12 +9,14 @@ from typing import NamedTuple
 
 from ..consistency.formatting import format_factor, format_interval
 from ..consistency.gates import Gate, GateLine, check_gates
+from ..consistency.paired import compare_estimators
 from ..consistency.row import Row
 from ..consistency.summarise import run_blocks, summarise
 from ..consistency.verdict import CERTAIN, LARGE_FACTOR, Kind, Verdict, decide, decide_overall
+from ..consistency.worst_runs import WorstRun, worst_runs
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
-from .tables import Table, overview, scores
+from .tables import Table, accuracy, overview, scores
 
 SIGNS: dict[Kind, tuple[str, str]] = {
     "honest": ("\u2713", "honest"),
@@ -64,6 +66,7 @@ class Setting:
         course: ANEES / n after each measurement; None where there is one.
         figures: Label -> figure with its interval.
         failures: Why trials failed -> how many did.
+        worst: The runs with the largest errors against the claim, over all steps.
     """
 
     row: Row
@@ -72,6 +75,7 @@ class Setting:
     course: Strip | None
     figures: dict[str, str]
     failures: Counter[str]
+    worst: Sequence[WorstRun]
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,7 @@ class ReportData:
         sampled: Whether an estimator's belief was sampled.
         estimators: Each estimator.
         table, scores: Of all settings after the last measurement.
+        accuracy: Who is more accurate on the same truths.
         gates: What gates made of the rows.
     """
 
@@ -117,6 +122,7 @@ class ReportData:
     estimators: Sequence[EstimatorReport]
     table: Table
     scores: Table
+    accuracy: Table
     gates: Sequence[GateLine]
 
 
@@ -125,6 +131,7 @@ def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
     rows = summarise(results)
     steps = 1 + max(row.step for row in rows)
     last = [row for beams in results.beam_sets for row in rows if (row.beams, row.step) == (beams, steps - 1)]
+    worst = worst_runs(results)
     sampled = any(row.beliefs is not None for row in last)
     return ReportData(
         results,
@@ -132,24 +139,29 @@ def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
         ok=sum(row.ok for row in last),
         planned=sum(row.planned for row in last),
         sampled=sampled,
-        estimators=[_estimator(results, label, rows) for label in results.estimators],
+        estimators=[_estimator(results, label, rows, worst) for label in results.estimators],
         table=overview(last),
         scores=scores(last, sampled),
+        accuracy=accuracy(compare_estimators(results)),
         gates=check_gates(gates, rows),
     )
 
 
-def _estimator(results: Results, label: str, rows: Sequence[Row]) -> EstimatorReport:
+def _estimator(
+    results: Results, label: str, rows: Sequence[Row], worst: Sequence[WorstRun]
+) -> EstimatorReport:
     """One estimator, from the rows of all."""
     own = [row for row in rows if row.estimator == label]
-    settings = [_setting(results, [row for row in own if row.beams == beams]) for beams in results.beam_sets]
+    settings = [
+        _setting(results, [row for row in own if row.beams == beams], worst) for beams in results.beam_sets
+    ]
     described = results.manifest.get("estimators", {}).get(label, {})
     builder = described.get("name") or described.get("builder") or label
     options = ", ".join(f"{key} = {value}" for key, value in (described.get("options") or {}).items())
     return EstimatorReport(label, decide_overall(own), builder, options, settings)
 
 
-def _setting(results: Results, rows: Sequence[Row]) -> Setting:
+def _setting(results: Results, rows: Sequence[Row], worst: Sequence[WorstRun]) -> Setting:
     """One estimator on one set of beams, from its rows by step."""
     row = rows[-1]
     trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MAX_RUNS_IN_MEMORY))
@@ -164,4 +176,5 @@ def _setting(results: Results, rows: Sequence[Row]) -> Setting:
             for metric, name, interval in row.shown("report")
         },
         Counter(trials.reasons.values()),
+        [run for run in worst if (run.estimator, run.beams) == (row.estimator, row.beams)],
     )

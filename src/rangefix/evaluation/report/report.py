@@ -17,7 +17,7 @@ from typing import NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ..consistency.formatting import beams_in_words, capital, format_interval, visible
+from ..consistency.formatting import beams_in_words, capital, format_interval, format_number, visible
 from ..consistency.gates import Gate
 from ..consistency.verdict import ALARMS, LARGE_FACTOR
 from ..results import FAILURES, REPORT, Results, load, write_bytes
@@ -94,7 +94,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters |= {"badge": Badge.of, "beams": beams_in_words, "capital": capital}
-    made.filters["interval"] = format_interval
+    made.filters |= {"interval": format_interval, "number": format_number}
     made.globals |= {"ALARMS": ALARMS, "LARGE_FACTOR": LARGE_FACTOR, "FAILURES": FAILURES}
     made.globals["MAX_REASONS_SHOWN"] = MAX_REASONS_SHOWN
     return made

@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ..consistency.formatting import beams_in_words, format_interval, format_number, unit
+from ..consistency.formatting import beams_in_words, format_interval, format_number, format_percent, unit
 from ..consistency.intervals import UNKNOWN, Interval, uniform_p_value
 from ..consistency.metrics import Metric
+from ..consistency.paired import PairedComparison
 from ..consistency.row import Row
 
 SMALLEST_P_VALUE_SHOWN = 1e-6
@@ -90,6 +91,19 @@ def scores(rows: Sequence[Row], sampled: bool) -> Table:
         return [*line, Cell(f"{100 * belief.share.value:.3g} %"), Cell(p_value)]
 
     return Table.of(columns, rows, cells)
+
+
+def accuracy(pairs: Sequence[PairedComparison]) -> Table:
+    """Each estimator beside the most accurate one on the same truths."""
+    columns = ["runs of both", "rms error of the position, m", "that of the best", "closer than it in", "p"]
+    groups: dict[str, list[tuple[str, list[Cell]]]] = {}
+    for pair in pairs:
+        closer, p = (format_percent(pair.closer), _format_p_value(pair.p)) if pair.runs else ("-", "-")
+        rms = format_number(pair.rmse), format_number(pair.best_rmse)
+        cells = [Cell(text) for text in (str(pair.runs), *rms, closer, p, pair.words)]
+        heading = f"{beams_in_words(pair.beams)}; the most accurate is {pair.best}"
+        groups.setdefault(heading, []).append((pair.estimator, cells))
+    return Table([*columns, "in words"], list(groups.items()))
 
 
 def _is_score(metric: Metric) -> bool:

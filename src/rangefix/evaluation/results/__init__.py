@@ -17,6 +17,7 @@ from .folder import (
     SCENE,
     SUMMARY,
     TIMING,
+    WORST_RUNS,
     FolderLayout,
     trials_path,
     world_path,
@@ -38,4 +39,4 @@ from .outcome import (
 )
 from .parts import if_valid, part_arrays, read_if_valid, read_trials, read_world
 from .results import MAX_RUNS_IN_MEMORY, Results, load, read_timing
-from .trials import Source, Trials
+from .trials import InMemory, Source, Trials

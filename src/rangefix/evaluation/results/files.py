@@ -11,12 +11,17 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 
+from ...errors import printable
+
 MAX_JSON = 5 << 20  # bytes
 MAX_DEPTH = 60  # of tables and lists in one another
 
 
 class ResultsError(ValueError):
     """Results that cannot be read or written: one clear line."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 def write_bytes(path: Path, content: bytes) -> None:

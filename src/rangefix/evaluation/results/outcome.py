@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -13,6 +13,8 @@ from ...arrays import Array, BoolArray, IntArray
 from ...errors import cut
 
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
+# What an estimator may say of its own computation, by array name: `filters.estimator.diagnostics_of`.
+DIAGNOSTICS = ("effective_particles", "numerical_error", "mean_resultant")
 PREFIX = "belief_"  # of the arrays in a part
 
 
@@ -44,7 +46,8 @@ def failures_of(counts: IntArray) -> dict[str, int]:
 class Outcome(NamedTuple):
     """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok.
 
-    Where beliefs are judged and the estimator can sample them, also what `belief_scores.py` says of them.
+    Where beliefs are judged and the estimator can sample them, also what `belief_scores.py` says of them; and
+    of `DIAGNOSTICS`, (M, T) each, those that the estimator has.
     """
 
     mean: Array
@@ -53,6 +56,7 @@ class Outcome(NamedTuple):
     status: NDArray[np.int8]
     reasons: dict[int, str]
     beliefs: Mapping[str, Array] = {}
+    diagnostics: Mapping[str, Array] = {}
 
 
 def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, reason: str = "") -> Outcome:
@@ -124,12 +128,23 @@ def concatenate(outcomes: list[Outcome]) -> Outcome:
     mean, covariance, log_evidence, status = (
         np.concatenate(parts) for parts in zip(*(outcome[:4] for outcome in outcomes), strict=True)
     )
-    beliefs: dict[str, Array] = {}
-    for name, array in next((outcome.beliefs for outcome in outcomes if outcome.beliefs), {}).items():
-        unknown = (np.full((len(outcome.status), *array.shape[1:]), np.nan) for outcome in outcomes)
-        pairs = zip(outcomes, unknown, strict=True)
-        beliefs[name] = np.concatenate([outcome.beliefs.get(name, nan) for outcome, nan in pairs])
-    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs)
+    runs = [len(outcome.status) for outcome in outcomes]
+    beliefs, diagnostics = (
+        _joined(batches, runs)
+        for batches in zip(*((outcome.beliefs, outcome.diagnostics) for outcome in outcomes), strict=True)
+    )
+    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs, diagnostics)
+
+
+def _joined(batches: Sequence[Mapping[str, Array]], runs: Sequence[int]) -> dict[str, Array]:
+    """Arrays of batches by name, one after the other; NaN for batches that have none."""
+    joined: dict[str, Array] = {}
+    for name, array in next((batch for batch in batches if batch), {}).items():
+        unknown = (np.full((count, *array.shape[1:]), np.nan) for count in runs)
+        joined[name] = np.concatenate(
+            [batch.get(name, nan) for batch, nan in zip(batches, unknown, strict=True)]
+        )
+    return joined
 
 
 class BeliefScores(NamedTuple):
@@ -156,6 +171,11 @@ class BeliefScores(NamedTuple):
     mode_share: Array
     mode_covariance: Array
     spread: Array
+
+
+def diagnostics_of(part: Mapping[str, Array]) -> dict[str, Array]:
+    """The `DIAGNOSTICS` that a part of trials holds, (M, T) each."""
+    return {name: part[name] for name in DIAGNOSTICS if name in part}
 
 
 def belief_of(part: Mapping[str, Array]) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from ...arrays import Array
 from .files import ResultsError
 from .folder import FolderLayout, trials_path, world_path
 from .npz import Form, Forms, read_part
-from .outcome import PREFIX, STATUSES, BeliefScores, Outcome, Status, is_covariance
+from .outcome import DIAGNOSTICS, PREFIX, STATUSES, BeliefScores, Outcome, Status, is_covariance
 
 Part = dict[str, NDArray[Any]]
 LONGEST_REASON = 2000  # letters of why a trial is not ok that are kept
@@ -35,6 +35,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         "failed": np.array(failed, dtype=np.int64),
         "reasons": np.array([outcome.reasons[place][:LONGEST_REASON] for place in failed], dtype=str),
         **outcome.beliefs,
+        **outcome.diagnostics,
     }
 
 
@@ -120,6 +121,7 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
         "status": Form((runs,), "|i1"),
         "failed": Form((None,), "<i8"),
         "reasons": Form((None,), "U"),
+        **{name: Form(each, optional=True) for name in DIAGNOSTICS},
         **{PREFIX + name: Form((*each, *ends[name]), optional=True) for name in BeliefScores._fields},
     }
 
@@ -137,6 +139,9 @@ def _fault(part: Part) -> str:
     covariance = part["covariance"][ok]
     if not np.isfinite(covariance).all() or not is_covariance(covariance).all():
         return "covariance: not one, of a run that is ok"
+    for name in DIAGNOSTICS:
+        if name in part and not (part[name][ok] >= 0).all():
+            return f"{name}: negative or NaN, of a run that is ok"
     if np.isinf(part["log_evidence"][ok]).any():  # NaN: the estimator tells none
         return "log_evidence: infinite, of a run that is ok"
     return ""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
+from ...errors import printable
 from ...filters import StateSpace
 from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
@@ -57,7 +58,7 @@ class Results:
         """What was run, on three lines; nothing is read for it."""
         where = f"in {self.folder}" if self.folder else "in memory"
         labels = f"  estimators: {', '.join(self.estimators)}\n  beams: {', '.join(self.beam_sets)}"
-        return f"Results of {self._title()}, {where}\n{labels}"
+        return printable(f"Results of {self._title()}, {where}\n{labels}", keep="\n")
 
     def _repr_html_(self) -> str:
         """How the trials went, for notebooks; not of a large study, whose trials would have to be read."""
@@ -122,11 +123,12 @@ class Results:
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for each trial and step: see `dataframes.py`."""
-        return to_dataframe(self)
+        return to_dataframe(self.space, self.truth, self.trials)
 
     def to_xarray(self) -> Any:
         """An xarray.Dataset with labelled dimensions: see `dataframes.py`."""
-        return to_xarray(self)
+        about = {key: self.manifest[key] for key in ("name", "seed")}
+        return to_xarray(self.space, self.truth, self.measurement, self.trials, about)
 
 
 def load(folder: Path | str) -> Results:

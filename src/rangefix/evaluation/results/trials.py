@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
+from ...errors import printable
 from .folder import FolderLayout, trials_path, world_path
-from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
+from .outcome import STATUSES, BeliefScores, Status, belief_of, diagnostics_of, failures_of
 from .parts import read_trials, read_world
 
 
@@ -31,6 +32,8 @@ class Trials:
         reasons: Run -> why it is not ok.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
+        diagnostics: What the estimator says of its own computation, by the names in `DIAGNOSTICS`, (M, T)
+            each; those that it has.
     """
 
     estimator: str
@@ -42,6 +45,24 @@ class Trials:
     status: NDArray[np.int8]
     reasons: Mapping[int, str] = field(default_factory=dict)
     beliefs: Mapping[str, Array] = field(default_factory=dict)
+    diagnostics: Mapping[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of_part(cls, estimator: str, beams: str, part: Mapping[str, NDArray[Any]]) -> Trials:
+        """The trials of the runs of one part."""
+        reasons = zip(part["failed"].tolist(), part["reasons"].tolist(), strict=True)
+        return cls(
+            estimator,
+            beams,
+            part["mean"],
+            part["covariance"],
+            part["log_evidence"],
+            part["log_evidence_floor"],
+            part["status"],
+            reasons=dict(reasons),
+            beliefs=belief_of(part),
+            diagnostics=diagnostics_of(part),
+        )
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
@@ -55,6 +76,7 @@ class Trials:
             status=self.status[runs],
             reasons={run: text for run, text in self.reasons.items() if first <= run < end},
             beliefs={name: array[runs] for name, array in self.beliefs.items()},
+            diagnostics={name: array[runs] for name, array in self.diagnostics.items()},
         )
 
     def __repr__(self) -> str:
@@ -63,7 +85,7 @@ class Trials:
         size = f"{runs} x {steps} x {components} runs, steps and components"
         counts = {"ok": self.ok.sum()} | self.failures
         told = ", ".join(f"{count} {status}" for status, count in counts.items())
-        return f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}"
+        return printable(f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}")
 
     def belief(self, step: int, runs: BoolArray | None = None) -> BeliefScores | None:
         """What draws from the beliefs of some runs, else of those ok, came to after a step; NaN without."""
@@ -148,6 +170,7 @@ class InFolder:
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
+        diagnostics: dict[str, Array] = {}
         for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
@@ -160,10 +183,12 @@ class InFolder:
                 array[mine] = part[name][its]
             for name, found in belief_of(part).items():
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
+            for name, found in diagnostics_of(part).items():
+                diagnostics.setdefault(name, np.full((runs, steps), np.nan))[mine] = found[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):
                 if first <= low + int(place) < end:
                     reasons[low + int(place)] = str(reason)
-        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, **arrays)
+        return Trials(estimator, beams, reasons=reasons, beliefs=beliefs, diagnostics=diagnostics, **arrays)
 
 
 def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:

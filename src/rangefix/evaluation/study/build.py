@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ...arrays import Array
-from ...errors import one_line, suggestion
-from ...filters import Gaussian, Problem, Rangefinder, RangeMap, Stationary, Uniform, build, position_space
-from ...filters.registry import BUILT_IN, resolve
-from ...maps import RectangularRoom
-from ..isolation import PluginInfo, signature_of
-from ..isolation.look import inspect_plugin
+from ...errors import one_line
+from ...filters import Problem, RangeMap
+from .check_estimators import STAND_IN, check_estimators
 from .mistakes import Mistakes
+from .schema import StudySections
 from .sections.drives import Drive
-from .sections.estimators import EstimatorSection, Variant
-
-if TYPE_CHECKING:
-    from .study import Study
 
 T = TypeVar("T")
-UNITS = ("_m", "_deg")
-MOST_ESTIMATORS = 2000
-LARGEST_OPTIONS = {
-    "iterations": 10_000,
-    "particles": 20_000_000,
-    "members": 1_000_000,
-    "moves": 10_000,
-}  # of our options
 MOST_EXTENT_M = 1e6
-STAND_IN = RectangularRoom(width=1.0, length=1.0)  # to check the rest on where the map cannot be built
 
 
 @dataclass(frozen=True)
@@ -47,7 +31,6 @@ class World:
         drive: The planned drive, where there is one.
         controls: Moves between measurements, (T - 1, k); None where there is one measurement only.
         start: A true first state for all runs, (n,); None where it is drawn from the prior.
-        warnings: Plug-ins that cannot be imported or built, a line each: their trials will fail.
     """
 
     truth: Problem
@@ -55,11 +38,12 @@ class World:
     drive: Drive | None = None
     controls: Array | None = None
     start: Array | None = None
-    warnings: tuple[str, ...] = ()
 
 
-def build_world(study: Study, mistakes: Mistakes) -> World | None:
+def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     """Build what a study describes, and note what cannot be built; what has mistakes already is passed over.
+
+    No code of plug-ins is run: `Study.check_plugins` does that, when a study that is sound is run.
 
     Returns:
         The world, if the true problem can be built.
@@ -73,13 +57,13 @@ def build_world(study: Study, mistakes: Mistakes) -> World | None:
     start = _start(study, room, assumed or truth, mistakes) if room else None
     if mistakes.sound("sensor") and mistakes.sound("beam_sets"):
         _check_beam_sets(study.beam_sets or [], len(study.sensor.bearings), mistakes)
-    warnings = _check_estimators(study.estimators, assumed or truth, mistakes)
+    check_estimators(study.estimators, assumed or truth, study.folder, mistakes)
     if truth is None:
         return None
-    return World(truth, assumed, drive, study.motion.controls(drive), start, warnings)
+    return World(truth, assumed, drive, study.motion.controls(drive), start)
 
 
-def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
+def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
     files = study.map.files()
     where = (*at, "path") if files else at
     try:
@@ -98,7 +82,7 @@ def _room(study: Study, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> R
 
 
 def _problem(
-    study: Study,
+    study: StudySections,
     room: RangeMap | None,
     drive: Drive | None,
     mistakes: Mistakes,
@@ -124,7 +108,9 @@ def _problem(
     return Problem(space, motion, sensor, prior)
 
 
-def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes) -> Problem | None:
+def _assumed(
+    study: StudySections, room: RangeMap | None, drive: Drive | None, mistakes: Mistakes
+) -> Problem | None:
     """What estimators are told, where that is not the truth."""
     names = [name for name, told in study.assumed if told is not None]
     if not names:
@@ -148,7 +134,7 @@ def _assumed(study: Study, room: RangeMap | None, drive: Drive | None, mistakes:
     return None
 
 
-def _start(study: Study, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
+def _start(study: StudySections, room: RangeMap, told: Problem | None, mistakes: Mistakes) -> Array | None:
     """The true first state of all runs, if it is given; in free space and possible for the prior."""
     if not (mistakes.sound("truth") and mistakes.sound("state")):
         return None
@@ -187,89 +173,3 @@ def _check_beam_sets(beam_sets: list[list[int]], beams: int, mistakes: Mistakes)
         elif len(set(beam_set)) < len(beam_set) or frozenset(beam_set) in before:
             mistakes.add(("beam_sets", place), f"{beam_set} repeats a beam or a set: name each once")
         before.add(frozenset(beam_set))
-
-
-def _check_estimators(
-    entries: list[EstimatorSection], problem: Problem | None, mistakes: Mistakes
-) -> tuple[str, ...]:
-    """Note what is wrong with the study; faults in the code of a plug-in are returned, a line each."""
-    labels: set[str] = set()
-    warnings = []
-    for place, entry in enumerate(entries):
-        at = ("estimators", place)
-        if not mistakes.sound(*at):
-            continue
-        variants = entry.variants()
-        if len(labels) + len(variants) > MOST_ESTIMATORS:
-            mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
-            break
-        for label in (variant.label for variant in variants):
-            if label in labels:
-                mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
-            labels.add(label)
-        if entry.name in BUILT_IN:
-            plugin = signature_of(entry.name, resolve(entry.name))
-            if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
-                entry, variants, plugin, at, mistakes
-            ):
-                for variant in variants:
-                    try:
-                        build(variant.name, problem or _stand_in(), **variant.options)
-                    except Exception as error:
-                        mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
-            continue
-        plugin = inspect_plugin(entry.name, problem, [variant.options for variant in variants])
-        if plugin.missing:
-            mistakes.add((*at, "name"), plugin.fault)
-        elif _options_fit(entry, plugin, at, mistakes):
-            for number, text in plugin.unfit:
-                mistakes.add((*at, "options"), f"{variants[number].label}: {text}")
-        if plugin.fault and not plugin.missing:
-            text = f"{plugin.fault}; rangefix check {shlex.quote(entry.name)} tells more"
-            warnings.append(mistakes.line((*at, "name"), text))
-    return tuple(warnings)
-
-
-def _stand_in() -> Problem:
-    """A small problem, to check options on where the study's own cannot be built."""
-    space = position_space()
-    sensor = Rangefinder(STAND_IN, np.zeros(1), Gaussian(1.0), space)
-    return Problem(space, Stationary(space), sensor, Uniform(STAND_IN, space))
-
-
-def _options_fit(
-    entry: EstimatorSection, plugin: PluginInfo, at: tuple[str | int, ...], mistakes: Mistakes
-) -> bool:
-    """Whether the options are ones that the estimator has; notes those that are not."""
-    if plugin.any_option or not (plugin.parameters or plugin.summary or not plugin.fault):
-        return True
-    known = list(plugin.parameters)
-    unknown = [
-        given for given, name in zip(entry.options, entry.converted(), strict=True) if name not in known
-    ]
-    for given in unknown:
-        unit = next((unit for unit in UNITS if given.endswith(unit)), "")
-        text = suggestion(given, [name + unit for name in known])
-        mistakes.add((*at, "options", given), f"{entry.name} has no such option; {text}")
-    return not unknown
-
-
-def _sizes_fit(
-    entry: EstimatorSection,
-    variants: list[Variant],
-    plugin: PluginInfo,
-    at: tuple[str | int, ...],
-    mistakes: Mistakes,
-) -> bool:
-    """Whether numbers among the options of one of ours are numbers, and small enough to end."""
-    for given, name in zip(entry.options, entry.converted(), strict=True):
-        for value in (variant.options[name] for variant in variants):
-            if isinstance(value, bool) and not isinstance(plugin.parameters[name], bool):
-                mistakes.add((*at, "options", given), f"must be a number, got {str(value).lower()}")
-                return False
-            if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
-                mistakes.add(
-                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {value:g}"
-                )
-                return False
-    return True

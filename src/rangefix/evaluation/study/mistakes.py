@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ...errors import one_line, suggestion
+from ...errors import one_line, printable, suggestion
 from .sections.base import Misfit, kinds_of
 from .toml_lines import Path, line_of
 
@@ -80,7 +80,7 @@ class Mistakes:
         if path in self.typed:
             where, text = "command line", text + self.typed[path]
         name = dotted(path)
-        return f"{where}: {name}: {text}" if name else f"{where}: {text}"
+        return printable(f"{where}: {name}: {text}" if name else f"{where}: {text}")
 
     def sound(self, *path: str | int) -> bool:
         """Whether there is no mistake at a key, around it or within it."""
@@ -149,7 +149,7 @@ def _place(error: Any, raw: Any, model: type[BaseModel]) -> tuple[Path, type[Bas
         if part in kinds:
             model, kinds = kinds[part], {}
         elif part in model.model_fields:
-            kinds = kinds_of(model.model_fields[part].annotation)
+            kinds = kinds_of(model.model_fields[part])
             model = kinds.get("", model)
         if _holds(raw, part):
             path, raw = (*path, part), raw[part]
@@ -171,7 +171,7 @@ def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
     fields = model.model_fields
     key = next((part for part in reversed(error["loc"]) if part in fields), "")
     hint = fields[key].description if key else None
-    kinds = kinds_of(fields[key].annotation) if key else {}
+    kinds = kinds_of(fields[key]) if key else {}
     example = f" ({hint})" if hint else ""
     if kind == "extra_forbidden":
         return f"unknown key; {suggestion(str(path[-1]), _keys(model))}"

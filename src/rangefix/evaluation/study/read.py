@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from ...errors import one_line
 from ...maps.readers import kind_of, map_table
 from .build import build_world
+from .check_estimators import refuse_plugins
 from .mistakes import Mistakes, StudyError
 from .sections.base import Section, kinds_of
 from .study import Study
@@ -41,14 +42,16 @@ def load_study(
     runs: int | None = None,
     seed: int | None = None,
     map_path: str | Path | None = None,
+    plugins: bool = True,
 ) -> Study:
-    """Read a study and check it whole.
+    """Read a study and check it whole, but for the code of plug-ins, none of which is run.
 
     Args:
         target: A path to a TOML file, or the name of a study that comes with the package.
         runs, seed: Instead of the file's.
         map_path: A map file, or a room as "room:WIDTHxLENGTH", instead of the file's [map]; its keys that fit
             the new map are kept. A path counts from the current folder.
+        plugins: Whether it may name estimators that are not built in.
 
     Raises:
         StudyError: With every mistake of the file, one line each.
@@ -70,13 +73,18 @@ def load_study(
     except (OSError, UnicodeDecodeError) as error:
         raise StudyError([f"{target}: cannot be read: {one_line(error)}"]) from None
     changes = {"runs": runs, "seed": seed, "map": map_path and str(map_path)}
-    return parse_study(text, source=path.name, folder=path.parent, changes=changes)
+    return parse_study(text, source=path.name, folder=path.parent, changes=changes, plugins=plugins)
 
 
 def parse_study(
-    text: str, *, source: str = "study", folder: Path = Path(), changes: Mapping[str, Any] | None = None
+    text: str,
+    *,
+    source: str = "study",
+    folder: Path = Path(),
+    changes: Mapping[str, Any] | None = None,
+    plugins: bool = True,
 ) -> Study:
-    """A study from the text of its file.
+    """A study from the text of its file, checked as by `load_study`.
 
     Args:
         text: TOML.
@@ -84,6 +92,7 @@ def parse_study(
         folder: Where relative paths count from.
         changes: Key -> value instead of the file's; None changes nothing. A map is named by its path or as
             "room:WIDTHxLENGTH"; keys of [map] that fit the new map are kept.
+        plugins: Whether it may name estimators that are not built in.
 
     Raises:
         StudyError: With every mistake, one line each.
@@ -107,7 +116,9 @@ def parse_study(
         typed |= {("map", key): typed["map",] for key in told}
         changed["map"] = _inherited("map", raw.get("map"), told)
     study = _validated(_filled(raw | changed, mistakes), mistakes)
-    study._folder = folder
+    study._folder, study._places = folder, mistakes
+    if not plugins:
+        refuse_plugins(study.estimators, mistakes)
     world = build_world(study, mistakes)
     mistakes.check()
     notes = "".join(f"# given on the command line: {key} = {value!r}\n" for key, value in changed.items())
@@ -167,7 +178,7 @@ def _model(name: str, told: Any) -> type[Section] | None:
     """What a section is to be, by its kind."""
     if not isinstance(told, dict) or name not in Study.model_fields:
         return None
-    return kinds_of(Study.model_fields[name].annotation).get(str(told.get("kind", "")))
+    return kinds_of(Study.model_fields[name]).get(str(told.get("kind", "")))
 
 
 def _inherited(name: str, true: Any, told: Any) -> Any:

@@ -169,7 +169,13 @@ class AdaptivePointMassFilter(BriefRepr):
         return self._cells(belief).error
 
     def resultant(self, belief: AdaptiveBelief) -> float:
-        """Length of the mean resultant vector of the heading: see `CanTellDirection`."""
+        """Length of the mean resultant vector of the heading: see `CanTellDirection`.
+
+        Raises:
+            NotImplementedError: If the heading is known.
+        """
+        if self.problem.space.heading is not None:
+            raise NotImplementedError("the heading is known")
         if belief.posterior is None and not isinstance(belief.prior, Predicted):
             return resultant_of_draws(self.problem.space, belief.prior)
         return self._cells(belief).moments.resultant
@@ -387,9 +393,7 @@ class AdaptivePointMassFilter(BriefRepr):
 
 
 def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
-    """Length of the mean resultant vector of a prior's heading; 1 where the heading is known."""
-    if space.heading is not None:
-        return 1.0
+    """Length of the mean resultant vector of a prior's heading."""
     headings = prior.sample(PRIOR_DRAWS, np.random.default_rng(0))[:, space.names.index("heading")]
     return float(np.abs(np.exp(1j * headings).mean()))
 

@@ -89,7 +89,7 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
     else:
         axis = space.names.index("heading")
         start, end = prior.support[0][axis], prior.support[1][axis]
-        count = 360 if rays >= 5_000_000 else 180
+        count = _count_directions(rays)
         step = TWO_PI / count
         headings = start + step * (np.arange(int(np.ceil((end - start) / step - 1e-9))) + 0.5)
         directions = step * np.arange(count)
@@ -97,8 +97,7 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
         offset = (headings[:, None] - step / 2 + sensor.bearings) / step
         spread = 1 if np.abs(offset - np.round(offset)).max() < 1e-6 else 2
         columns = np.floor(offset + 1e-9).astype(np.int64) % count
-    width = np.clip(2 * np.sqrt(np.prod(upper - lower) * len(directions) / rays), 0.05, 1.0)
-    counts = np.maximum(1, np.ceil((upper - lower) / width)).astype(int)
+    counts = _count_cells(upper - lower, len(directions), rays)
     size = (upper - lower) / counts
     nodes = [np.linspace(a, b, 2 * n + 1) for a, b, n in zip(lower, upper, counts, strict=True)]
     entries = _cast(sensor, prior, nodes, directions)
@@ -113,6 +112,31 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
     size = np.array([*size, step])
     table = SearchTable(centres, entries.whole, index, lower, headings, size, columns, low, high, (0.0, 0.0))
     return table._replace(allowance=_allowance(table, sensor, prior))
+
+
+def table_shape(sensor: Sensor, prior: Prior, rays: int) -> tuple[tuple[int, int], int, int]:
+    """Cells along x1 and x2, directions, and rows cast at once, of the table that `build_table` makes."""
+    space = sensor.space
+    extent = np.subtract(*prior.support[::-1])[space.position_indices]
+    directions = len(sensor.bearings) if space.heading is not None else _count_directions(rays)
+    rows, columns = map(int, _count_cells(extent, directions, rays))
+    return (rows, columns), directions, min(rows, _rows_at_once(2 * columns + 1, directions))
+
+
+def _count_directions(rays: int) -> int:
+    """Directions over a turn, where the heading is unknown."""
+    return 360 if rays >= 5_000_000 else 180
+
+
+def _count_cells(extent: Array, directions: int, rays: int) -> IntArray:
+    """Whole cells along x1 and x2."""
+    width = np.clip(2 * np.sqrt(np.prod(extent) * directions / rays), 0.05, 1.0)
+    return np.asarray(np.maximum(1, np.ceil(extent / width)), dtype=np.int64)
+
+
+def _rows_at_once(nodes: int, directions: int) -> int:
+    """Rows of cells that are cast at once."""
+    return max(1, RANGES_AT_ONCE // (2 * nodes * directions))
 
 
 class _Entries(NamedTuple):
@@ -130,7 +154,7 @@ def _cast(sensor: Sensor, prior: Prior, nodes: list[Array], directions: Array) -
     A cell cut by a thin wall would otherwise see both rooms, which bounds little.
     """
     rows = (len(nodes[0]) - 1) // 2
-    band = max(1, RANGES_AT_ONCE // (2 * len(nodes[1]) * len(directions)))  # rows of cells cast at once
+    band = _rows_at_once(len(nodes[1]), len(directions))
     half = np.array([axis[1] - axis[0] for axis in nodes])
     fine = np.stack(np.meshgrid(*[np.linspace(0, 1, 4)] * 2, indexing="ij"), -1).reshape(-1, 2)
     parts = []

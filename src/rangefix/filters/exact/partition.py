@@ -85,7 +85,7 @@ def partition(
         corners, counts, origin, met = _cut(
             corners, counts, direction, walls, ends, *_buckets(walls), most_pieces
         )
-        if len(origin) and origin[0] < 0:
+        if len(corners) > most_pieces or (len(origin) and origin[0] < 0):
             raise TooManyPieces(
                 f"the map and {len(directions)} beams make more than {most_pieces} pieces of constant walls"
             )

@@ -10,6 +10,22 @@ from ...arrays import Array
 from ..estimator import BriefRepr, Estimate, brief
 from ..problem import Problem
 
+MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint covariance of its beams
+
+
+def check_joint_beams(problem: Problem) -> None:
+    """Refuse more beams than a joint covariance is made for: it takes their square in memory, and cubed time.
+
+    Raises:
+        ValueError: If there are more.
+    """
+    beams = len(problem.sensor.bearings)
+    if beams > MAX_JOINT_BEAMS:
+        raise ValueError(
+            f"{beams} beams make a joint covariance of {beams} x {beams} ranges, more than {MAX_JOINT_BEAMS} "
+            "squared: take fewer beams, or ekf, which takes them one by one"
+        )
+
 
 @dataclass(frozen=True)
 class GaussianBelief:
@@ -55,6 +71,7 @@ class SigmaPointOptions(BriefRepr):
 
     def __post_init__(self) -> None:
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
+        check_joint_beams(self.problem)
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
             raise ValueError(

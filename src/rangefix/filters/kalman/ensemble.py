@@ -18,6 +18,8 @@ from ..measurement import check_measurement, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
+from .belief import check_joint_beams
+from .no_returns import is_counted
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,7 +39,8 @@ class EnsembleBelief(BriefRepr):
 class EnsembleKalmanFilter(BriefRepr):
     """The Kalman gain from sample covariances, applied to every member with a perturbed reading of its own.
 
-    A beam that was not measured, has no return, or has none for some member, is left out. A run whose new
+    A beam that was not measured, has no return, or has none for some member, is left out; a missing return
+    counts in the evidence, with its mean probability over the members. A run whose new
     members would have no covariance (not finite, or all of them on one line) keeps the old ones, and is
     flagged by a log evidence of -inf.
 
@@ -46,7 +49,7 @@ class EnsembleKalmanFilter(BriefRepr):
         members: How many, N; more than the state has components.
 
     Raises:
-        ValueError: If there are too few members.
+        ValueError: If there are too few members, or more than 4000 beams.
     """
 
     problem: Problem
@@ -56,6 +59,7 @@ class EnsembleKalmanFilter(BriefRepr):
         size = self.problem.space.size
         if self.members != int(self.members) or self.members <= size:
             raise ValueError(f"members must be a whole number above {size}, got {self.members}")
+        check_joint_beams(self.problem)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> EnsembleBelief:
         """N draws from the prior for every run."""
@@ -70,7 +74,7 @@ class EnsembleKalmanFilter(BriefRepr):
         return EnsembleBelief(np.stack(list(moved)), belief.log_evidence)
 
     def update(self, belief: EnsembleBelief, measurement: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
-        """Condition on measurements (M, B) in metres; what is not finite is left out.
+        """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
 
         Raises:
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
@@ -113,7 +117,7 @@ class EnsembleKalmanFilter(BriefRepr):
         expected = sensor.expected(members)
         used = np.isfinite(reading) & np.isfinite(expected).all(0)
         if not used.any():
-            return members, 0.0
+            return members, self._missing_returns(members, reading)
         noise = sensor.noise.variance(np.where(used, expected, 0.0).mean(0))[used]
         expected, freedom = expected[:, used], self.members - 1
         mean, _ = space.moments(members, np.full(self.members, 1.0 / self.members))
@@ -128,4 +132,14 @@ class EnsembleKalmanFilter(BriefRepr):
         except np.linalg.LinAlgError:
             return members, -np.inf
         log_determinant = np.linalg.slogdet(spread)[1]
-        return moved, float(-0.5 * (square + log_determinant + len(innovation) * LOG_TWO_PI))
+        log_density = float(-0.5 * (square + log_determinant + len(innovation) * LOG_TWO_PI))
+        return moved, log_density + self._missing_returns(moved, reading)
+
+    def _missing_returns(self, members: Array, reading: Array) -> float:
+        """Log probability of readings (B,) that are inf or -inf, each by the mean over the members (N, n)."""
+        sensor = self.problem.sensor
+        counted = is_counted(sensor, reading)
+        if not counted.any() or not np.isfinite(members).all():
+            return 0.0
+        logs = sensor.beam_log_density(reading, sensor.expected(members))[:, counted]
+        return float((np.logaddexp.reduce(logs, axis=0) - np.log(self.members)).sum())

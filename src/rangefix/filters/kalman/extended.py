@@ -12,6 +12,7 @@ from ...arrays import LOG_TWO_PI, Array, BoolArray
 from ..measurement import check_measurement
 from .batch import GaussianFilter, accept_definite, refuse_impossible, sum_terms
 from .belief import GaussianBelief, LinearisedOptions
+from .no_returns import with_missing_returns
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,14 +38,14 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
         return accept_definite(belief, mean, covariance, np.zeros(len(mean)))
 
     def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Condition on measurements (M, B) in metres; what is not finite is left out.
+        """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
 
         Raises:
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
         with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-            return self._update(belief, measurement)
+            return with_missing_returns(self.problem.sensor, self._update(belief, measurement), measurement)
 
     def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space

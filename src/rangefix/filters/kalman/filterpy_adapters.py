@@ -18,7 +18,8 @@ from ..estimator import Estimate
 from ..measurement import check_reading, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions
+from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions, check_joint_beams
+from .no_returns import with_missing_returns
 
 
 class OneRunFilter:
@@ -45,7 +46,14 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
     """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
 
     Its options are those of `ExtendedKalmanFilter`.
+
+    Raises:
+        ValueError: If an option is out of its range, or there are more than 4000 beams.
     """
+
+    def __post_init__(self) -> None:
+        LinearisedOptions.__post_init__(self)
+        check_joint_beams(self.problem)
 
     def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
         """Mean through the motion, covariance through its Jacobian; control (k,)."""
@@ -58,7 +66,7 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
         return _checked(belief, mean, ekf.P)
 
     def update(self, belief: GaussianBelief, measurement: Array, rng: Generator) -> GaussianBelief:
-        """Condition on a measurement (B,) in metres; what is not finite is left out.
+        """Condition on a measurement (B,) in metres; what is not finite adds to the evidence at most.
 
         Raises:
             ValueError: If the measurement is not of shape (B,) or not of real numbers.
@@ -67,7 +75,7 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
         if impossible_runs(self.problem.sensor, measurement[None]).any():
             return _flagged(belief)
         with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-            return self._update(belief, measurement)
+            return _with_missing_returns(self.problem, self._update(belief, measurement), measurement)
 
     def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
@@ -111,7 +119,7 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
         return _checked(belief, space.wrap(ukf.x), ukf.P)
 
     def update(self, belief: GaussianBelief, measurement: Array, rng: Generator) -> GaussianBelief:
-        """Condition on a measurement (B,) in metres; what is not finite is left out.
+        """Condition on a measurement (B,) in metres; what is not finite adds to the evidence at most.
 
         A beam is also left out where any sigma point expects no return.
 
@@ -123,9 +131,10 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
             return _flagged(belief)
         with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
             try:
-                return self._update(belief, measurement)
+                after = self._update(belief, measurement)
             except np.linalg.LinAlgError:
                 return _flagged(belief)
+            return _with_missing_returns(self.problem, after, measurement)
 
     def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
@@ -165,6 +174,13 @@ def _mean_about_first(sigmas: Array, weights: Array) -> Array:
     """Weighted mean as a step from the first point, so that no large weights cancel."""
     mean: Array = sigmas[0] + weights[1:] @ (sigmas[1:] - sigmas[0])
     return mean
+
+
+def _with_missing_returns(problem: Problem, belief: GaussianBelief, reading: Array) -> GaussianBelief:
+    """A run's belief whose evidence also counts readings that are inf or -inf: see `no_returns`."""
+    alone = GaussianBelief(belief.mean[None], belief.covariance[None], np.atleast_1d(belief.log_evidence))
+    evidence = with_missing_returns(problem.sensor, alone, reading[None]).log_evidence
+    return replace(belief, log_evidence=evidence[0])
 
 
 def _flagged(belief: GaussianBelief) -> GaussianBelief:

@@ -13,6 +13,7 @@ from ..measurement import check_measurement
 from ..problem import Problem
 from .batch import GaussianFilter, accept_definite, cholesky, refuse_impossible, sum_terms
 from .belief import GaussianBelief, SigmaPointOptions
+from .no_returns import with_missing_returns
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,7 +49,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         return accept_definite(belief, space.wrap(moved[0] + shift.T), covariance, np.zeros(len(covariance)))
 
     def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Condition on measurements (M, B) in metres; what is not finite is left out.
+        """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
 
         A beam is also left out of a run where any of its sigma points expects no return.
 
@@ -57,7 +58,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
         with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-            return self._update(belief, measurement)
+            return with_missing_returns(self.problem.sensor, self._update(belief, measurement), measurement)
 
     def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space

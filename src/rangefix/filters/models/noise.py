@@ -9,6 +9,7 @@ may come out negative, and its density says how often.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -129,6 +130,12 @@ class ScaledNoise(ABC):
     def sample(self, expected: Array, rng: Generator) -> Array:
         """One reading for each expected range, m; inf where no wall is expected."""
         return expected + self._scale(expected) * self._draws(np.shape(expected), rng)
+
+    def sample_each(self, expected: Array, rngs: Sequence[Generator]) -> Array:
+        """`sample` for M runs, step by step from generators of their own: (M, T, B) -> (M, T, B) m."""
+        shape = expected.shape[2:]
+        draws = [self._draws(shape, rng) for rng in rngs for _ in range(expected.shape[1])]
+        return expected + self._scale(expected) * np.reshape(draws, expected.shape)
 
     def variance(self, expected: Array) -> Array:
         """Scale^2 for each expected range, m^2."""

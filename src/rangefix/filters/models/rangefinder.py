@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
-from .noise import Gaussian, log_below
+from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
 
 RIGHT_ANGLE = 0.5 * np.pi
 MAX_BEAMS_UNROLLED = 8  # beams
@@ -205,7 +206,20 @@ class Rangefinder:
 
         NaN in the blind sector, inf beyond the maximum range, -inf below the minimum range.
         """
-        reading = self.noise.sample(expected, rng)
+        return self._limited(self.noise.sample(expected, rng))
+
+    def read_each(self, expected: Array, rngs: Sequence[Generator]) -> Array:
+        """`read` for M runs, step by step from generators of their own: (M, T, B) -> (M, T, B) m."""
+        noise = self.noise
+        if isinstance(noise, ScaledNoise) and type(noise) in (Gaussian, RangeProportional, StudentT):
+            return self._limited(noise.sample_each(expected, rngs))  # all at once, with the same numbers
+        pairs = zip(expected, rngs, strict=True)
+        return self._limited(
+            np.array([[self.noise.sample(step, rng) for step in steps] for steps, rng in pairs])
+        )
+
+    def _limited(self, reading: Array) -> Array:
+        """Readings as they come back: within the limits, and none from the blind sector."""
         if self.min_range:
             reading = np.where(reading < self.min_range * (1 - LIMIT_ROUNDING), -np.inf, reading)
         reading = np.where(reading > self.max_range * (1 + LIMIT_ROUNDING), np.inf, reading)

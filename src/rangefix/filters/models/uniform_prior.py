@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
 BATCHES = 1000  # of candidates before sampling gives up
+DRAWN_AT_LEAST = 16  # candidates in a batch
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,17 @@ class Uniform:
 
         return draw_free(draw, size, self.room, self.space, "give the prior a smaller box")
 
+    def sample_each(self, rngs: Sequence[Generator]) -> Array:
+        """One draw for each of M runs, (M, n); row m is what `sample` draws from rngs[m]."""
+        lower, upper = self.support
+        shares = np.stack([rng.random((DRAWN_AT_LEAST, self.space.size)) for rng in rngs])
+        drawn = lower + (upper - lower) * shares
+        free = np.asarray(self.room.is_free(drawn[..., self.space.position_indices]))
+        states = self.space.wrap(drawn[np.arange(len(drawn)), free.argmax(axis=1)])
+        for run in np.flatnonzero(~free.any(axis=1)):  # their generators go on
+            states[run] = self.sample(1, rngs[int(run)])[0]
+        return states
+
     def log_density(self, states: Array) -> Array:
         """-log(area) [- log(arc)] in the free space of box and arc, else -inf: (..., n) -> (...)."""
         states = np.asarray(states, dtype=float)
@@ -156,7 +168,7 @@ def draw_free(
     """
     states = np.empty((0, space.size))
     for _ in range(BATCHES):
-        drawn = draw(max(size, 16))
+        drawn = draw(max(size, DRAWN_AT_LEAST))
         if room is not None:
             drawn = drawn[np.asarray(room.is_free(drawn[:, space.position_indices]))]
         states = np.concatenate([states, drawn])

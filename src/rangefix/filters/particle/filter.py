@@ -5,11 +5,12 @@ of the next step, and only if their effective number is low.
 
 An object that stands still draws no noise that could tell copies apart. Copies are then moved by Metropolis
 steps on its exact posterior, the prior times the likelihood of all readings so far (Gilks and Berzuini, 2001;
-Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. Of an object that
-moves, a reading that would leave few effective particles is taken in by stages, with moves of the last step
-in between (last_step.py). The kernel of Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is
-thinner than its own covariance, as a ring or two modes are, and comes in unasked only where hardly any
-particle of an object that moves differs from another, as against a wall.
+Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. A reading that
+would leave few effective particles is taken in by stages (tempering), with such steps in between; once the
+object has moved, the steps are those of its last move (last_step.py). The kernel of Musso, Oudjane and Le
+Gland (2001) is there too; it blurs whatever is thinner than its own covariance, as a ring or two modes are,
+and comes in unasked only where hardly any particle of an object that moves differs from another, as against a
+wall.
 """
 
 from __future__ import annotations
@@ -42,11 +43,14 @@ from .metropolis import (
     separate_copies,
 )
 from .resampling import SCHEMES
-from .weights import effective_number, equal, exp_of, longest_stage, weighted
+from .weights import effective_number, effective_places, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
 SUM_ROUNDING = 1e-12  # of a covariance summed over particles
-MIN_EFFECTIVE = 100  # particles; with fewer, the covariance of an object that moves is not to be trusted
+MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
+MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
+MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
+DEFAULT_RESAMPLING, DEFAULT_MOVES = "systematic", 3
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,28 +62,26 @@ class ParticleFilter(BriefRepr):
         particles: How many, N.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
-        regularise: Move copies apart after resampling: by Metropolis steps while the object stands still, and
-            in general by the noise of the motion once it moves. Where a reading would leave fewer than 100
-            effective particles of an object that may move, it is taken in by stages with Metropolis steps in
-            between, on the last move if there was one. With a `bandwidth`, by the kernel instead, moving or
-            not.
+        regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
+            is given. False is the bootstrap filter.
         bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; None = no kernel.
         moves: Metropolis steps after each resampling.
-        temper: Take in a measurement in as many stages as keep the effective number up, with moves in
-            between (Neal, 2001; Del Moral, Doucet and Jasra, 2006).
+        temper: Take in a measurement in as many stages as keep the effective number up, with Metropolis steps
+            in between (Neal, 2001; Del Moral, Doucet and Jasra, 2006). None = wherever there are such steps,
+            which is the default; False = every measurement in whole, as the plain particle filter does.
 
     Raises:
-        ValueError: If an option is out of its range, or tempering is asked for without Metropolis steps.
+        ValueError: If an option is out of its range, or would do nothing beside the others.
     """
 
     problem: Problem
-    particles: int = 10_000
+    particles: int = 2000
     resample_below: float = 0.5
-    resampling: str = "systematic"
+    resampling: str = DEFAULT_RESAMPLING
     regularise: bool = True
     bandwidth: float | None = None
-    moves: int = 3
-    temper: bool = False
+    moves: int = DEFAULT_MOVES
+    temper: bool | None = None
 
     def __post_init__(self) -> None:
         if self.particles != int(self.particles) or self.particles < 2:
@@ -92,8 +94,35 @@ class ParticleFilter(BriefRepr):
             raise ValueError(f"bandwidth must be positive and finite, got {self.bandwidth}")
         if self.moves != int(self.moves) or self.moves < 1:
             raise ValueError(f"moves must be a whole number from 1 on, got {self.moves}")
-        if self.temper and not (self.regularise and self.bandwidth is None and 0 < self.resample_below < 1):
-            raise ValueError("temper needs regularise, no bandwidth, and 0 < resample_below < 1")
+        if self.temper not in (None, False, True) or self.regularise not in (False, True):
+            raise ValueError(
+                f"regularise and temper must be true or false, got {self.regularise!r}, {self.temper!r}"
+            )
+        self._check_effect()
+
+    def _check_effect(self) -> None:
+        """Refuse options that would do nothing beside the others.
+
+        Raises:
+            ValueError: If there is one.
+        """
+        given = {
+            "bandwidth": self.bandwidth is not None,
+            "moves": self.moves != DEFAULT_MOVES,
+            "temper": bool(self.temper),
+            "resampling": self.resampling != DEFAULT_RESAMPLING,
+        }
+        idle: dict[str, tuple[str, ...]] = {
+            "resample_below = 0, which never resamples": tuple(given) if not self.resample_below else (),
+            "regularise = false": ("bandwidth", "moves", "temper") if not self.regularise else (),
+            "a bandwidth, whose kernel takes the place of Metropolis steps": ("moves", "temper")
+            if self.bandwidth is not None
+            else (),
+        }
+        for beside, names in idle.items():
+            for name in names:
+                if given[name]:
+                    raise ValueError(f"{name} does nothing beside {beside}: leave one of the two out")
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
         """N draws from the prior for every run, all of equal weight."""
@@ -181,8 +210,24 @@ class ParticleFilter(BriefRepr):
         return image_of_points(belief.states[run], self.problem, belief.log_weights[run])
 
     def effective_particles(self, belief: ParticleBelief) -> Array:
-        """Effective number of particles 1 / sum w^2 (Kong, Liu and Wong, 1994), (M,)."""
-        return np.array([effective_number(log_weights) for log_weights in belief.log_weights])
+        """Effective number of particles, (M,), copies at one place counted as one.
+
+        (sum w)^2 / sum w^2 (Kong, Liu and Wong, 1994), w the weights of places and not of particles: copies
+        that nothing has moved apart tell no more than one particle does.
+        """
+        pairs = zip(belief.states, belief.log_weights, strict=True)
+        return np.array([effective_places(states, log_weights) for states, log_weights in pairs])
+
+    def resultant(self, belief: ParticleBelief) -> Array:
+        """Length of the mean resultant vector of the heading, (M,): see `CanTellDirection`.
+
+        Raises:
+            NotImplementedError: If the heading is known.
+        """
+        if self.problem.space.heading is not None:
+            raise NotImplementedError("the heading is known")
+        turns = np.exp(1j * belief.states[..., self.problem.space.names.index("heading")])
+        return np.asarray(np.abs((np.exp(belief.log_weights) * turns).sum(axis=1)))
 
     def _update_run(
         self, belief: ParticleBelief, run: int, reading: Array, rng: Generator
@@ -199,12 +244,11 @@ class ParticleFilter(BriefRepr):
             log_weights = equal(self.particles)
         else:
             log_density = self._log_density(reading, states)
-        gains, power = 0.0, 0.0
-        least = enough if self.temper else min(enough, MIN_EFFECTIVE)
-        staged = self.temper or not isinstance(self.problem.motion, Stationary)
-        while staged and target is not None and log_density.max() > -np.inf:
-            stage = longest_stage(log_weights, log_density, 1.0 - power, least)
-            if power + stage >= 1.0:
+        gains, power, stages = 0.0, 0.0, MAX_STAGES if self.temper is not False and target is not None else 0
+        kept = min(enough, MAX_KEPT * self.particles)
+        for _ in range(stages if log_density.max() > -np.inf else 0):
+            stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
+            if power + stage >= 1.0 or stage < MIN_STAGE:
                 break
             log_weights, gain = weighted(log_weights, stage * log_density)
             gains, power = gains + gain, power + stage
@@ -275,7 +319,8 @@ class ParticleFilter(BriefRepr):
                 log_density = self._log_density(reading, spread)
             return spread, log_density, target
         root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
-        return *metropolis(copies, logs, target, power, root, self.moves, rng), target
+        thorough = self.temper is not False
+        return *metropolis(copies, logs, target, power, root, self.moves, rng, thorough), target
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, BoolArray
 from ..models.confined import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
@@ -16,6 +16,8 @@ from .last_step import LastStep
 
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 MIN_PLACES = 64  # points in fewer places than that are spread
+DIFFERENCES, WHOLE_DIFFERENCES = 0.5, 0.25  # shares of the Metropolis steps
+NEARLY_ALL, MAX_ROUNDS = 0.95, 5  # have moved: that ends them; rounds of steps
 MIN_STEP, MAX_STEP = 0.02, 1.7  # of Metropolis steps, in units of the cloud's spread
 
 
@@ -54,7 +56,7 @@ Target = Posterior | LastStep
 
 def metropolis_steps(
     states: Array, log_densities: tuple[Array, Array], target: Target,
-    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator,
+    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator, rounds: int = 1,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Metropolis steps: proposals are taken or not, so that the target stays as it is.
 
@@ -66,12 +68,16 @@ def metropolis_steps(
         power: In [0, 1].
         steps: How many.
         rng: Draws N numbers for each step, after the proposal.
+        rounds: The most times that these steps are made, until nearly all states have moved.
 
     Returns:
         Where they end, (N, n), and the log density of the fresh measurement there, (N,).
     """
     known, fresh = log_densities
-    for _ in range(steps):
+    moved: BoolArray = np.zeros(len(states), dtype=np.bool_)
+    for step in range(rounds * steps):
+        if step % steps == 0 and step and moved.mean() > NEARLY_ALL:
+            break
         proposal = propose(states)
         known_there, fresh_there = target.log_densities(proposal)
         with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
@@ -79,6 +85,7 @@ def metropolis_steps(
             if power > 0:
                 gain += power * (fresh_there - fresh)
             accepted = -rng.standard_exponential(len(states)) < gain
+        moved |= accepted
         states = np.where(accepted[:, None], proposal, states)
         known, fresh = np.where(accepted, known_there, known), np.where(accepted, fresh_there, fresh)
     return states, fresh
@@ -86,25 +93,36 @@ def metropolis_steps(
 
 def metropolis(
     states: Array, log_densities: tuple[Array, Array], posterior: Posterior, power: float, root: Array,
-    steps: int, rng: Generator,
+    steps: int, rng: Generator, thorough: bool = False,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Random walks that leave the posterior as it is (Metropolis et al., 1953): see `metropolis_steps`.
 
     The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide. The
-    steps' covariance has the `root` (n, n).
+    steps' covariance has the `root` (n, n). If they are to be `thorough`, half of them are differences of two
+    of the states instead (differential evolution: ter Braak, 2006): these have the shape of a mode where both
+    lie in one, and lead from mode to mode where they lie in two, so that shares of modes come right; and they
+    go on until nearly all states have moved, or for five times as many steps.
     """
+    space = posterior.sensor.space
 
     def walk(here: Array) -> Array:
         scale = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(len(here)))
-        step = (rng.standard_normal(here.shape) @ root.T) * scale[:, None]
-        return posterior.sensor.space.wrap(here + step)
+        step = rng.standard_normal(here.shape) @ root.T
+        if not thorough:
+            return space.wrap(here + step * scale[:, None])
+        kind = rng.random(len(here))
+        pairs = rng.integers(0, len(states), (2, len(here)))[:, kind < DIFFERENCES]
+        step[kind < DIFFERENCES] = space.difference(states[pairs[0]], states[pairs[1]])
+        scale[kind < WHOLE_DIFFERENCES] = 1.0
+        return space.wrap(here + step * scale[:, None])
 
     ends, log_fresh = np.empty_like(states), np.empty(len(states))
     for start in range(0, len(states), POINTS_PER_BLOCK):
         part = slice(start, start + POINTS_PER_BLOCK)
         known, fresh = log_densities
+        rounds = MAX_ROUNDS if thorough else 1
         ends[part], log_fresh[part] = metropolis_steps(
-            states[part], (known[part], fresh[part]), posterior, walk, power, steps, rng
+            states[part], (known[part], fresh[part]), posterior, walk, power, steps, rng, rounds
         )
     return ends, log_fresh
 

@@ -44,6 +44,16 @@ def effective_number(log_weights: Array) -> float:
     return float(weights.sum() ** 2 / (weights @ weights))
 
 
+def effective_places(states: Array, log_weights: Array) -> float:
+    """The effective number of different states: (N, n) and (N,), equal rows counted as one."""
+    _, place = np.unique(states[:, 0], return_inverse=True)
+    for column in states.T[1:]:
+        _, order = np.unique(column, return_inverse=True)
+        _, place = np.unique(place * len(states) + order, return_inverse=True)
+    weights = np.bincount(place, exp_of(log_weights))
+    return float(weights.sum() ** 2 / (weights @ weights))
+
+
 def longest_stage(log_weights: Array, log_density: Array, most: float, enough: float) -> float:
     """The largest power of a density, up to `most`, that leaves so many effective particles.
 

@@ -16,6 +16,7 @@ from .records import CellMass, CellTable, Moments, Readings, SharedRanges
 from .turning_kernels import HEADINGS_PER_BLOCK
 from .turning_ranges import RangesByDirection, cast_turning, directions
 
+CASTS_AT_ONCE = 1 << 22  # ranges, where the heading is known
 CHECKED_CELLS = 16  # in which a sensor is asked whether it expects what its map says
 
 
@@ -99,8 +100,19 @@ def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
         _check_memory(need, memory, f"{places} places in {kinds * period} directions")
         return cast_turning(grid, sensor, shared)
     _check_memory(8.0 * len(grid.centres) * beams, memory, f"{len(grid.centres)} cells with {beams} beams")
-    ranges = np.ascontiguousarray(sensor.expected(grid.centres))
-    return RangesByCell(grid, ranges, sensor.space.is_angle)
+    return RangesByCell(grid, _cast_each(grid.centres, sensor), sensor.space.is_angle)
+
+
+def _cast_each(centres: Array, sensor: Sensor) -> Array:
+    """What each cell expects, (G, B); by parts, which maps round alike where all headings are the same."""
+    beams = len(sensor.bearings)
+    if sensor.space.heading is None or len(centres) * beams <= CASTS_AT_ONCE:
+        return np.ascontiguousarray(sensor.expected(centres))
+    ranges = np.empty((len(centres), beams))
+    size = max(1, CASTS_AT_ONCE // beams)
+    for start in range(0, len(centres), size):
+        ranges[start : start + size] = sensor.expected(centres[start : start + size])
+    return ranges
 
 
 def _check_memory(need: float, most: float, what: str) -> None:

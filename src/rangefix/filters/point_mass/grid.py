@@ -62,6 +62,28 @@ class Grid:
         return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TWO_PI) < 1e-9
 
 
+def count_cells(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Array:
+    """How many cells along each axis cover the prior's support, (n,); the arguments are `build_grid`'s.
+
+    Raises:
+        ValueError: If a size is not positive, or there are more cells than allowed.
+    """
+    lower, upper = prior.support
+    try:
+        sizes = np.broadcast_to(np.asarray(cell, dtype=float), lower.shape)
+    except ValueError:
+        raise ValueError(f"need one cell size, or one for each of {', '.join(space.names)}") from None
+    if not (np.isfinite(sizes).all() and (sizes > 0).all()):
+        raise ValueError(f"the cell size must be positive and finite, got {cell!r}")
+    counts: Array = np.maximum(1, np.ceil((upper - lower) / sizes * (1 - 1e-9)))
+    if counts.prod() > most:
+        raise ValueError(
+            f"{' x '.join(f'{count:.0f}' for count in counts)} cells are more than {most}: "
+            "take larger cells or a smaller prior"
+        )
+    return counts
+
+
 def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Grid:
     """Cover the prior's support with cells no larger than asked and keep those it allows.
 
@@ -74,19 +96,8 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> G
     Raises:
         ValueError: If a size is not positive, the box has more cells than allowed, or no cell is allowed.
     """
+    counts = count_cells(prior, space, cell, most)
     lower, upper = prior.support
-    try:
-        sizes = np.broadcast_to(np.asarray(cell, dtype=float), lower.shape)
-    except ValueError:
-        raise ValueError(f"need one cell size, or one for each of {', '.join(space.names)}") from None
-    if not (np.isfinite(sizes).all() and (sizes > 0).all()):
-        raise ValueError(f"the cell size must be positive and finite, got {cell!r}")
-    counts = np.maximum(1, np.ceil((upper - lower) / sizes * (1 - 1e-9)))
-    if counts.prod() > most:
-        raise ValueError(
-            f"{' x '.join(f'{count:.0f}' for count in counts)} cells are more than {most}: "
-            "take larger cells or a smaller prior"
-        )
     shape = tuple(int(count) for count in counts)
     step = (upper - lower) / counts
     turns = shape[-1] if space.names[-1] == "heading" and space.size == 3 else 1

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Union, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema
 
 from ....extensions import extensions
 
@@ -56,30 +60,50 @@ class Misfit(ValueError):
         self.path: tuple[str | int, ...] = (key, *further)
 
 
-def kinds_of(annotation: Any) -> dict[str, type[Section]]:
-    """The sections in the type of a key, by the kinds that they stand for; "" for one without a kind."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        kind = annotation.model_fields.get("kind")
-        names = get_args(kind.annotation) if kind else ("",)
-        return {str(name): annotation for name in names if issubclass(annotation, Section)}
-    return {name: kind for part in get_args(annotation) for name, kind in kinds_of(part).items()}
+@dataclass(frozen=True)
+class WithExtensions:
+    """Marks the type of a key whose sections are ours and those that installed packages offer.
 
+    What is offered is loaded when the first study is read, not before: it is made of this package.
 
-def with_extensions(base: type[Section], union: Any, group: str) -> Any:
-    """A union of sections by kind, with those that installed packages offer.
-
-    Args:
+    Attributes:
         base: What sections of these kinds are.
         union: Ours.
         group: Entry points, each named by the kind of its section. One that is no such section, or that takes
             a kind of ours, is left out with a warning.
     """
-    kinds = kinds_of(union)
-    for name, section in extensions(group).items():
-        ours = isinstance(section, type) and issubclass(section, base)
-        if ours and name in kinds_of(section).keys() - kinds:
-            kinds |= kinds_of(section)
-        else:
-            text = f"{group}: {name!r} is left out: it must be a {base.__name__} of a new kind = {name!r}"
-            warnings.warn(text, RuntimeWarning, stacklevel=2)
-    return Annotated[Union[tuple(kinds.values())], Field(discriminator="kind")]  # noqa: UP007
+
+    base: type[Section]
+    union: Any
+    group: str
+
+    @cached_property
+    def kinds(self) -> dict[str, type[Section]]:
+        """All sections by kind."""
+        kinds = kinds_of(self.union)
+        for name, section in extensions(self.group).items():
+            fits = isinstance(section, type) and issubclass(section, self.base)
+            if fits and name in kinds_of(section).keys() - kinds:
+                kinds |= kinds_of(section)
+            else:
+                what = f"it must be a {self.base.__name__} of a new kind = {name!r}"
+                text = f"{self.group}: {name!r} is left out: {what}"
+                warnings.warn(text, RuntimeWarning, stacklevel=2)
+        return kinds
+
+    def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What pydantic reads: a union told apart by `kind`."""
+        union: Any = Union[tuple(self.kinds.values())]  # noqa: UP007
+        return handler.generate_schema(Annotated[union, Field(discriminator="kind")])
+
+
+def kinds_of(key: Any) -> dict[str, type[Section]]:
+    """The sections that a key, or its type, may have, by the kinds that they stand for; "" without a kind."""
+    if isinstance(key, WithExtensions):
+        return key.kinds
+    if isinstance(key, type) and issubclass(key, BaseModel):
+        kind = key.model_fields.get("kind")
+        names = get_args(kind.annotation) if kind else ("",)
+        return {str(name): key for name in names if issubclass(key, Section)}
+    parts = (key.annotation, *key.metadata) if isinstance(key, FieldInfo) else get_args(key)
+    return {name: section for part in parts for name, section in kinds_of(part).items()}

@@ -32,7 +32,7 @@ class EstimatorSection(Section):
     """
 
     name: str = Field(min_length=1, max_length=1000, description='for example name = "point-mass"')
-    label: str | None = Field(default=None, min_length=1)
+    label: str | None = Field(default=None, min_length=1, max_length=200)
     options: dict[str, Any] = Field(default_factory=dict)
 
     @field_validator("options")

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ....filters import RangeMap
 from ....maps import open_map
-from .base import Misfit, Point, Positive, Section, Size
+from .base import Misfit, Point, Positive, Section, Size, WithExtensions
 
 CORNERS = "corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
 
@@ -69,4 +69,5 @@ class MeshMap(MapSection):
     resolution_m: Positive = 0.05
 
 
-AnyMap = Annotated[RectangleMap | FloorPlanMap | MeshMap, Field(discriminator="kind")]
+Ours = RectangleMap | FloorPlanMap | MeshMap
+AnyMap = Annotated[Ours, WithExtensions(MapSection, Ours, "rangefix.maps")]

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from ....arrays import Array
 from ....filters import Confined, Motion, Odometry, RangeMap, StateSpace
 from ....filters.models.motion import ConstantVelocity, RandomWalk, Stationary
-from .base import Misfit, NotNegative, Point, Positive, Section
+from .base import Misfit, NotNegative, Point, Positive, Section, WithExtensions
 from .drives import Drive, count_steps, random_drive, waypoint_drive
 
 MOST_STEPS = 100_000
@@ -194,7 +194,5 @@ class OdometryMotion(WalledMotion):
         return None if drive is None else drive.controls
 
 
-AnyMotion = Annotated[
-    StationaryMotion | RandomWalkMotion | ConstantVelocityMotion | OdometryMotion,
-    Field(discriminator="kind"),
-]
+Ours = StationaryMotion | RandomWalkMotion | ConstantVelocityMotion | OdometryMotion
+AnyMotion = Annotated[Ours, WithExtensions(MotionSection, Ours, "rangefix.motions")]

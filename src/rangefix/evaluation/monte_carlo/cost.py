@@ -1,0 +1,265 @@
+"""What a study takes in memory, disk and time, told or refused before it begins."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from os import cpu_count
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...arrays import Array
+from ...filters import EachRun, Estimator
+from ...filters.estimator import filtered
+from ..experiment import Experiment, NamedEstimator
+from ..isolation import machine_memory_gb, undisturbed
+from ..results import MAX_RUNS_IN_MEMORY, FolderLayout, ResultsError, trials_path
+from ..seeds import Streams
+from .built_estimator import BuiltEstimator
+from .simulate import simulate
+from .trial import Trial
+from .worker import Worker
+
+if TYPE_CHECKING:
+    from ...filters.memory import MemoryNeed
+
+FLOAT = 8  # bytes
+COPIES = 4  # of the arrays of a block of runs, while it is simulated, masked, tried and saved
+PART_BYTES = 4000  # of a part beside its numbers
+WORTH_TELLING_BYTES, WORTH_TELLING_S = 1e9, 60.0
+PROBE_S = 0.1  # for each estimator and set of beams, or as long as one update takes
+PROBE_RUNS, PROBE_GROWTH = 64, 8
+KEEPING_S = 2e-5  # to check, save, read and summarise an estimate, a step of one run and estimator
+JUDGING_S = 1e-3  # the same of a belief that is sampled
+MAX_NAMED = 3  # estimators in a line
+UNITS = ((86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"), (0.0, "us"))
+
+
+class TimeNeed(NamedTuple):
+    """What is left to do takes so long.
+
+    Attributes:
+        total: All of it, s.
+        simulating: A run, s.
+        estimators: Label -> s for a run on all sets of beams; without those that run in their own process.
+    """
+
+    total: float
+    simulating: float
+    estimators: dict[str, float]
+
+
+def check_memory(
+    experiment: Experiment, limit_gb: float | None = None, workers: int = 1, in_memory: bool = False
+) -> None:
+    """Refuse a study whose arrays do not fit the memory; nothing is allocated.
+
+    Args:
+        experiment: What is to be run; plug-ins are not counted: their processes are watched.
+        limit_gb: The limit, GB; half of the machine's memory unless given.
+        workers: Processes on this machine, which hold the same each.
+        in_memory: Whether all results are to be kept in memory.
+
+    Raises:
+        ResultsError: If they do not; it says what takes how much, and what to change.
+        ValueError: If the limit is none.
+    """
+    from ...filters.memory import MemoryNeed  # imports numba
+
+    limit = (machine_memory_gb() / 2 if limit_gb is None else limit_gb) * 1e9
+    if not limit > 0:
+        raise ValueError(f"the limit of memory must be positive, got {limit_gb} GB")
+    runs, steps = min(experiment.block, experiment.runs), experiment.steps
+    size, beams = experiment.truth.space.size, len(experiment.truth.sensor.bearings)
+    world, trials = FLOAT * steps * (size + beams), FLOAT * steps * (size * size + size + 2)
+    pairs = len(experiment.estimators) * len(experiment.beam_sets)
+    whole = in_memory or experiment.runs <= MAX_RUNS_IN_MEMORY
+    read = experiment.runs if in_memory else min(experiment.runs, MAX_RUNS_IN_MEMORY)
+    reading = float(2 * read * (world + (pairs if whole else 1) * trials))
+    working = float(COPIES * runs * (world + trials))
+    needs = estimator_needs(experiment)
+    kept = sum(need.kept for need in needs.values())
+    label, most = max(
+        needs.items(), key=lambda item: item[1].peak, default=("", MemoryNeed(0.0, 0.0, "", ""))
+    )
+    total = max(workers * (working + kept - most.kept + most.peak), workers * kept + reading)
+    if total <= limit:
+        return
+    at_once = f" for each of {workers} workers" * (workers > 1)
+    harness = max(working, reading)
+    if most.peak >= max(kept / 2, harness):
+        what = f"estimator {label!r}: {most.what} take about {_gb(most.peak)} of memory{at_once}"
+        advice = most.advice
+    elif kept >= harness:
+        what = f"the tables of {len(needs)} estimators take about {_gb(kept)} of memory{at_once}"
+        advice = "take shorter lists in [[estimators]] options"
+    elif working > reading:
+        what = (
+            f"{runs} runs of {_steps(steps)} with {beams} beams take about {_gb(working)} of memory{at_once}"
+        )
+        advice = "take fewer steps in [motion], or fewer beams in [sensor]"
+    else:
+        what = f"reading the results of {read} runs of {_steps(steps)} with {beams} beams takes about "
+        what += f"{_gb(reading)} of memory"
+        advice = "take fewer runs, fewer steps in [motion], or fewer beams in [sensor]"
+    all_of_it = f", and all of it {_gb(total)}" * (total > 1.1 * max(most.peak, harness))
+    raise ResultsError(f"{what}{all_of_it}, more than the {_gb(limit)} of --memory-gb: {advice}")
+
+
+def estimator_needs(experiment: Experiment) -> dict[str, MemoryNeed]:
+    """What the built-in estimators of an experiment take, by label."""
+    from ...filters.memory import memory_needed
+
+    runs = min(experiment.block, experiment.runs)
+    needs = {}
+    for label, builder in experiment.estimators.items():
+        if isinstance(builder, NamedEstimator):
+            need = memory_needed(builder.name, experiment.assumed_problem, builder.options, runs)
+            if need is not None:
+                needs[label] = need
+    return needs
+
+
+def check_disk(folder: Path, plan: FolderLayout) -> float:
+    """Compare what the arrays of a plan take with what the disk has.
+
+    Returns:
+        Bytes that they take.
+
+    Raises:
+        ResultsError: If they do not fit.
+    """
+    steps, size, beams = plan.shape
+    pairs = len(plan.estimators) * len(plan.beams)
+    needed = FLOAT * plan.runs * steps * (size + beams + pairs * (size * size + size + 2))
+    needed += PART_BYTES * (1 + pairs) * -(-plan.runs // plan.block)
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(there).free
+    if needed > free and needed > free + sum(part.stat().st_size for part in folder.glob("parts/**/*.npz")):
+        raise ResultsError(
+            f"{plan.runs} runs take about {_gb(needed)}, and the disk of {folder} has {_gb(free)}: "
+            "take fewer runs"
+        )
+    return float(needed)
+
+
+def estimate_line(
+    worker: Worker, plan: FolderLayout, folder: Path, disk: float, workers: int, resume: bool
+) -> str:
+    """A line on the time and disk of what is left to do; "" where it is little of both."""
+    need = time_needed(worker, plan, folder, workers, resume)
+    if need.total < WORTH_TELLING_S and disk < WORTH_TELLING_BYTES:
+        return ""
+    slowest = sorted(need.estimators.items(), key=lambda item: -item[1])
+    named = [f"{label} {_duration(seconds)}" for label, seconds in slowest[:MAX_NAMED]]
+    named += [f"{len(slowest) - MAX_NAMED} more"] * (len(slowest) > MAX_NAMED)
+    others = len(plan.estimators) - len(slowest)
+    plug_ins = f"; {others} in processes of their own not counted" * (others > 0)
+    each = ", ".join([*named, f"simulating {_duration(need.simulating)}"])
+    return (
+        f"{plan.runs} runs take about {_duration(need.total)} and {_gb(disk)} in {folder} "
+        f"(a run: {each}{plug_ins})"
+    )
+
+
+def time_needed(
+    worker: Worker, plan: FolderLayout, folder: Path, workers: int = 1, resume: bool = True
+) -> TimeNeed:
+    """How long what is left to do will take, by trying a few runs; what they come to is dropped.
+
+    They draw from streams of their own run, made anew for each trial, so that no number depends on them.
+    """
+    experiment = worker.experiment
+    left = {
+        (label, beams): _runs_left(plan, folder, label, beam_label) if resume else plan.runs
+        for label in plan.estimators
+        for beams, beam_label in enumerate(plan.beams)
+    }
+    if not any(left.values()):
+        return TimeNeed(0.0, 0.0, {})
+    simulating = _until_slow(lambda runs: _seconds(lambda: simulate(experiment, 0, runs)) / runs, plan.runs)
+    keeping = experiment.steps * (KEEPING_S + JUDGING_S * experiment.beliefs)
+    total, each = max(left.values()) * simulating, dict[str, float]()
+    processes = min(workers, cpu_count() or 1)
+    for (label, beams), runs in left.items():
+        if experiment.timeout_of(label) is not None:
+            continue
+        try:
+            with undisturbed(worker.trial):
+                built = worker.estimator(label)
+                assert isinstance(built, BuiltEstimator)
+                seconds = seconds_per_run(worker.trial, built.estimator, worker.probe_measurement(beams))
+        except (Exception, SystemExit):  # its trials will say what is wrong
+            seconds = 0.0
+        each[label] = each.get(label, 0.0) + seconds
+        total += runs * (seconds / processes + keeping)
+    return TimeNeed(total, simulating, each)
+
+
+def seconds_per_run(trial: Trial, estimator: Estimator[Any], measurement: Array) -> float:
+    """Seconds for all steps of a run, judged by as many runs at once and as many steps as fit a moment.
+
+    Args:
+        trial: The trial.
+        estimator: The estimator.
+        measurement: Of some runs, (M, T, B); they are repeated.
+    """
+    steps = measurement.shape[1]
+
+    def once(runs: int, most: float = PROBE_S) -> float:
+        readings = np.resize(measurement, (runs, *measurement.shape[1:])).swapaxes(0, 1)
+        rngs = Streams(trial.seed, "estimator", range(runs))
+        start, updates = perf_counter(), 0
+        for verb, _, belief in filtered(estimator, trial.problem.prior, trial.moves, readings, rngs):
+            if verb == "update":
+                estimator.estimate(belief)
+                updates += 1
+                if perf_counter() - start > most:
+                    break
+        return float((perf_counter() - start) / updates * steps / runs)
+
+    once(1, 0.0)  # compiles, fills caches
+    return _until_slow(once, 1 if isinstance(estimator, EachRun) else PROBE_RUNS)
+
+
+def _until_slow(seconds_per_run: Callable[[int], float], most: int) -> float:
+    """Seconds for a run, measured on more and more runs at once while that takes no more than a moment."""
+    runs = 1
+    while True:
+        seconds = seconds_per_run(runs)
+        if runs >= min(most, PROBE_RUNS) or PROBE_GROWTH * runs * seconds > PROBE_S:
+            return seconds
+        runs = min(PROBE_GROWTH * runs, PROBE_RUNS)
+
+
+def _runs_left(plan: FolderLayout, folder: Path, label: str, beam_label: str) -> int:
+    """Runs whose parts are not there."""
+    if not trials_path(folder, label, beam_label, 0, 1).parent.is_dir():
+        return plan.runs
+    blocks = plan.blocks()
+    missing = (
+        end - low for low, end in blocks if not trials_path(folder, label, beam_label, low, end).exists()
+    )
+    return int(sum(missing))
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = perf_counter()
+    work()
+    return perf_counter() - start
+
+
+def _gb(size: float) -> str:
+    return f"{size / 1e9:.3g} GB"
+
+
+def _steps(count: int) -> str:
+    return f"{count} step{'s' if count != 1 else ''}"
+
+
+def _duration(seconds: float) -> str:
+    unit, name = next((unit, name) for unit, name in UNITS if seconds >= unit)
+    return f"{seconds / (unit or 1e-6):.3g} {name}"

@@ -1,0 +1,165 @@
+"""What is wrong with the estimators of a study: without running code of plug-ins, or by running it."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import one_line, suggestion
+from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
+from ...filters.registry import BUILT_IN, file_of, resolve
+from ...maps import RectangularRoom
+from ..isolation import PluginInfo, signature_of
+from ..isolation.look import inspect_plugin
+from .mistakes import MOST_TOLD, Mistakes
+from .sections.estimators import EstimatorSection, Variant
+
+UNITS = ("_m", "_deg")
+MOST_ESTIMATORS = 2000
+LARGEST_OPTIONS = {
+    "iterations": 10_000,
+    "particles": 20_000_000,
+    "members": 1_000_000,
+    "moves": 10_000,
+}  # of our options
+MOST_BYTES_TRIED = 2.5e8  # of an estimator that is built to see whether it can be; a run builds the others
+STAND_IN = RectangularRoom(width=1.0, length=1.0)  # to check the rest on where the map cannot be built
+
+
+def check_estimators(
+    entries: list[EstimatorSection], problem: Problem | None, folder: Path, mistakes: Mistakes
+) -> None:
+    """Note what is wrong with the estimators of a study; of a plug-in, only whether there is such a file."""
+    from ...filters.memory import memory_needed  # imports numba, which a refused study need not wait for
+
+    labels: set[str] = set()
+    for place, entry in enumerate(entries):
+        at = ("estimators", place)
+        if not mistakes.sound(*at):
+            continue
+        if len(mistakes.noted) > MOST_TOLD:
+            break  # more is not told
+        variants = entry.variants()
+        if len(labels) + len(variants) > MOST_ESTIMATORS:
+            mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
+            break
+        for label in (variant.label for variant in variants):
+            if label in labels:
+                mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
+            labels.add(label)
+        if not mistakes.sound(*at):
+            continue
+        if entry.name in BUILT_IN:
+            plugin = signature_of(entry.name, resolve(entry.name))
+            if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
+                entry, variants, plugin, at, mistakes
+            ):
+                there = problem or _stand_in()
+                for variant in variants:
+                    need = memory_needed(variant.name, there, variant.options, 1)
+                    if need is not None and need.kept > MOST_BYTES_TRIED:
+                        continue
+                    try:
+                        build(variant.name, there, **variant.options)
+                    except Exception as error:
+                        mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
+        else:
+            try:
+                file_of(entry.name, folder)
+            except KeyError as error:
+                mistakes.add((*at, "name"), one_line(error))
+
+
+def refuse_plugins(entries: list[EstimatorSection], mistakes: Mistakes) -> None:
+    """Note every estimator that is not built in: its code comes from outside."""
+    for place, entry in enumerate(entries):
+        if entry.name not in BUILT_IN and mistakes.sound("estimators", place):
+            text = f"{entry.name!r} is a plug-in, and none may run (--no-plugins): take it out, or trust it"
+            mistakes.add(("estimators", place, "name"), text)
+
+
+def check_plugins(
+    entries: list[EstimatorSection], problem: Problem, folder: Path, mistakes: Mistakes
+) -> tuple[str, ...]:
+    """Run the code of plug-ins, each in a process of its own, and note options that they do not have.
+
+    Returns:
+        Faults in their code, a line each: their trials will fail.
+    """
+    warnings = []
+    for place, entry in enumerate(entries):
+        if entry.name in BUILT_IN:
+            continue
+        at, variants = ("estimators", place), entry.variants()
+        options = [variant.options for variant in variants]
+        plugin = inspect_plugin(entry.name, problem, options, folder.absolute())
+        if plugin.missing:
+            mistakes.add((*at, "name"), plugin.fault)
+        elif _options_fit(entry, plugin, at, mistakes):
+            for number, text in plugin.unfit:
+                mistakes.add((*at, "options"), f"{variants[number].label}: {text}")
+        if plugin.fault and not plugin.missing:
+            text = f"{plugin.fault}; rangefix check {shlex.quote(_from_here(entry.name, folder))} tells more"
+            warnings.append(mistakes.line((*at, "name"), text))
+    return tuple(warnings)
+
+
+def _from_here(name: str, folder: Path) -> str:
+    """The name of a plug-in as a command takes it, in the current folder."""
+    file = file_of(name, folder)
+    return name if file is None or file.name == "__init__.py" else f"{file}:{name.rpartition(':')[2]}"
+
+
+def _stand_in() -> Problem:
+    """A small problem, to check options on where the study's own cannot be built."""
+    space = position_space()
+    sensor = Rangefinder(STAND_IN, np.zeros(1), Gaussian(1.0), space)
+    return Problem(space, Stationary(space), sensor, Uniform(STAND_IN, space))
+
+
+def _options_fit(
+    entry: EstimatorSection, plugin: PluginInfo, at: tuple[str | int, ...], mistakes: Mistakes
+) -> bool:
+    """Whether the options are ones that the estimator has; notes those that are not."""
+    if plugin.any_option or not (plugin.parameters or plugin.summary or not plugin.fault):
+        return True
+    known = list(plugin.parameters)
+    unknown = [
+        given for given, name in zip(entry.options, entry.converted(), strict=True) if name not in known
+    ]
+    for given in unknown:
+        unit = next((unit for unit in UNITS if given.endswith(unit)), "")
+        text = suggestion(given, [name + unit for name in known])
+        mistakes.add((*at, "options", given), f"{entry.name} has no such option; {text}")
+    return not unknown
+
+
+def _sizes_fit(
+    entry: EstimatorSection,
+    variants: list[Variant],
+    plugin: PluginInfo,
+    at: tuple[str | int, ...],
+    mistakes: Mistakes,
+) -> bool:
+    """Whether numbers among the options of one of ours are numbers, and small enough to end."""
+    for given, name in zip(entry.options, entry.converted(), strict=True):
+        for value in (variant.options[name] for variant in variants):
+            if isinstance(value, bool) and name not in plugin.flags:
+                mistakes.add((*at, "options", given), f"must be a number, got {str(value).lower()}")
+                return False
+            if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
+                mistakes.add(
+                    (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {_short(value)}"
+                )
+                return False
+    return True
+
+
+def _short(value: float) -> str:
+    """A number; whole ones may be too large for a float, or to be written."""
+    try:
+        return f"{value:g}"
+    except OverflowError:
+        return "one too large for a float"

@@ -1,0 +1,73 @@
+"""What a study file may say: its sections, read by pydantic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field, PrivateAttr
+
+from .sections.base import Section
+from .sections.estimators import EstimatorSection
+from .sections.map import AnyMap
+from .sections.motion import AnyMotion, StationaryMotion
+from .sections.prior import AnyPrior, UniformPrior
+from .sections.sensor import SensorSection
+from .sections.state import StateSection, TruthSection
+
+MOST_RUNS = 10**9
+LONGEST_NAME, LONGEST_TITLE = 200, 2000
+
+
+class AssumedSection(Section):
+    """What estimators are told, where that is not the truth: whole sections instead of the true ones.
+
+    In a file, keys that are not given are those of the true section.
+    """
+
+    model_config = ConfigDict(defer_build=True)  # until what other packages offer can be loaded
+    map: AnyMap | None = None
+    state: StateSection | None = None
+    sensor: SensorSection | None = None
+    motion: AnyMotion | None = None
+    prior: AnyPrior | None = None
+
+
+class StudySections(Section):
+    """The sections and keys of a study, as its file has them."""
+
+    model_config = ConfigDict(defer_build=True)
+    name: str = Field(
+        default="study", min_length=1, max_length=LONGEST_NAME, pattern=r"^[^/\\]*[^/\\.][^/\\]*$"
+    )
+    title: str = Field(default="", max_length=LONGEST_TITLE)
+    runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
+    seed: int = Field(default=1, ge=0)
+    beliefs: bool = Field(default=False, description="whether to judge beliefs that can be sampled")
+    timeout_s: float | None = Field(
+        default=None, ge=0, description="longest that a trial may take; 0: any time"
+    )
+    plugin_memory_gb: float | None = Field(
+        default=None, gt=0, description="memory that the process of a plug-in may take"
+    )
+    map: AnyMap = Field(description="write a table [map]")
+    sensor: SensorSection = Field(description="write a table [sensor]")
+    state: StateSection = StateSection()
+    motion: AnyMotion = StationaryMotion()
+    prior: AnyPrior = UniformPrior()
+    assumed: AssumedSection = Field(default_factory=AssumedSection)
+    truth: TruthSection = TruthSection()
+    beam_sets: Annotated[list[Annotated[list[int], Field(min_length=1)]], Field(min_length=1)] | None = None
+    estimators: list[EstimatorSection] = Field(
+        min_length=1, description='at least one [[estimators]] with, for example, name = "point-mass"'
+    )
+    _folder: Path = PrivateAttr(default=Path())
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths count from."""
+        return self._folder
+
+    def as_assumed(self) -> Self:
+        """The study as it would be if what estimators are told were true."""
+        return self.model_copy(update={name: told for name, told in self.assumed if told is not None})

@@ -1,0 +1,190 @@
+"""How much memory the built-in estimators take, told before any of it is taken."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .adaptive.range_bounds import table_shape
+from .exact.partition import MAX_CORNERS
+from .point_mass.cell_ranges import CASTS_AT_ONCE
+from .point_mass.filter import DENSITIES_AT_ONCE
+from .point_mass.grid import count_cells
+from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
+from .point_mass.turning_ranges import directions
+from .problem import Prior, Problem
+from .registry import BUILT_IN, resolve
+
+FLOAT = 8.0  # bytes
+FREE_PROBES = 4096  # points at which a prior is asked how much of its box it allows
+MAX_BELIEF_BYTES = 128e6  # of the runs that are worked on at once
+LEAST_RUNS = 2  # that are worked on at once to see how much a run takes
+
+
+class MemoryNeed(NamedTuple):
+    """What an estimator takes.
+
+    Attributes:
+        kept: What it holds once it is built, bytes.
+        peak: The most that building it or an update takes, what is kept included, bytes.
+        what: What takes it: "1000 x 1000 cells with 3 beams".
+        advice: Which option or section makes it less.
+    """
+
+    kept: float
+    peak: float
+    what: str
+    advice: str
+
+
+def memory_needed(name: str, problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed | None:
+    """What a built-in estimator will take, to the order of a factor of two; nothing large is allocated.
+
+    Args:
+        name: As for `build`.
+        problem: What it is to be built for.
+        options: Its options.
+        runs: How many runs may be worked on at once.
+
+    Returns:
+        Bytes and words; None for plug-ins, which are watched while they run, and for what refuses to be built
+        by itself, as with more cells than it allows.
+    """
+    if name not in BUILT_IN:
+        return None
+    parameters = inspect.signature(resolve(name)).parameters
+    if not options.keys() <= parameters.keys():
+        return None  # building it says so
+    told = {option: parameter.default for option, parameter in parameters.items()} | dict(options)
+    try:
+        return NEEDS[name](problem, told, max(runs, LEAST_RUNS))
+    except (TypeError, ValueError, ArithmeticError):
+        return None
+
+
+def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    """Cells with their centres and probabilities, and the ranges that they expect."""
+    space, sensor, prior = problem.space, problem.sensor, problem.prior
+    sizes = options["cell"]
+    if options["heading_cell"] is not None:
+        sizes = np.where(space.is_angle, options["heading_cell"], np.asarray(sizes, dtype=float))
+    counts = count_cells(prior, space, sizes, options["most_cells"])
+    box, size, beams = float(counts.prod()), space.size, len(sensor.bearings)
+    free = box * _free_share(prior)
+    turns = float(counts[-1]) if space.names[-1] == "heading" and size == 3 else 1.0
+    step = (prior.support[1] - prior.support[0]) / counts
+    ranges = FLOAT * free * beams
+    cast = min(CASTS_AT_ONCE, free * beams) if turns == 1 else free * beams
+    if turns > 1:
+        shared = directions(sensor.bearings, prior.support[0][-1] + step[-1] / 2, step[-1], int(turns))
+        kinds, period = shared.angles.shape
+        ranges = min(ranges, 1.5 * FLOAT * free / turns * kinds * (period + HEADINGS_PER_BLOCK))
+        cast = min(DENSITIES_AT_ONCE, cast)
+    order = (12.0 * size + 16.0) * box / turns  # the cells sorted by tiles
+    cells = FLOAT * (2 + size) * box
+    masses = 0.0
+    if sensor.gaussian_stds is None:
+        at_once = _at_once(runs, FLOAT * free)
+        masses = 3 * FLOAT * (free * at_once + min(DENSITIES_AT_ONCE, at_once * free * beams))
+    kept = cells + ranges
+    peak = max(order + cells, kept + 2 * FLOAT * cast, kept + masses)
+    what = f"{_times(counts)} cells with {_beams(beams)}"
+    return MemoryNeed(kept, peak, what, "take a larger cell_m, a smaller prior or fewer beams")
+
+
+def _adaptive(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    """The table of least and greatest ranges, and the lattices of one run."""
+    cells, columns, rows = table_shape(problem.sensor, problem.prior, options["table_rays"])
+    places, size = float(np.prod(cells)), problem.space.size
+    table = 4.0 * places * columns
+    band = rows * (2.0 * cells[1] + 1) * columns * 2 * 3 * FLOAT
+    lattices = FLOAT * options["most_cells"] * (3 * size + 6)
+    found = 4.0 * places * (columns if problem.space.heading is None else 1)
+    what = f"a table of {_times(cells)} places in {columns} directions"
+    peak = max(3 * table + band, table + found + lattices)
+    return MemoryNeed(table, peak, what, "take a smaller prior, fewer beams or a smaller most_cells")
+
+
+def _particle(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    particles, size, beams = float(options["particles"]), problem.space.size, len(problem.sensor.bearings)
+    belief = FLOAT * particles * (2 * size + 1)
+    cast = 4 * FLOAT * min(particles, 1 << 14) * beams
+    # copies, proposals and weights of one run beside the beliefs before and after
+    peak = 2 * belief * _at_once(runs, belief) + FLOAT * particles * (4 * size + 8) + cast
+    what = f"{particles:.6g} particles of {size} components with {_beams(beams)}"
+    return MemoryNeed(0.0, peak, what, "take fewer particles")
+
+
+def _extended(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    size, beams = problem.space.size, len(problem.sensor.bearings)
+    peak = FLOAT * runs * beams * (5 * size + 20)
+    return MemoryNeed(0.0, peak, f"{runs} runs of {_beams(beams)} at once", "take fewer beams")
+
+
+def _sigma_points(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    size, beams = problem.space.size, len(problem.sensor.bearings)
+    peak = FLOAT * runs * (4.0 * beams**2 + beams * (8 * size + 12))
+    what = f"joint covariances of {_beams(beams)} for {runs} runs at once"
+    return MemoryNeed(0.0, peak, what, "take fewer beams")
+
+
+def _ensemble(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    members, size, beams = float(options["members"]), problem.space.size, len(problem.sensor.bearings)
+    belief = FLOAT * members * size
+    peak = 3 * belief * _at_once(runs, belief) + FLOAT * (7 * members * beams + 4.0 * beams**2)
+    what = f"{members:.6g} members with {_beams(beams)}"
+    return MemoryNeed(0.0, peak, what, "take fewer members or beams")
+
+
+def _one_run(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    beams = len(problem.sensor.bearings)
+    what = f"joint covariances of {_beams(beams)}"
+    return MemoryNeed(0.0, FLOAT * 8.0 * beams**2, what, "take fewer beams, or ekf or ukf")
+
+
+def _exact(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
+    """As many pieces as the lines through the ends of walls can make, up to `most_pieces`."""
+    beams, walls = len(problem.sensor.bearings), len(problem.sensor.room.segments)
+    lines = 2.0 * walls * beams
+    pieces = min(float(options["most_pieces"]), 1 + lines + lines * (lines - 1) / 2)
+    kept = FLOAT * pieces * (2 * MAX_CORNERS + 5 * beams + 4)
+    what = f"up to {pieces:.6g} pieces with {_beams(beams)}"
+    return MemoryNeed(kept, 2 * kept, what, "take a smaller most_pieces or fewer beams")
+
+
+NEEDS: dict[str, Callable[[Problem, Mapping[str, Any], int], MemoryNeed]] = {
+    "point-mass": _point_mass,
+    "adaptive-point-mass": _adaptive,
+    "particle": _particle,
+    "ekf": _extended,
+    "ukf": _sigma_points,
+    "ckf": _sigma_points,
+    "enkf": _ensemble,
+    "filterpy-ekf": _one_run,
+    "filterpy-ukf": _one_run,
+    "exact": _exact,
+}
+
+
+def _at_once(runs: int, belief: float) -> float:
+    """How many runs' beliefs of so many bytes are held at once."""
+    return max(LEAST_RUNS, min(runs, MAX_BELIEF_BYTES / max(belief, 1.0)))
+
+
+def _free_share(prior: Prior) -> float:
+    """How much of its box a prior allows, from points drawn with a seed of their own."""
+    lower, upper = prior.support
+    points = lower + (upper - lower) * np.random.default_rng(0).random((FREE_PROBES, len(lower)))
+    share = float((np.asarray(prior.log_density(points)) > -np.inf).mean())
+    return float(min(1.0, share + 2 * np.sqrt(share * (1 - share) / FREE_PROBES) + 1 / FREE_PROBES))
+
+
+def _times(counts: Any) -> str:
+    return " x ".join(f"{count:.0f}" for count in counts)
+
+
+def _beams(count: int) -> str:
+    return f"{count} beam{'s' if count != 1 else ''}"
