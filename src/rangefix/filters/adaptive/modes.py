@@ -26,7 +26,7 @@ MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no
 MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
 SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
 SHIFTS = (0.2, 0.8)  # steps by which a check's origin lies off, drawn with a fixed seed
-PATIENCE, PROGRESS = 4, 0.9  # after so many halvings an error must have fallen to so much, or it stays
+IDLE_HALVINGS, LEAST_PROGRESS = 4, 0.9  # after so many an error must have fallen to so much, or it stays
 START_RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
 
@@ -291,9 +291,11 @@ def verified(target: Target, check: Target, found: Quadrature, accuracy: Accurac
     if found.moments.resultant < NO_DIRECTION:
         return found
     for turn in range(MAX_HALVINGS):
-        if found.error <= accuracy.error or (turn % PATIENCE == 0 and found.error > PROGRESS * best):
+        if found.error <= accuracy.error or (
+            turn % IDLE_HALVINGS == 0 and found.error > LEAST_PROGRESS * best
+        ):
             return found
-        best = found.error if turn % PATIENCE == 0 else best
+        best = found.error if turn % IDLE_HALVINGS == 0 else best
         sizes = np.array([len(mode.keys) for mode in found.modes])
         gaps = np.maximum(found.gaps(), found.errors.max(axis=1))
         gaps[2 * sizes > most] = -1.0
