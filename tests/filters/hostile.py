@@ -70,11 +70,20 @@ SHARE_USUAL = 0.6  # of the readings
 SECONDS_PER_UPDATE = 20.0  # of a run, on a machine that does much else
 OPTIONS: dict[str, dict[str, Any]] = {
     "point-mass": {"cell": 0.1},
-    "adaptive-point-mass": {"accuracy": 0.5, "drop": 9e-3, "table_rays": 20_000},
+    "rangefix.filters.adaptive:AdaptivePointMassFilter": {
+        "accuracy": 0.5,
+        "drop": 9e-3,
+        "table_rays": 20_000,
+    },
     "particle": {"particles": 300},
     "enkf": {"members": 100},
 }
-INSIDE = ("point-mass", "adaptive-point-mass", "particle")  # whose means are means of places in the room
+INSIDE = (
+    "point-mass",
+    "adaptive-point-mass",
+    "exact",
+    "particle",
+)  # whose means are means of places in the room
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,20 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 CASES = range(IN_TESTS // (RUNS * UPDATES))
-# Posteriors like thin sheets take the adaptive filter minutes, and many readings the exact one seconds a run.
-SOME_CASES = {"adaptive-point-mass": (3, 7, 18), "exact": (0,)}
+FEW = {"adaptive-point-mass": 5, "exact": 5}  # runs of those that take tens of milliseconds for each
+LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 
 
-@pytest.mark.parametrize(
-    ("name", "number"), [(name, number) for name in BUILT_IN for number in SOME_CASES.get(name, CASES)]
-)
+@pytest.mark.parametrize(("name", "number"), [(name, number) for name in BUILT_IN for number in CASES])
 def test_hostile_updates(name: str, number: int) -> None:
     """Moments are finite, covariances positive definite, and a usual run is the same among hostile ones."""
-    suffer(name, Attack.of(number))
+    suffer(name, Attack.of(number, FEW.get(name, RUNS)))
+
+
+@pytest.mark.parametrize("number", CASES)
+def test_hostile_updates_of_lattices(number: int) -> None:
+    """The same of the lattices that the adaptive filter takes where no exact pieces are to be had."""
+    suffer(LATTICES, Attack.of(number, 2))
 
 
 @pytest.mark.study

@@ -188,7 +188,7 @@ def run(
             }
         )
     else:
-        from .tables import beliefs, collapsed, comparison, console, failures, improbable
+        from .tables import beliefs, collapsed, comparison, console, failures, improbable, inaccurate
 
         screen = console()
         screen.print(
@@ -196,7 +196,7 @@ def run(
         )
         if (sampled := beliefs(rows)) is not None:
             screen.print(sampled)
-        for text in (*collapsed(rows), *improbable(rows), *failures(results)):
+        for text in (*collapsed(rows), *inaccurate(rows), *improbable(rows), *failures(results)):
             screen.say(text)
         for line in lines:
             screen.say(line.text)

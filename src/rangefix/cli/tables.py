@@ -19,7 +19,7 @@ from ..evaluation import PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
-from ..evaluation.consistency.metrics import MIN_EFFECTIVE, Metric
+from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
 
@@ -193,6 +193,22 @@ def collapsed(rows: Sequence[Row]) -> list[str]:
         for row in rows
         if row.step == end and row.collapsed.value > MENTION_SHARE
     ]
+
+
+def inaccurate(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams with large numerical errors or no mean heading."""
+    end = max(row.step for row in rows)
+    lines = []
+    for row in rows:
+        where = f"{row.estimator}, {beams_in_words(row.beams)}"
+        if row.step == end and row.inaccurate.value > MENTION_SHARE:
+            lines.append(
+                f"{where}: inaccurate in {100 * row.inaccurate.value:.3g} % of the runs; numerical error "
+                f"above {MAX_ERROR:g} deviations"
+            )
+        if row.step == end and row.undirected.value > MENTION_SHARE:
+            lines.append(f"{where}: no mean heading in {100 * row.undirected.value:.3g} % of the runs")
+    return lines
 
 
 def failures(results: Results) -> list[str]:

@@ -156,6 +156,26 @@ class EachRun(Generic[Belief]):
             raise NotImplementedError(f"a {type(self.single).__name__} cannot show its belief")
         return self.single.density(belief[run])
 
+    def error(self, belief: tuple[Belief, ...]) -> Array:
+        """The runs' numerical errors, (M,).
+
+        Raises:
+            NotImplementedError: If the single-run estimator cannot tell.
+        """
+        if not isinstance(self.single, CanEstimateErrorOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} does not know its numerical error")
+        return np.array([float(self.single.error(run)) for run in belief])
+
+    def resultant(self, belief: tuple[Belief, ...]) -> Array:
+        """The lengths of the runs' mean resultant vectors, (M,).
+
+        Raises:
+            NotImplementedError: If the single-run estimator cannot tell.
+        """
+        if not isinstance(self.single, CanTellDirectionOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} cannot tell its resultant")
+        return np.array([float(self.single.resultant(run)) for run in belief])
+
     def effective_particles(self, belief: tuple[Belief, ...]) -> Array:
         """Each run's effective number of particles, (M,).
 
@@ -217,6 +237,49 @@ class HasParticlesOne(Protocol[Asked]):
 
     def effective_particles(self, belief: Asked) -> float:
         """Effective number of particles."""
+
+
+@runtime_checkable
+class CanEstimateError(Protocol[Asked]):
+    """The optional method `error` of an estimator that integrates, and knows how accurately."""
+
+    def error(self, belief: Asked) -> Array:
+        """Estimated numerical error of mean and covariance, in standard deviations of the posterior, (M,).
+
+        With m, P what `estimate` gives, m*, P* the exact moments under the estimator's own model and s the
+        standard deviations: the greatest of |m_i - m*_i| / s_i and |P_ij - P*_ij| / (s_i s_j), angles
+        wrapped. It comes from points that did not make the answer (an embedded rule, a second lattice
+        shifted against the first). 0 where no state is possible (log evidence -inf); inf where nothing is
+        known of it.
+        """
+
+
+@runtime_checkable
+class CanEstimateErrorOne(Protocol[Asked]):
+    """`CanEstimateError` of an estimator for single runs."""
+
+    def error(self, belief: Asked) -> float:
+        """Estimated numerical error of mean and covariance, in standard deviations of the posterior."""
+
+
+@runtime_checkable
+class CanTellDirection(Protocol[Asked]):
+    """The optional method `resultant` of an estimator whose belief of the heading is more than a Gaussian."""
+
+    def resultant(self, belief: Asked) -> Array:
+        """Length of the mean resultant vector |E exp(i heading)|, 0 to 1, (M,).
+
+        Below `rangefix.filters.space.NO_DIRECTION` the heading has no circular mean: what `estimate` gives
+        for it is one direction among many, and mean and covariance of the heading mean nothing.
+        """
+
+
+@runtime_checkable
+class CanTellDirectionOne(Protocol[Asked]):
+    """`CanTellDirection` of an estimator for single runs."""
+
+    def resultant(self, belief: Asked) -> float:
+        """Length of the mean resultant vector |E exp(i heading)|, 0 to 1."""
 
 
 @runtime_checkable
@@ -282,6 +345,56 @@ def effective_particles(estimator: Any, belief: Any, runs: int) -> Array | None:
     if not (np.isfinite(numbers) & (numbers > 0)).all():
         raise ValueError("effective_particles() gave numbers that are not positive and finite")
     return numbers
+
+
+def numerical_error(estimator: Any, belief: Any, runs: int) -> Array | None:
+    """Numerical errors that an estimator states of M runs, (M,); None where it cannot tell.
+
+    Raises:
+        ValueError: If there is not one real number, not negative, for each run; inf is allowed.
+    """
+    return _told(estimator.error, belief, runs) if isinstance(estimator, CanEstimateError) else None
+
+
+def mean_resultant(estimator: Any, belief: Any, runs: int) -> Array | None:
+    """Lengths of the mean resultant vectors of the heading, (M,); None where an estimator cannot tell.
+
+    Raises:
+        ValueError: If there is not one real number, not negative, for each run.
+    """
+    return _told(estimator.resultant, belief, runs) if isinstance(estimator, CanTellDirection) else None
+
+
+def _told(method: Callable[[Any], Array], belief: Any, runs: int) -> Array | None:
+    """What an optional method says of M runs, (M,); None where it is not implemented.
+
+    Raises:
+        ValueError: If there is not one real number, not negative, for each run.
+    """
+    name = method.__name__
+    try:
+        numbers = real_floats(f"what {name}() gives", method(belief))
+    except NotImplementedError:
+        return None
+    if numbers.shape != (runs,):
+        raise ValueError(f"{name}() gave shape {numbers.shape}, not ({runs},)")
+    if not (numbers >= 0).all():
+        raise ValueError(f"{name}() gave numbers that are negative or NaN")
+    return numbers
+
+
+def diagnostics_of(estimator: Any, belief: Any, runs: int) -> dict[str, Array]:
+    """What an estimator says of its own computation, for M runs: name -> (M,), of what it can tell.
+
+    Raises:
+        ValueError: If it says what cannot be.
+    """
+    told = {
+        "effective_particles": effective_particles(estimator, belief, runs),
+        "numerical_error": numerical_error(estimator, belief, runs),
+        "mean_resultant": mean_resultant(estimator, belief, runs),
+    }
+    return {name: numbers for name, numbers in told.items() if numbers is not None}
 
 
 def filtered(

@@ -23,7 +23,7 @@ from .problem import Problem
 GROUP = "rangefix.estimators"
 BUILT_IN = {
     "point-mass": "rangefix.filters.point_mass:PointMassFilter",
-    "adaptive-point-mass": "rangefix.filters.adaptive:AdaptivePointMassFilter",
+    "adaptive-point-mass": "rangefix.filters.adaptive:adaptive_point_mass",
     "particle": "rangefix.filters.particle:ParticleFilter",
     "ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",
     "ukf": "rangefix.filters.kalman:UnscentedKalmanFilter",

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arrays import Array, BoolArray, wrap
 
+NO_DIRECTION = 0.01  # length of a mean resultant vector below which angles have no mean direction
 LEAST_VARIANCE = 1e-20  # m^2 or rad^2: of places in a room no more than that is left by rounding
 
 

@@ -29,7 +29,7 @@ PLAN = FloorPlan(
 )
 RNG = [np.random.default_rng(0)]
 NAN = np.nan
-ADAPTIVE = "adaptive-point-mass"
+ADAPTIVE = "rangefix.filters.adaptive:AdaptivePointMassFilter"  # lattices, at known headings too
 
 
 def problem_of(

@@ -110,7 +110,7 @@ def compare(case: Case, **options: object) -> Errors:
     """
     brute = brute_fix(case.plan, case.scan, case.heading)
     begin = time.perf_counter()
-    estimator = build("adaptive-point-mass", case.problem, **options)
+    estimator = build("rangefix.filters.adaptive:AdaptivePointMassFilter", case.problem, **options)
     built = time.perf_counter()
     rngs = [np.random.default_rng(0)]
     belief = estimator.update(estimator.init(case.problem.prior, rngs), case.scan.readings[None], rngs)

@@ -20,6 +20,7 @@ from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
+from ...filters.space import NO_DIRECTION
 from ..results import BeliefScores, HalfArray, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
@@ -28,6 +29,7 @@ from .scores import crps, energy_score, is_positive, log_score, nees
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
+MAX_ERROR = 0.1  # deviations of the posterior by which numerical errors may shift mean and covariance
 MIN_EFFECTIVE = 50  # particles; plain filters with fewer err by up to 365 times the claim, with more by 1.07
 COMPONENT = "component"  # the unit of a figure that has that of its component of the state
 Place = Literal["csv", "terminal", "report", "compare"]
@@ -92,6 +94,21 @@ class RunBlock:
         """Which have so few effective particles that their covariance means little, (K,)."""
         numbers = self.effective_particles
         return None if numbers is None else np.asarray(numbers < MIN_EFFECTIVE)
+
+    @property
+    def undirected(self) -> BoolArray | None:
+        """Which have headings so evenly spread that none is their mean, (K,)."""
+        lengths = self.diagnostics.get("mean_resultant")
+        return None if lengths is None else np.asarray(lengths < NO_DIRECTION)
+
+    @property
+    def inaccurate(self) -> BoolArray | None:
+        """Which have a numerical error that matters, other than for want of a mean heading, (K,)."""
+        errors = self.diagnostics.get("numerical_error")
+        if errors is None:
+            return None
+        undirected = self.undirected
+        return np.asarray((errors > MAX_ERROR) & (True if undirected is None else ~undirected))
 
     @property
     def variances(self) -> Array:
@@ -207,6 +224,9 @@ METRICS = (
            shown=TERMINAL, label="effective particles"),
     Metric("share_collapsed", "%", lambda runs: runs.collapsed, "share",
            label=f"fewer than {MIN_EFFECTIVE} effective particles"),
+    Metric("share_inaccurate", "%", lambda runs: runs.inaccurate, "share",
+           label=f"numerical error above {MAX_ERROR:g} deviations"),
+    Metric("share_undirected", "%", lambda runs: runs.undirected, "share", label="no mean heading"),
     Metric("log_score", "nats", lambda runs: log_score(runs.nees, runs.covariance, runs.positive), "mean",
            label="log score"),
     Metric("energy_score", "m", _energy_score, "mean", shown=TERMINAL, label="energy score"),

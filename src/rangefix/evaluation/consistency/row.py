@@ -119,6 +119,16 @@ class Row:
         return tuple(self.figures[f"{name}_{component}"] for component in self.names)
 
     @property
+    def inaccurate(self) -> Interval:
+        """Share of ok runs whose numerical error matters; NaN where an estimator states none."""
+        return self.figures.get("share_inaccurate", UNKNOWN)
+
+    @property
+    def undirected(self) -> Interval:
+        """Share of ok runs whose heading has no circular mean; NaN where an estimator does not say."""
+        return self.figures.get("share_undirected", UNKNOWN)
+
+    @property
     def collapsed(self) -> Interval:
         """Share of ok runs with too few effective particles; NaN without particles."""
         return self.figures.get("share_collapsed", UNKNOWN)

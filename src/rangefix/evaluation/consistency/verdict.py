@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 from .evidence import Evidence, ShapeFault
 from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
 from .intervals import Interval
-from .metrics import MIN_EFFECTIVE
+from .metrics import MAX_ERROR, MIN_EFFECTIVE
 from .row import Row
 
 LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
@@ -241,6 +241,16 @@ def _caveats(row: Row) -> tuple[str, ...]:
         notes.append(
             f"in {format_percent(row.collapsed.value)} of the runs it collapsed: fewer than {MIN_EFFECTIVE} "
             "effective particles, whose covariance is not to be trusted"
+        )
+    if row.inaccurate.value > MENTION_SHARE:
+        notes.append(
+            f"in {format_percent(row.inaccurate.value)} of the runs its own numerical error may be more than "
+            f"{MAX_ERROR:g} of a deviation"
+        )
+    if row.undirected.value > MENTION_SHARE:
+        notes.append(
+            f"in {format_percent(row.undirected.value)} of the runs headings are spread so evenly that none "
+            "is their mean: errors and claims of the heading mean nothing there"
         )
     if row.improbable.value > MENTION_SHARE:
         share = format_percent(row.improbable.value)

@@ -14,7 +14,8 @@ from ...errors import cut
 from .draws import HalfArray
 
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
-DIAGNOSTICS = ("effective_particles",)  # what an estimator may say of its own computation, by array name
+# What an estimator may say of its own computation, by array name: `filters.estimator.diagnostics_of`.
+DIAGNOSTICS = ("effective_particles", "numerical_error", "mean_resultant")
 PREFIX = "belief_"  # of the arrays in a part
 
 

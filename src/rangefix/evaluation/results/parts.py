@@ -144,8 +144,8 @@ def _fault(part: Part) -> str:
     if not np.isfinite(covariance).all() or not is_covariance(covariance).all():
         return "covariance: not one, of a run that is ok"
     for name in DIAGNOSTICS:
-        if name in part and not (part[name][ok] > 0).all():
-            return f"{name}: not positive, of a run that is ok"
+        if name in part and not (part[name][ok] >= 0).all():
+            return f"{name}: negative or NaN, of a run that is ok"
     if np.isinf(part["log_evidence"][ok]).any():  # NaN: the estimator tells none
         return "log_evidence: infinite, of a run that is ok"
     return ""

@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Array, real_floats
 from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
-from ...filters.estimator import effective_particles, filtered
+from ...filters.estimator import diagnostics_of, filtered
 from ...filters.plugin_line import plugin_line
 from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator
@@ -109,9 +109,9 @@ class BuiltEstimator(NamedTuple):
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
-                if (numbers := effective_particles(self.estimator, belief, len(measurement))) is not None:
+                for name, numbers in diagnostics_of(self.estimator, belief, len(measurement)).items():
                     blank = np.full(measurement.shape[:2], np.nan)
-                    diagnostics.setdefault("effective_particles", blank)[:, step] = numbers
+                    diagnostics.setdefault(name, blank)[:, step] = numbers
                 if self.trial.keep_draws or truth is not None:
                     begin("sample", step)
                     space, size = self.trial.problem.space, KEPT_DRAWS if truth is None else RANK_DRAWS

@@ -1,5 +1,6 @@
 """The adaptive point-mass filter: a search for the modes of a posterior, and a lattice for each."""
 
+from .choice import adaptive_point_mass
 from .filter import AdaptiveBelief, AdaptivePointMassFilter
 
-__all__ = ["AdaptiveBelief", "AdaptivePointMassFilter"]
+__all__ = ["AdaptiveBelief", "AdaptivePointMassFilter", "adaptive_point_mass"]

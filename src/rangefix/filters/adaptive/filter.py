@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,14 +15,16 @@ from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
 from ..models.motion import Stationary
 from ..problem import Prior, Problem, expects_map_ranges
-from ..space import is_definite
+from ..space import StateSpace, is_definite
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
-from .mode_gaussians import sample_modes
-from .modes import NOWHERE, Accuracy, Quadrature, integrate
-from .predicted import Predicted, predict_modes
+from .lattice import Lattice, Limits, halved
+from .mode_gaussians import kept_count, sample_modes
+from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, integrate, verified
+from .predicted import Predicted, coarse_axes, predict_modes
 from .range_bounds import SearchTable, build_table, shortfall_bounds
-from .target import Target
+from .target import Target, TooManyCells
 
+PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
 MAX_BOXES = 20_000  # that a search may leave
@@ -30,6 +33,7 @@ MAX_BOXES_FOLLOWED = 2000  # at once
 STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead elsewhere count too
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
+FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
@@ -41,6 +45,7 @@ class AdaptiveBelief:
 
     Attributes:
         prior: What was predicted; the problem's prior before the first move.
+        check: The same worked out from other points and with wider kernels; None before the first move.
         measurements: Since then, (U, B); readings of different beams share a row.
         posterior: Where it is; None before the first measurement after a move.
         log_evidence: Of all that was measured before `prior`, nats.
@@ -48,6 +53,7 @@ class AdaptiveBelief:
     """
 
     prior: Prior | Predicted
+    check: Predicted | None
     measurements: Array
     posterior: Quadrature | None
     log_evidence: float
@@ -56,8 +62,7 @@ class AdaptiveBelief:
     def __repr__(self) -> str:
         if self.posterior is None:
             return brief(self)
-        space, mass = self.posterior.modes[0].space, np.exp(self.posterior.log_mass)
-        return brief(self, Estimate(*space.moments(self.posterior.states, mass)))
+        return brief(self, Estimate(self.posterior.moments.mean, self.posterior.moments.covariance))
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,12 +100,7 @@ class AdaptivePointMassFilter(BriefRepr):
         states = self.problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
         if not expects_map_ranges(self.problem.sensor, states):
             raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
-        if not 1e-4 <= self.accuracy <= 0.5:
-            raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {self.accuracy}")
-        if not 0 < self.drop < 1e-2:
-            raise ValueError(f"the dropped density must be in (0, 0.01), got {self.drop}")
-        if self.table_rays < 1000 or self.most_cells < 1000:
-            raise ValueError("need at least 1000 rays for the table and 1000 cells")
+        check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
         self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property
@@ -116,7 +116,7 @@ class AdaptivePointMassFilter(BriefRepr):
         """
         if prior is not self.problem.prior:
             raise ValueError("this prior is not the problem's: build the estimator for it")
-        return AdaptiveBelief(prior, np.zeros((0, len(self.problem.sensor.bearings))), None, 0.0)
+        return AdaptiveBelief(prior, None, np.zeros((0, len(self.problem.sensor.bearings))), None, 0.0)
 
     def predict(self, belief: AdaptiveBelief, control: Array, rng: Generator) -> AdaptiveBelief:
         """The belief after a move, control (k,).
@@ -126,10 +126,11 @@ class AdaptivePointMassFilter(BriefRepr):
         """
         if isinstance(self.problem.motion, Stationary):
             return belief
-        before = self._cells(belief)
-        prior = predict_modes(before.modes, self.problem.motion, np.asarray(control, dtype=float))
+        before, control = self._cells(belief), np.asarray(control, dtype=float)
+        prior = predict_modes(self._finer(belief, before, control), self.problem.motion, control)
+        check = predict_modes(before.checks or before.modes, self.problem.motion, control, coarse=True)
         evidence = self._evidence(belief, before)
-        return AdaptiveBelief(prior, belief.measurements[:0], None, evidence, belief.possible)
+        return AdaptiveBelief(prior, check, belief.measurements[:0], None, evidence, belief.possible)
 
     def update(self, belief: AdaptiveBelief, measurement: Array, rng: Generator) -> AdaptiveBelief:
         """Bayes' rule for a measurement (B,); NaN = beam not measured, inf = no return.
@@ -144,8 +145,8 @@ class AdaptivePointMassFilter(BriefRepr):
         if not self._shortfall(measurement) < MAX_SHORTFALL_NATS:
             return replace(belief, possible=False)
         measurements = _joined(belief.measurements, measurement)
-        posterior = self._posterior(belief.prior, measurements)
-        perfect = Target(self.problem.sensor, belief.prior.log_density, measurements).perfect()
+        posterior = self._posterior(belief.prior, belief.check, measurements)
+        perfect = self._targets(belief.prior, None, measurements)[0].perfect()
         if not posterior.modes or not perfect - posterior.level < MAX_SHORTFALL_NATS:
             return replace(belief, possible=False)
         return replace(belief, measurements=measurements, posterior=posterior)
@@ -156,10 +157,28 @@ class AdaptivePointMassFilter(BriefRepr):
             evidence = belief.log_evidence if belief.possible else -np.inf
             return Estimate(belief.prior.mean, belief.prior.covariance, evidence)
         cells = self._cells(belief)
-        mean, covariance = self.problem.space.moments(cells.states, np.exp(cells.log_mass))
+        _, mean, covariance, _ = cells.moments
         if not is_definite(covariance):
             covariance = covariance + cells.between_points
         return Estimate(mean, covariance, self._evidence(belief, cells) if belief.possible else -np.inf)
+
+    def error(self, belief: AdaptiveBelief) -> float:
+        """Numerical error of mean and covariance in deviations, by lattices that did not make them."""
+        if not belief.possible or (belief.posterior is None and not isinstance(belief.prior, Predicted)):
+            return 0.0
+        return self._cells(belief).error
+
+    def resultant(self, belief: AdaptiveBelief) -> float:
+        """Length of the mean resultant vector of the heading: see `CanTellDirection`.
+
+        Raises:
+            NotImplementedError: If the heading is known.
+        """
+        if self.problem.space.heading is not None:
+            raise NotImplementedError("the heading is known")
+        if belief.posterior is None and not isinstance(belief.prior, Predicted):
+            return resultant_of_draws(self.problem.space, belief.prior)
+        return self._cells(belief).moments.resultant
 
     def sample(self, belief: AdaptiveBelief, size: int, rng: Generator) -> Array:
         """Draws from the belief, (size, n), with the mean and covariance that it claims."""
@@ -181,7 +200,7 @@ class AdaptivePointMassFilter(BriefRepr):
         if belief.posterior is not None:
             return belief.posterior
         prior = belief.prior
-        target = Target(self.problem.sensor, prior.log_density, belief.measurements[:0])
+        target, check = self._targets(prior, belief.check, belief.measurements[:0])
         if isinstance(prior, Predicted):
             states, information = prior.middles(), prior.means_and_precisions()[1]
         else:
@@ -189,24 +208,76 @@ class AdaptivePointMassFilter(BriefRepr):
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        return integrate(target, peaks, self._accuracy)
+        return verified(target, check, integrate(target, peaks, self._accuracy), self._accuracy)
+
+    def _finer(self, belief: AdaptiveBelief, before: Quadrature, control: Array) -> tuple[Lattice, ...]:
+        """The modes before a move, with half the steps where walls cut the law of the move.
+
+        A kernel that stands for the points about it blurs what breaks off at a wall.
+        """
+        target, _ = self._targets(belief.prior, None, belief.measurements)
+        edge, level = self._accuracy.edge(self.problem.space.size), before.level - self._accuracy.margin
+        where, left = self.problem.space.position_indices, FINE_POINTS_MOVED
+        modes: list[Lattice] = []
+        for mode in before.modes:
+            reach = np.argsort(-np.linalg.norm(mode.basis[where], axis=0))  # axes that go far come first
+            most = int(np.log2(max(left / kept_count(mode), 1)))
+            axes = np.isin(np.arange(len(reach)), reach[:most])
+            if axes.any() and (axes := axes & coarse_axes(mode, self.problem.motion, control)).any():
+                with suppress(TooManyCells):
+                    limits = Limits(tuple(modes), level, edge, self.most_cells)
+                    mode = halved(mode, axes, target.log_density, limits)
+            modes.append(mode)
+            left -= kept_count(mode)
+        return tuple(modes)
+
+    def _targets(
+        self, prior: Prior | Predicted, check: Predicted | None, measurements: Array
+    ) -> tuple[Target, Target]:
+        """The posterior, and the same from the prior that checks it; they share their work."""
+        sensor = self.problem.sensor
+        if not isinstance(prior, Predicted):
+            target = Target(sensor, prior.log_density, measurements)
+            return target, target
+        target = Target(sensor, prior.log_density, measurements, prior.cost)
+        if check is None:
+            return target, target
+        return target, replace(target, log_prior=check.log_density, log_prior_cost=check.cost)
 
     @property
     def _accuracy(self) -> Accuracy:
         return Accuracy(self.accuracy, -float(np.log(self.drop)), self.most_cells)
 
-    def _posterior(self, prior: Prior | Predicted, measurements: Array) -> Quadrature:
-        """Where measurements (U, B) leave the prior."""
-        target = Target(self.problem.sensor, prior.log_density, measurements)
-        if isinstance(prior, Predicted):
-            return self._after_move(prior, target)
+    def _posterior(
+        self, prior: Prior | Predicted, check: Predicted | None, measurements: Array
+    ) -> Quadrature:
+        """Where measurements (U, B) leave the prior.
+
+        Raises:
+            TooManyCells: If that takes more work or cells than allowed.
+        """
+        target, other = self._targets(prior, check, measurements)
+        if not isinstance(prior, Predicted):
+            found = self._fix(prior, target)
+        else:
+            try:
+                found = self._after_move(prior, target)
+            except TooManyCells:
+                if check is None:
+                    raise
+                found = self._after_move(check, self._targets(check, None, measurements)[0])
+                return replace(found, missed=np.inf)  # coarser by an unknown amount, rather than no answer
+        return verified(target, other, found, self._accuracy) if found.modes else found
+
+    def _fix(self, prior: Prior, target: Target) -> Quadrature:
+        """The posterior before any move."""
         precision = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         beams = len(target.beams)
-        share = int((~np.isnan(measurements)).sum()) / beams
+        share = int((~np.isnan(target.measurements)).sum()) / beams
         found = NOWHERE
         for factor in MARGIN_FACTORS:
             margin = factor * self._accuracy.margin
-            boxes, volume = self._boxes(measurements, margin)
+            boxes, volume = self._boxes(target.measurements, margin)
             if not len(boxes):
                 continue
             found = self._search(target, boxes, float(np.log(volume)), precision)
@@ -237,7 +308,7 @@ class AdaptivePointMassFilter(BriefRepr):
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        return found
+        return replace(found, missed=prior.missed(target, found)) if found.modes else found
 
     def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
@@ -257,16 +328,19 @@ class AdaptivePointMassFilter(BriefRepr):
             if target.perfect() - found.level > UNEXPLAINED_NATS:
                 break  # a reading that no state explains: where it fits least badly is all there is to say
             left = left[~found.holds(boxes[left])]
-            worth = self._worth(target, boxes[left], scores[left], log_volume, found)
+            worth, missed = self._worth(target, boxes[left], scores[left], log_volume, found)
+            found = replace(found, missed=missed)
             left, worth = left[worth > -np.inf], worth[worth > -np.inf]
-            if not len(left):
+            if not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
                 break
         return found
 
     def _worth(
         self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Quadrature
-    ) -> Array:
+    ) -> tuple[Array, float]:
         """How much boxes (K, n) that no mode holds ask to be followed, (K,), nats; -inf where they need not.
+
+        And by how much mean and covariance are off without them, at most, in deviations.
 
         Those that score as well as points of the best mode do; and the others, by their density, if the sum
         over them says that together they count: point 6 of docs/theory.md, "Adaptive cells".
@@ -279,9 +353,10 @@ class AdaptivePointMassFilter(BriefRepr):
         asked = np.flatnonzero(~good & (scores + perfect + share > np.log(allowed / (1 + len(boxes)))))
         others = np.full(len(boxes), -np.inf)
         others[asked] = target.log_density(boxes[asked])
-        if np.exp(others + share).sum() < allowed:
-            return np.where(good, scores, -np.inf)
-        return np.where(good, scores, others + np.log(counts) - perfect)
+        missed = float(np.exp(others + share).sum())
+        if missed < allowed:
+            return np.where(good, scores, -np.inf), missed
+        return np.where(good, scores, others + np.log(counts) - perfect), missed
 
     def _boxes(self, measurements: Array, margin: float) -> tuple[Array, float]:
         """States (K, n) at the centres of the boxes that may hold the true one, and the volume of each.
@@ -315,6 +390,26 @@ class AdaptivePointMassFilter(BriefRepr):
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))
+
+
+def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
+    """Length of the mean resultant vector of a prior's heading."""
+    headings = prior.sample(PRIOR_DRAWS, np.random.default_rng(0))[:, space.names.index("heading")]
+    return float(np.abs(np.exp(1j * headings).mean()))
+
+
+def check_options(accuracy: float, drop: float, table_rays: int, most_cells: int) -> None:
+    """Refuse options that are out of bounds.
+
+    Raises:
+        ValueError: If one is.
+    """
+    if not 1e-4 <= accuracy <= 0.5:
+        raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {accuracy}")
+    if not 0 < drop < 1e-2:
+        raise ValueError(f"the dropped density must be in (0, 0.01), got {drop}")
+    if table_rays < 1000 or most_cells < 1000:
+        raise ValueError("need at least 1000 rays for the table and 1000 cells")
 
 
 def _joined(measurements: Array, fresh: Array) -> Array:

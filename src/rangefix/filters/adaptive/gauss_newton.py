@@ -126,7 +126,7 @@ def _scores(target: Target, expected: Array, prior: Array) -> Array:
     possible = prior > -np.inf
     total = np.where(possible, prior, prior.max(initial=-np.inf, where=possible) - CAP)
     for reading in target.measurements:
-        perfect = target.sensor.beam_log_density(reading, reading)
+        perfect = target.sensor.beam_log_density(reading, np.fmax(reading, 0.0))
         lost = perfect - target.sensor.beam_log_density(reading, expected)
         total = total - np.minimum(np.where(np.isnan(lost), CAP, lost), CAP).sum(-1)
     return np.asarray(total)

@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import TWO_PI, Array, BoolArray
 from ..compiled import njit, prange
 
-NEGLIGIBLE_NATS = 40.0  # below the greatest Gaussian at a point at which another is left out
+NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
 

@@ -18,10 +18,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ..space import StateSpace
-
-
-class TooManyCells(ValueError):
-    """The posterior fills more cells than allowed."""
+from .target import TooManyCells
 
 
 @dataclass(frozen=True)
@@ -47,12 +44,22 @@ class Lattice:
     @property
     def states(self) -> Array:
         """The points, angles wrapped, (K, n)."""
-        return self.space.wrap(self.origin + self.index @ self.basis.T)
+        return self.space.wrap(self.unwrapped)
+
+    @property
+    def unwrapped(self) -> Array:
+        """The points, angles as far from the origin's as they lie, (K, n)."""
+        return np.asarray(self.origin + self.index @ self.basis.T)
+
+    @cached_property
+    def log_cell(self) -> float:
+        """Log of the volume that each point stands for."""
+        return float(np.linalg.slogdet(self.basis)[1])
 
     @cached_property
     def log_integral(self) -> float:
         """Log of the integral of the density."""
-        return float(np.logaddexp.reduce(self.logs) + np.linalg.slogdet(self.basis)[1])
+        return float(np.logaddexp.reduce(self.logs) + self.log_cell)
 
     def holds(self, states: Array) -> BoolArray:
         """Whether states lie in cells of this lattice: (k, n) -> (k,)."""
@@ -76,6 +83,28 @@ class Lattice:
         mean = weights @ self.index
         deviation = self.index - mean
         return mean, (deviation * weights[:, None]).T @ deviation
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean, angles as far from the origin's as they lie, (n,)."""
+        return np.asarray(self.origin + self.basis @ self.moments[0])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance, (n, n)."""
+        return np.asarray(self.basis @ self.moments[1] @ self.basis.T)
+
+    @cached_property
+    def mean_directions(self) -> Array:
+        """Mean sine and cosine of each component, (n, 2): what a circular mean is made of."""
+        weights, points = self._weights(), self.unwrapped
+        return np.stack([weights @ np.sin(points), weights @ np.cos(points)], axis=1)
+
+    @cached_property
+    def extent(self) -> tuple[Array, Array]:
+        """Least and greatest of each component, angles as far from the origin's as they lie, (n,) each."""
+        points = self.unwrapped
+        return points.min(axis=0), points.max(axis=0)
 
     @cached_property
     def errors(self) -> Array:
@@ -104,9 +133,9 @@ class Lattice:
     @cached_property
     def _box(self) -> tuple[Array, Array]:
         """Corners of a box about all cells, (n,) each; without bounds for angles."""
-        states, half = self.origin + self.index @ self.basis.T, np.abs(self.basis).sum(axis=1)
+        half = np.abs(self.basis).sum(axis=1)
         half[self.space.is_angle] = np.inf
-        return states.min(axis=0) - half, states.max(axis=0) + half
+        return self.extent[0] - half, self.extent[1] + half
 
     def _weights(self) -> Array:
         weights = np.exp(self.logs - self.logs.max())
@@ -195,6 +224,22 @@ def halved(
     before = replace(lattice, basis=basis, index=index[order], keys=keys[order], logs=logs[order])
     start = (heavy[:, None] + steps).reshape(-1, len(axes))
     return grow(lattice.space, log_density, lattice.origin, basis, start, limits, before)
+
+
+def shifted(lattice: Lattice, log_density: Callable[[Array], Array], limits: Limits, shift: Array) -> Lattice:
+    """A lattice of the same steps that shares no point with another: its origin lies between the other's.
+
+    Args:
+        lattice: The other.
+        log_density: (k, n) -> (k,).
+        limits: Where to stop.
+        shift: Where the origin lies, in steps, (n,), each between 0 and 1.
+    """
+    heavy = lattice.index[lattice.logs > max(limits.level, lattice.logs.max() - limits.margin)]
+    steps = np.array(list(product((0, -1), repeat=len(shift))))
+    start = np.unique((heavy[:, None] + steps).reshape(-1, len(shift)), axis=0)
+    origin = lattice.origin + lattice.basis @ shift
+    return grow(lattice.space, log_density, origin, lattice.basis, start, limits)
 
 
 class _Keys:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, IntArray
 from .lattice import Lattice
 
 KERNEL_STEPS = 0.6  # of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
@@ -54,13 +54,11 @@ def smoothed(
         Gaussians whose weights sum to one. Points that together hold under 1e-5 are left out.
     """
     weights = np.exp(mode.logs - mode.logs.max())
-    order = np.argsort(-weights, kind="stable")
-    held = np.cumsum(weights[order])
-    kept = np.sort(order[: 1 + int(np.searchsorted(held, KEPT_PROBABILITY * held[-1]))])
+    kept = _kept(weights)
     index, weights = mode.index[kept].astype(float), weights[kept] / weights[kept].sum()
     mean, spread = _moments(index, weights)
-    widest = together * _conditional(spread)
-    narrow = _conditional(noise)
+    widest = together * conditional_stds(spread)
+    narrow = conditional_stds(noise)
     blocks = np.maximum(1, np.floor(np.clip(narrow / KERNEL_STEPS, NARROW_SHARE * widest, widest)))
     index, weights = _taken_together(index, weights, blocks)
     between = _moments(index, weights)[1]
@@ -75,6 +73,18 @@ def smoothed(
     return Kernels(states, np.log(weights), mode.basis @ covariance @ mode.basis.T)
 
 
+def kept_count(mode: Lattice) -> int:
+    """How many points of a mode hold all of its probability but 1e-5."""
+    return len(_kept(np.exp(mode.logs - mode.logs.max())))
+
+
+def _kept(weights: Array) -> IntArray:
+    """Places of the heaviest points that hold all but 1e-5, in order."""
+    order = np.argsort(-weights, kind="stable")
+    held = np.cumsum(weights[order])
+    return np.asarray(np.sort(order[: 1 + int(np.searchsorted(held, KEPT_PROBABILITY * held[-1]))]))
+
+
 def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Mean and covariance, the latter never quite singular."""
     mean = weights @ points
@@ -82,7 +92,7 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
     return mean, (away * weights[:, None]).T @ away + 1e-9 * np.eye(len(mean))
 
 
-def _conditional(covariance: Array) -> Array:
+def conditional_stds(covariance: Array) -> Array:
     """Standard deviation of each component, the others held, (n,)."""
     inverse = np.linalg.inv(covariance + 1e-12 * np.eye(len(covariance)))
     return np.asarray(1 / np.sqrt(np.diagonal(inverse)))

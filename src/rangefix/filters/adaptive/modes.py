@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -10,9 +10,11 @@ import numpy as np
 from scipy.special import chdtri, lambertw
 
 from ...arrays import Array, BoolArray
+from ..space import LEAST_VARIANCE, NO_DIRECTION
 from .gauss_newton import Peaks
-from .lattice import Lattice, Limits, TooManyCells, ball, grow, halved
-from .target import Target
+from .lattice import Lattice, Limits, ball, grow, halved, shifted
+from .moments import Moments, deviations, moments_of
+from .target import Target, TooManyCells
 
 PEAK_MARGIN_NATS = 40.0  # below the best score at which a peak still counts: jumps of the range stop climbs
 SHARE_BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
@@ -22,6 +24,9 @@ LOBE_NATS = 6.0  # below the best mode's peak at which another is taken for a lo
 MAX_CELLS_FACTOR = 3.0  # of a Gaussian's: of more, lobes and modes in cut axes have their steps doubled
 MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no more
 MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
+SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
+SHIFTS = (0.2, 0.8)  # steps by which a check's origin lies off, drawn with a fixed seed
+IDLE_HALVINGS, LEAST_PROGRESS = 4, 0.9  # after so many an error must have fallen to so much, or it stays
 START_RADIUS = 3.0  # standard deviations about a peak that are looked at first
 
 
@@ -63,9 +68,13 @@ class Quadrature:
 
     Attributes:
         modes: The lattices, as they were found; none where the posterior is nowhere.
+        checks: For each a lattice of the same steps that shares no point with it; none before `verified`.
+        missed: What states in no mode may count, as `Accuracy.error`.
     """
 
     modes: tuple[Lattice, ...] = ()
+    checks: tuple[Lattice, ...] = ()
+    missed: float = 0.0
 
     @property
     def states(self) -> Array:
@@ -80,7 +89,7 @@ class Quadrature:
     @property
     def log_integral(self) -> float:
         """Log of the integral of the density."""
-        return self.moments[0]
+        return self.moments.log_integral
 
     @property
     def peak(self) -> Array:
@@ -93,20 +102,53 @@ class Quadrature:
         """The greatest log density."""
         return max((float(mode.logs.max()) for mode in self.modes), default=-np.inf)
 
+    @property
+    def cells(self) -> int:
+        """How many points there are, without those of the checks."""
+        return sum(len(mode.keys) for mode in self.modes)
+
     @cached_property
-    def moments(self) -> tuple[float, Array, Array]:
-        """Log of the integral of the density, mean (n,) and covariance (n, n)."""
-        modes, logs, means = self.modes, self._log_integrals, self._means
-        total = float(np.logaddexp.reduce(logs))
-        shares, space = np.exp(logs - total), modes[0].space
-        away = space.difference(means, means[0])
-        middle = shares @ away
-        within = sum(
-            share * mode.basis @ mode.moments[1] @ mode.basis.T
-            for share, mode in zip(shares, modes, strict=True)
-        )
-        between = (away - middle).T @ ((away - middle) * shares[:, None])
-        return total, space.wrap(means[0] + middle), np.asarray(within + between)
+    def moments(self) -> Moments:
+        """Integral, mean and covariance."""
+        return moments_of(self.modes)
+
+    @cached_property
+    def error(self) -> float:
+        """Error of mean and covariance in deviations of the posterior: see `CanEstimateError`.
+
+        What the checks have otherwise, or what halves of the lattices have if that is more, and what no mode
+        holds; inf without checks, and where headings are so evenly spread that none is their mean.
+        """
+        if not self.modes:
+            return 0.0
+        if not self.checks or self.moments.resultant < NO_DIRECTION:
+            return np.inf
+        return max(self._gap, self.halves_error) + self.missed
+
+    @property
+    def _gap(self) -> float:
+        """By how much the checks' mean and covariance are others."""
+        _, mean, covariance, _ = self.moments
+        _, other, spread, _ = moments_of(self.checks)
+        std = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
+        off = np.abs(self.modes[0].space.difference(other, mean)) / std
+        return float(max(off.max(), (np.abs(spread - covariance) / np.outer(std, std)).max()))
+
+    def gaps(self) -> Array:
+        """How much each mode has to do with that, (M,)."""
+        log_integral, mean, covariance, _ = self.moments
+        root = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
+        other = moments_of(self.checks).log_integral
+        gaps = []
+        for mode, check in zip(self.modes, self.checks, strict=True):
+            sums = []
+            for lattice, log in ((mode, log_integral), (check, other)):
+                weights, away = deviations(lattice, log, mean)
+                scaled = away / root
+                second = (scaled * weights[:, None]).T @ scaled
+                sums.append(np.concatenate([[weights.sum()], weights @ scaled, second.ravel()]))
+            gaps.append(np.abs(sums[0] - sums[1]).max())
+        return np.array(gaps)
 
     @property
     def between_points(self) -> Array:
@@ -121,7 +163,7 @@ class Quadrature:
         Once, for the probability, or more, for the covariance: by the distance from the mean, squared. That
         is the max(1, d^2) of docs/theory.md, "Adaptive cells".
         """
-        _, mean, covariance = self.moments
+        _, mean, covariance, _ = self.moments
         away = self.modes[0].space.difference(states, mean)
         solved = np.linalg.solve(covariance + 1e-12 * np.eye(mean.size), away.T).T
         return np.asarray(np.maximum(1.0, (away * solved).sum(axis=1)))
@@ -139,7 +181,7 @@ class Quadrature:
         return np.asarray(weights[:, None] * np.stack([mode.errors for mode in self.modes]) / np.sqrt(2))
 
     @property
-    def error(self) -> float:
+    def halves_error(self) -> float:
         """What halving the spacing would show, as `Accuracy.error`: the root of the modes' sum of squares."""
         return float(np.sqrt((self.errors.max(axis=1) ** 2).sum()))
 
@@ -149,11 +191,11 @@ class Quadrature:
 
     @property
     def _means(self) -> Array:
-        return np.stack([mode.origin + mode.basis @ mode.moments[0] for mode in self.modes])
+        return np.stack([mode.mean for mode in self.modes])
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:
-        logs = [mode.logs + np.linalg.slogdet(mode.basis)[1] for mode in self.modes]
+        logs = [mode.logs + mode.log_cell for mode in self.modes]
         log_mass = np.concatenate(logs) - self.log_integral
         possible = log_mass > -np.inf
         return np.concatenate([mode.states for mode in self.modes])[possible], log_mass[possible]
@@ -179,7 +221,7 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, known: Quadratur
         known: Modes known already.
 
     Returns:
-        Those and the new ones.
+        Those and the new ones; of new ones as many as the work allows.
 
     Raises:
         TooManyCells: If a mode fills more cells than allowed.
@@ -187,6 +229,8 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, known: Quadratur
     left = (peaks.score >= peaks.score.max() - PEAK_MARGIN_NATS) & ~known.holds(peaks.states)
     for place in np.lexsort((-peaks.score, -peaks.log_density)):
         if left[place]:
+            if known.modes and target.work.spent > SEARCH_SHARE * target.work.limit:
+                break
             level = known.level - accuracy.margin
             peak, information = peaks.states[place], peaks.information[place]
             mode = _grown(target, peak, information, accuracy, Limits(known.modes, level))
@@ -212,11 +256,65 @@ def _refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadratur
         if squares[~full].sum() <= (allowed - lost if lost < allowed else allowed):
             return found
         worst = int(np.where(full, -1.0, squares).argmax())
+        if not target.work.has(target.cost * (found.cells + 2 * len(found.modes[worst].keys)) * 1.5):
+            return found  # what is left is for the checks
         before, mode, after = found.modes[:worst], found.modes[worst], found.modes[worst + 1 :]
         axis = errors[worst] == errors[worst].max()
         mode = halved(mode, axis, target.log_density, Limits(before, level, edge, accuracy.most_cells))
         after = tuple(later.without(mode) for later in after)
         found = Quadrature((*before, mode, *(later for later in after if later.logs.max() > -np.inf)))
+    return found
+
+
+def verified(target: Target, check: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature:
+    """Modes with lattices of the same steps beside them, which say how good they are; both finer if need be.
+
+    Args:
+        target: The posterior.
+        check: The same from a prior that was worked out otherwise, if there is one; else the same.
+        found: Its modes.
+        accuracy: How good they are to be.
+    """
+    edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
+    most = accuracy.most_cells
+    rng = np.random.default_rng(0)
+    found = replace(found, modes=tuple(mode for mode in found.modes if mode.logs.max() > level))
+    checks: tuple[Lattice, ...] = ()
+    try:
+        for mode in found.modes:
+            shift = rng.uniform(*SHIFTS, mode.space.size)
+            limits = Limits(checks, level, edge, 2 * most)
+            checks = (*checks, shifted(mode, check.log_density, limits, shift))
+    except TooManyCells:
+        return replace(found, checks=())
+    found, best = replace(found, checks=checks), np.inf
+    if found.moments.resultant < NO_DIRECTION:
+        return found
+    for turn in range(MAX_HALVINGS):
+        if found.error <= accuracy.error or (
+            turn % IDLE_HALVINGS == 0 and found.error > LEAST_PROGRESS * best
+        ):
+            return found
+        best = found.error if turn % IDLE_HALVINGS == 0 else best
+        sizes = np.array([len(mode.keys) for mode in found.modes])
+        gaps = np.maximum(found.gaps(), found.errors.max(axis=1))
+        gaps[2 * sizes > most] = -1.0
+        worst = int(gaps.argmax())
+        if gaps[worst] < 0 or not target.work.has(2.5 * sizes[worst] * (target.cost + check.cost)):
+            return found
+        axis = found.errors[worst] == found.errors[worst].max()
+        limits = Limits(found.modes[:worst], level, edge, most)
+        aside = Limits(found.checks[:worst], level, edge, 2 * most)
+        try:
+            mode = halved(found.modes[worst], axis, target.log_density, limits)
+            other = halved(found.checks[worst], axis, check.log_density, aside)
+        except TooManyCells:
+            return found
+        pairs = [*zip(found.modes[:worst], found.checks[:worst], strict=True), (mode, other)]
+        later = zip(found.modes[worst + 1 :], found.checks[worst + 1 :], strict=True)
+        pairs += [(one.without(mode), two.without(other)) for one, two in later]
+        modes, checks = zip(*[pair for pair in pairs if pair[0].logs.max() > -np.inf], strict=True)
+        found = Quadrature(modes, checks, found.missed)
     return found
 
 

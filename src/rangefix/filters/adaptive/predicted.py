@@ -9,22 +9,24 @@ The law of `Confined` is met exactly for each moved point: what walls cut off is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import TWO_PI, Array, BoolArray
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray
 from ..models.confined import Confined
 from ..models.motion import Stationary
 from ..problem import Motion, RangeMap
 from ..space import StateSpace
 from .gauss_newton import quick_scores
 from .gaussian_sums import Gaussians, log_reached, log_sum, reached
-from .lattice import Lattice, TooManyCells
-from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kernels, smoothed
-from .target import Target
+from .lattice import Lattice
+from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kernels, conditional_stds, smoothed
+from .modes import Quadrature
+from .target import Target, TooManyCells
 
 MAX_POINTS_MOVED = 20_000
+TERM_COST = 0.015  # of a Gaussian at a point, in rays
 WALL_REACH_FACTOR = 1.7  # times the farthest of the steps tried: how far walls matter
 WALL_DIRECTIONS = TWO_PI / 120 * np.arange(120, dtype=float)  # in which walls are looked for, rad
 STEP_DRAWS = 128  # steps tried from each point, where walls are near
@@ -87,6 +89,26 @@ class Predicted:
             total = np.logaddexp(total, logs)
         return total
 
+    @property
+    def cost(self) -> float:
+        """What its density at a state costs, in rays cast."""
+        return TERM_COST * sum(len(part.likely) for part in self.parts)
+
+    def missed(self, target: Target, found: Quadrature) -> float:
+        """By how much mean and covariance are off without the points that no mode holds, in deviations."""
+        total = 0.0
+        for part in self.parts:
+            left = np.flatnonzero(~found.holds(part.likely))
+            if len(left):
+                states = part.likely[left]
+                level = 0.5 * (
+                    np.linalg.slogdet(part.gaussians.precision[left])[1] - states.shape[1] * LOG_TWO_PI
+                )
+                logs = part.gaussians.log_scale[left] - level - found.log_integral
+                likelihood = replace(target, log_prior=no_prior, log_prior_cost=0.0).log_density(states)
+                total += float((np.exp(logs + likelihood) * found.counts(states)).sum())
+        return total
+
     def roughly(self, states: Array) -> Array:
         """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""
         means, precisions = self.means_and_precisions()
@@ -141,13 +163,31 @@ class Predicted:
         return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
 
 
-def predict_modes(modes: tuple[Lattice, ...], motion: Motion, control: Array) -> Predicted:
+def no_prior(states: Array) -> Array:
+    """A log density of zero everywhere, (K, n) -> (K,)."""
+    return np.zeros(len(states))
+
+
+def coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
+    """Along which axes a lattice is too coarse, (n,): walls are near, and noise is narrower than a step."""
+    if not isinstance(motion, Confined):
+        return np.zeros(mode.space.size, dtype=bool)
+    noise = _noise_in_steps(mode, motion.motion, control)
+    if not _walls_near(smoothed(mode, noise), motion, control):
+        return np.zeros(mode.space.size, dtype=bool)
+    return np.asarray(conditional_stds(noise) < 1.0)
+
+
+def predict_modes(
+    modes: tuple[Lattice, ...], motion: Motion, control: Array, coarse: bool = False
+) -> Predicted:
     """Where an object can be after a move.
 
     Args:
         modes: The belief before it.
         motion: The law of the move.
         control: The control, (k,).
+        coarse: Whether to take more points together than the answer does.
 
     Raises:
         TooManyCells: If more points would have to be moved than can be.
@@ -155,7 +195,9 @@ def predict_modes(modes: tuple[Lattice, ...], motion: Motion, control: Array) ->
     total = np.logaddexp.reduce([mode.log_integral for mode in modes])
     shares = [float(mode.log_integral - total) for mode in modes]
     walls = motion if isinstance(motion, Confined) else None
-    for together in (TOGETHER[modes[0].space.size > 2], COARSEST_TOGETHER):
+    for together in (
+        (COARSEST_TOGETHER,) if coarse else (TOGETHER[modes[0].space.size > 2], COARSEST_TOGETHER)
+    ):
         parts = [
             part
             for mode, share in zip(modes, shares, strict=True)

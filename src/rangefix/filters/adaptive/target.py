@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,42 @@ from ...arrays import Array, IntArray
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
+WORK = 3e6  # rays that a fix may take: 1 to 3 s
+STATE_COST = 6.0  # of a state among others, whatever its density takes, in rays
 CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
+
+
+class TooManyCells(ValueError):
+    """The posterior fills more cells than allowed."""
+
+
+@dataclass
+class Work:
+    """What a fix costs, counted in rays cast and in Gaussians summed up, never in time: the same everywhere.
+
+    Attributes:
+        limit: The most that it may cost, in rays.
+        spent: What it has cost.
+    """
+
+    limit: float = WORK
+    spent: float = 0.0
+
+    def spend(self, rays: float) -> None:
+        """Count what is about to be done.
+
+        Raises:
+            TooManyCells: If it is more than is left.
+        """
+        self.spent += rays
+        if self.spent > self.limit:
+            raise TooManyCells(
+                f"the fix takes more than {self.limit:.3g} rays: measure more beams, or ask for less accuracy"
+            )
+
+    def has(self, rays: float) -> bool:
+        """Whether so many rays are left."""
+        return self.spent + rays <= self.limit
 
 
 @dataclass(frozen=True)
@@ -22,11 +57,20 @@ class Target:
         sensor: The rangefinder.
         log_prior: Log density of states, (K, n) -> (K,).
         measurements: (U, B); NaN = beam not measured.
+        log_prior_cost: What the prior density of a state costs besides, in rays.
+        work: What has been spent on it.
     """
 
     sensor: Sensor
     log_prior: Callable[[Array], Array]
     measurements: Array
+    log_prior_cost: float = 0.0
+    work: Work = field(default_factory=Work)
+
+    @property
+    def cost(self) -> float:
+        """What the density of a state costs, in rays."""
+        return STATE_COST + self.log_prior_cost + len(self.beams)
 
     @property
     def beams(self) -> IntArray:
@@ -35,8 +79,9 @@ class Target:
 
     def log_density(self, states: Array) -> Array:
         """Log of the prior density times the likelihood: (K, n) -> (K,), nats."""
-        logs = np.array(self.log_prior(states), dtype=float)
         beams = self.beams
+        self.work.spend(len(states) * self.cost)
+        logs = np.array(self.log_prior(states), dtype=float)
         possible = np.flatnonzero(logs > -np.inf)
         if len(beams):
             for part in np.array_split(possible, 1 + len(possible) * len(beams) // BATCH):
@@ -54,6 +99,7 @@ class Target:
     def expected_and_slopes(self, states: Array) -> tuple[Array, Array]:
         """The same and the derivatives of the ranges that were measured, (K, k, n)."""
         space, beams = self.sensor.space, self.beams
+        self.work.spend(2.0 * len(states) * len(beams))
         hits = self.sensor.room.cast(space.poses(states), self.sensor.bearings[beams])
         return self._among_all(hits.ranges, beams), space.from_pose_gradients(hits.gradients)
 
@@ -74,8 +120,8 @@ class Target:
         beams = measured[np.linspace(0, len(measured) - 1, most).round().astype(int)]
         measurements = np.full_like(self.measurements, np.nan)
         measurements[:, beams] = self.measurements[:, beams]
-        return Target(self.sensor, self.log_prior, measurements)
+        return replace(self, measurements=measurements)
 
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""
-        return float(sum(self.sensor.log_density(reading, reading) for reading in self.measurements))
+        return float(sum(self.sensor.log_density(row, np.fmax(row, 0.0)) for row in self.measurements))

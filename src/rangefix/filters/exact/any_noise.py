@@ -8,7 +8,7 @@ across the beam whose density varies most, and integrated by Gauss-Legendre rule
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,16 +30,21 @@ IMPOSSIBLE_NATS = -1e7  # at this and less it cannot
 
 
 class Tables(NamedTuple):
-    """Log densities of a measurement's beams as functions of their expected ranges.
+    """Log densities of readings as functions of the expected ranges of their beams, K of them.
+
+    Readings of a beam that lie close together share a table; those far apart have one each, for a table is
+    fine about its centre alone.
 
     Attributes:
-        centres: Range about which each table lies, m, (B,).
-        scales: Width over which a density varies there, m, (B,); 0 = a beam that says nothing.
-        below, above: Log density at fine, then geometric, offsets below and above the centre, (B, N).
-        no_wall: Log density where no wall is, (B,).
-        bound_below, bound_above: The greatest log density from there on outwards, (B, N).
+        beams: Which beam each is of, (K,).
+        centres: Range about which each table lies, m, (K,).
+        scales: Width over which a density varies there, m, (K,); 0 = a beam that says nothing.
+        below, above: Log density at fine, then geometric, offsets below and above the centre, (K, N).
+        no_wall: Log density where no wall is, (K,).
+        bound_below, bound_above: The greatest log density from there on outwards, (K, N).
     """
 
+    beams: IntArray
     centres: Array
     scales: Array
     below: Array
@@ -57,7 +62,7 @@ def offsets() -> Array:
 
 
 def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, measured: BoolArray) -> Tables:
-    """Tables of log densities.
+    """Tables of log densities, one for each beam.
 
     Args:
         density: Log density of each beam's readings given expected ranges: (N, B) m -> (N, B).
@@ -86,19 +91,28 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
     bounds = (
         np.ascontiguousarray(np.maximum.accumulate(part[:, ::-1], axis=1)[:, ::-1]) for part in (below, above)
     )
-    return Tables(centres, np.where(measured, scales, 0.0), below, above, no_wall, *bounds)
+    return Tables(
+        np.arange(len(centres)), centres, np.where(measured, scales, 0.0), below, above, no_wall, *bounds
+    )
+
+
+def joined(layers: Sequence[Tables]) -> Tables:
+    """The tables of several sets of readings, without those that say nothing."""
+    parts = [np.concatenate(arrays) for arrays in zip(*layers, strict=True)]
+    kept = parts[2] > 0
+    return Tables(*(np.ascontiguousarray(part[kept]) for part in parts))
 
 
 @njit(cache=True, nogil=True)
-def _look_up(tables: Tables, beam: int, rho: float) -> float:
+def _look_up(tables: Tables, which: int, rho: float) -> float:
     """The log density of a beam at an expected range."""
     if rho == np.inf:
-        return float(tables.no_wall[beam])
-    scale = tables.scales[beam]
+        return float(tables.no_wall[which])
+    scale = tables.scales[which]
     if scale == 0:
         return 0.0
-    u = (rho - tables.centres[beam]) / scale
-    table = tables.above[beam] if u >= 0 else tables.below[beam]
+    u = (rho - tables.centres[which]) / scale
+    table = tables.above[which] if u >= 0 else tables.below[which]
     place = _place(abs(u))
     index = int(place)
     share = place - index
@@ -114,19 +128,19 @@ def _place(u: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _most(tables: Tables, beam: int, low: float, high: float) -> float:
+def _most(tables: Tables, which: int, low: float, high: float) -> float:
     """A bound on the log density of a beam whose expected range lies between two."""
     if low == np.inf:
-        return float(tables.no_wall[beam])
-    scale = tables.scales[beam]
+        return float(tables.no_wall[which])
+    scale = tables.scales[which]
     if scale == 0:
         return 0.0
-    u, v = (low - tables.centres[beam]) / scale, (high - tables.centres[beam]) / scale
+    u, v = (low - tables.centres[which]) / scale, (high - tables.centres[which]) / scale
     if u > 0:
-        return float(tables.bound_above[beam, int(_place(u))])
+        return float(tables.bound_above[which, int(_place(u))])
     if v < 0:
-        return float(tables.bound_below[beam, int(_place(-v))])
-    return float(max(tables.bound_above[beam, 0], tables.bound_below[beam, 0]))
+        return float(tables.bound_below[which, int(_place(-v))])
+    return float(max(tables.bound_above[which, 0], tables.bound_below[which, 0]))
 
 
 class Nodes(NamedTuple):
@@ -167,7 +181,7 @@ def moments_of_any(
     Returns:
         The log integral; -inf where no piece is possible.
     """
-    beams, most = len(tables.centres), pieces.corners.shape[1] + 24
+    count, most = len(tables.centres), pieces.corners.shape[1] + 24
     stack, sizes = np.empty((256, most, 2)), np.empty(256, np.int64)
     one, two = np.empty((most, 2)), np.empty((most, 2))
     bounds, variation, level, across = np.empty(256), np.empty(256), np.empty(256), np.empty(256, np.int64)
@@ -175,8 +189,9 @@ def moments_of_any(
     order = np.empty(len(pieces.counts))
     for piece in range(len(pieces.counts)):
         order[piece] = -pieces.log_areas[piece]
-        for beam in range(beams):
-            order[piece] -= _most(tables, beam, pieces.lows[piece, beam], pieces.highs[piece, beam])
+        for which in range(count):
+            beam = tables.beams[which]
+            order[piece] -= _most(tables, which, pieces.lows[piece, beam], pieces.highs[piece, beam])
     total = np.zeros(7)
     total[1] = -np.inf
     halvings = 0
@@ -198,7 +213,7 @@ def moments_of_any(
             running = log_mass(total)
             if bounds[waiting] < running - MARGIN_NATS:
                 continue
-            corners, beam, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
+            corners, which, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
             one[:corners] = stack[waiting, :corners]
             if variation[waiting] > 1.0 and halvings < MAX_HALVINGS:
                 halvings += 1
@@ -212,10 +227,11 @@ def moments_of_any(
                     )
                     variation, level = np.concatenate((variation, variation)), np.concatenate((level, level))
                     across = np.concatenate((across, across))
-                if beam < beams:
+                if which < count:
+                    beam = tables.beams[which]
                     s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
                 else:  # across an axis, for the prior's sake
-                    s1, s2 = (1.0, 0.0) if beam == beams else (0.0, 1.0)
+                    s1, s2 = (1.0, 0.0) if which == count else (0.0, 1.0)
                 for side in (1.0, -1.0):
                     kept = cut_by(one, corners, side * s1, side * s2, side * cut, stack[waiting])
                     if kept >= 3:
@@ -249,27 +265,28 @@ def _look_at(
 ) -> tuple[float, float, int, float]:
     """A bound on a part's log mass; how far from smooth it is across its worst beam, and where to cut.
 
-    Beams are numbered from 0; x1 and x2, across which a Gaussian prior varies, follow them.
+    Tables are numbered from 0; x1 and x2, across which a Gaussian prior varies, follow them.
     """
     area = _area(corners, count)
     if area < 1e-18:
         return -np.inf, 0.0, -1, 0.0
     bound, worst, across, level = math.log(area), 0.0, -1, 0.0
-    for beam in range(len(tables.centres)):
+    for which in range(len(tables.centres)):
+        beam = tables.beams[which]
         rho = pieces.ranges[piece, beam]
-        if rho == np.inf or tables.scales[beam] == 0:
-            bound += _most(tables, beam, rho, rho)
+        if rho == np.inf or tables.scales[which] == 0:
+            bound += _most(tables, which, rho, rho)
             continue
         s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
         low, high = np.inf, -np.inf
         for corner in range(count):
             at = rho + s1 * corners[corner, 0] + s2 * corners[corner, 1]
             low, high = min(low, at), max(high, at)
-        bound += _most(tables, beam, low, high)
-        varied = _variation(tables, beam, low, high)
+        bound += _most(tables, which, low, high)
+        varied = _variation(tables, which, low, high)
         if varied > worst:
-            centre, near = tables.centres[beam], 1e-9 * tables.scales[beam]
-            worst, across, level = varied, beam, 0.5 * (low + high) - rho
+            centre, near = tables.centres[which], 1e-9 * tables.scales[which]
+            worst, across, level = varied, which, 0.5 * (low + high) - rho
             if varied > 8.0 and low + near < centre < high - near:
                 level = centre - rho
     if prior[0] > 0:
@@ -298,13 +315,13 @@ def _area(corners: Array, count: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _variation(tables: Tables, beam: int, low: float, high: float) -> float:
+def _variation(tables: Tables, which: int, low: float, high: float) -> float:
     """How far a beam's density is from smooth between two ranges: at most 1 is smooth enough."""
-    scale, centre = tables.scales[beam], tables.centres[beam]
-    varied = abs(_look_up(tables, beam, high) - _look_up(tables, beam, low)) / SMOOTH_NATS
+    scale, centre = tables.scales[which], tables.centres[which]
+    varied = abs(_look_up(tables, which, high) - _look_up(tables, which, low)) / SMOOTH_NATS
     if low < centre + 8 * scale and high > centre - 8 * scale:
         varied = max(varied, (high - low) / (SMOOTH_SCALES * scale))
-        step = abs(tables.above[beam, 0] - tables.below[beam, 0])
+        step = abs(tables.above[which, 0] - tables.below[which, 0])
         if step > JUMP_NATS and low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
             varied = max(varied, 1e3)
     return varied
@@ -316,15 +333,16 @@ def _integrate(
     rule: Rules, nodes: Nodes, out: Array,
 ) -> float:  # fmt: skip
     """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the piece's centre."""
-    beams = len(tables.centres)
+    tabulated = len(tables.centres)
     # s runs along the steepest beam's slope, so that chords lie along the ridge
     best, c, d = -1.0, 1.0, 0.0
-    for beam in range(beams):
-        if pieces.ranges[piece, beam] < np.inf and tables.scales[beam] > 0:
+    for which in range(tabulated):
+        beam = tables.beams[which]
+        if pieces.ranges[piece, beam] < np.inf and tables.scales[which] > 0:
             s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
             steep = math.sqrt(s1 * s1 + s2 * s2)
-            if steep / tables.scales[beam] > best:
-                best, c, d = steep / tables.scales[beam], s1 / steep, s2 / steep
+            if steep / tables.scales[which] > best:
+                best, c, d = steep / tables.scales[which], s1 / steep, s2 / steep
     s, t = np.empty(count), np.empty(count)
     for corner in range(count):
         s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
@@ -353,11 +371,12 @@ def _integrate(
                 at_t = bottom + chord * rule.nodes[3, j]
                 x1, x2 = c * at_s - d * at_t, d * at_s + c * at_t
                 log_density = -log_peak
-                for beam in range(beams):
+                for which in range(tabulated):
+                    beam = tables.beams[which]
                     rho = pieces.ranges[piece, beam]
                     if rho < np.inf:
                         rho += pieces.slopes[piece, beam, 0] * x1 + pieces.slopes[piece, beam, 1] * x2
-                    log_density += _look_up(tables, beam, rho)
+                    log_density += _look_up(tables, which, rho)
                 b1, b2 = x1 + a1, x2 + a2
                 log_density -= 0.5 * (prior[0] * b1 * b1 + 2 * prior[1] * b1 * b2 + prior[2] * b2 * b2)
                 weight = width * rule.weights[order, i] * chord * rule.weights[3, j]

@@ -19,11 +19,14 @@ from ..models.motion import Stationary
 from ..models.uniform_prior import Uniform
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import Nodes, Tables, moments_of_any, nodes_for, tabulate
+from .any_noise import JUMP_NATS, Nodes, Tables, joined, moments_of_any, nodes_for, tabulate
 from .integrals import Pieces, Rules, moments, rules
 from .partition import partition
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
+APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
+ROUNDING = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
+TABULATION = 1e-5  # the same of densities that are interpolated between a table's nodes
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
@@ -146,7 +149,11 @@ class ExactPositionFilter(BriefRepr):
         return belief.estimate
 
     def error(self, belief: ExactBelief) -> Array:
-        """How far mean and covariance may be off, in posterior deviations, (M,): by other nodes."""
+        """How far mean and covariance may be off, in posterior deviations, (M,): see `CanEstimateError`.
+
+        What rules with other nodes have otherwise, and what rounding or the tables of readings leave.
+        """
+        least = ROUNDING if self.problem.sensor.gaussian_stds is not None else TABULATION
         mean, covariance, log_evidence = belief.estimate
         errors = np.zeros(len(mean))
         other = rules(MORE_NODES)
@@ -154,7 +161,9 @@ class ExactPositionFilter(BriefRepr):
             again, spread, _ = self._answer(belief.readings[run], other)
             std = np.sqrt(np.diagonal(covariance[run]))
             off = np.abs(again - mean[run]) / std
-            errors[run] = max(off.max(), (np.abs(spread - covariance[run]) / np.outer(std, std)).max())
+            errors[run] = least + max(
+                off.max(), (np.abs(spread - covariance[run]) / np.outer(std, std)).max()
+            )
         return errors
 
     def sample(self, belief: ExactBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -281,12 +290,34 @@ class ExactPositionFilter(BriefRepr):
         reading = np.where((counts > 0) & ~returned.any(axis=0), np.inf, reading)
         spread = np.where(returned, readings - np.where(np.isfinite(reading), reading, 0.0), 0.0) / stds
         level = np.where(returned, 0.5 * math.log(2 * math.pi) + np.log(stds), 0.0).sum()
-        return reading, counts / stds**2, float(-0.5 * (spread**2).sum() - level)
+        with np.errstate(over="ignore"):  # readings of 1e300: impossible, which -inf says
+            return reading, counts / stds**2, float(-0.5 * (spread**2).sum() - level)
 
     def _tables(self, readings: Array) -> Tables:
         """Log densities of one run's readings (T, B) as functions of the expected ranges."""
+        if not len(readings):
+            readings = np.full((1, readings.shape[1]), np.nan)
+        return joined([self._tabulated(layer) for layer in self._layers(readings)])
+
+    def _layers(self, readings: Array) -> list[Array]:
+        """Readings (T, B) in sets, NaN where a reading is in another: those of a beam lie close together."""
         sensor = self.problem.sensor
-        measured = ~np.isnan(readings)
+        stds = np.sqrt(
+            np.broadcast_to(sensor.noise.variance(np.clip(readings, 0.0, MAX_CENTRE_M)), readings.shape)
+        )
+        layer = np.zeros(readings.shape, dtype=np.int64)
+        if len(readings) > 1:
+            order = np.argsort(readings, axis=0, kind="stable")  # NaN last
+            ordered = np.take_along_axis(readings, order, axis=0)
+            reach = (0.0 if self._jumps else APART_STDS) * np.take_along_axis(stds, order, axis=0)[1:]
+            with np.errstate(invalid="ignore", over="ignore"):  # inf - inf: the same reading
+                apart = (ordered[1:] - ordered[:-1] > reach).cumsum(axis=0)
+            np.put_along_axis(layer, order[1:], apart, axis=0)
+        return [np.where(layer == number, readings, np.nan) for number in range(int(layer.max()) + 1)]
+
+    def _tabulated(self, readings: Array) -> Tables:
+        """A table for each beam of readings (T, B) that lie close together."""
+        sensor = self.problem.sensor
         finite = np.isfinite(readings)
         counts = finite.sum(axis=0)
         farthest = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
@@ -295,13 +326,20 @@ class ExactPositionFilter(BriefRepr):
         centres = np.where(counts > 0, np.maximum(sums / np.maximum(counts, 1), 0.0), limit)
         centres = np.minimum(centres, MAX_CENTRE_M)
         stds = np.sqrt(np.broadcast_to(sensor.noise.variance(centres), centres.shape))
-        if not len(readings):
-            readings = np.full((1, len(centres)), np.nan)
 
         def density(expected: Array) -> Array:
             return np.asarray(sum(sensor.beam_log_density(row, expected) for row in readings))
 
-        return tabulate(density, centres, stds, np.asarray(measured.any(axis=0)))
+        return tabulate(density, centres, stds, np.asarray((~np.isnan(readings)).any(axis=0)))
+
+    @cached_property
+    def _jumps(self) -> bool:
+        """Whether the density of a reading jumps where the expected range passes it, as in mixtures."""
+        sensor = self.problem.sensor
+        ranges = np.linspace(0.0, min(sensor.max_range, 10.0), 12)[1:-1, None] * np.ones(len(sensor.bearings))
+        before, after = (sensor.beam_log_density(ranges, ranges * side) for side in (1 - 1e-9, 1 + 1e-9))
+        with np.errstate(invalid="ignore"):  # -inf on both sides: beyond what a mixture reads
+            return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
         room = 1 << 17  # enough for most: to do it again costs as much as the first time

@@ -235,6 +235,17 @@ class ParticleFilter(BriefRepr):
         pairs = zip(belief.states, belief.log_weights, strict=True)
         return np.array([effective_places(states, log_weights) for states, log_weights in pairs])
 
+    def resultant(self, belief: ParticleBelief) -> Array:
+        """Length of the mean resultant vector of the heading, (M,): see `CanTellDirection`.
+
+        Raises:
+            NotImplementedError: If the heading is known.
+        """
+        if self.problem.space.heading is not None:
+            raise NotImplementedError("the heading is known")
+        turns = np.exp(1j * belief.states[..., self.problem.space.names.index("heading")])
+        return np.asarray(np.abs((np.exp(belief.log_weights) * turns).sum(axis=1)))
+
     def _update_run(
         self, belief: ParticleBelief, run: int, reading: Array, rng: Generator
     ) -> tuple[Array, Array, Array | None, float]:

@@ -1,0 +1,32 @@
+"""Which integration a problem gets: exact pieces for positions at a known heading, else adaptive lattices."""
+
+from __future__ import annotations
+
+from ..exact import ExactPositionFilter
+from ..problem import Problem
+from .filter import AdaptivePointMassFilter, check_options
+
+MOST_PIECES = 100_000  # of the map: more take longer to find than lattices take for many fixes
+
+
+def adaptive_point_mass(
+    problem: Problem,
+    accuracy: float = 0.02,
+    drop: float = 1e-9,
+    table_rays: int = 20_000_000,
+    most_cells: int = 1_000_000,
+) -> ExactPositionFilter | AdaptivePointMassFilter:
+    """The adaptive point-mass filter of a problem.
+
+    For a position at a known heading, at rest, that is `ExactPositionFilter`, which no mode escapes; for any
+    other problem, and for maps that are not made of segments or make too many pieces, it is
+    `AdaptivePointMassFilter`, whose options these are.
+
+    Raises:
+        ValueError: If an option is out of bounds, or the problem is of a kind that neither takes.
+    """
+    check_options(accuracy, drop, table_rays, most_cells)
+    try:
+        return ExactPositionFilter(problem, most_pieces=MOST_PIECES)
+    except ValueError:  # it says what it is not for: then lattices are
+        return AdaptivePointMassFilter(problem, accuracy, drop, table_rays, most_cells)

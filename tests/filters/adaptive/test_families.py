@@ -1,0 +1,148 @@
+"""The adaptive point-mass filter over random problems: what it is off by, against what it says of itself.
+
+`RANGEFIX_RANDOM=400` in the environment asks for so many problems of each family in the study, and prints
+how errors, stated errors and times are spread.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from rangefix.arrays import Array
+from rangefix.filters import EachRun, build
+from rangefix.filters.adaptive import AdaptivePointMassFilter
+from rangefix.filters.adaptive.target import STATE_COST, WORK, TooManyCells, Work
+from rangefix.filters.estimator import numerical_error
+from rangefix.filters.exact import ExactPositionFilter
+from rangefix.filters.space import NO_DIRECTION
+
+from ..families import HEADING, POSITION, Drawn, draw
+
+TABLE_RAYS = 4_000_000
+COUNT = int(os.environ.get("RANGEFIX_RANDOM", "400"))
+MEAN, COVARIANCE = 0.05, 0.1  # deviations, variances: beyond them an answer is a miss
+EXCEEDED_SHARE, EXCEEDED_FACTOR = (
+    0.005,
+    3.0,
+)  # of the problems, and by how much, a stated error may be exceeded
+
+
+class Found(NamedTuple):
+    """Error of the mean in deviations and of the covariance in variances, what is stated, and seconds."""
+
+    mean: float
+    covariance: float
+    stated: float
+    seconds: float
+
+
+def answer(problem: Drawn, accuracy: float, limit: float) -> tuple[Array, Array, float, float, float]:
+    """Mean, covariance, stated error, resultant and seconds of a fix on lattices that may cost so much."""
+    before = Work.__init__.__defaults__
+    Work.__init__.__defaults__ = (limit, 0.0)
+    try:
+        estimator = AdaptivePointMassFilter(
+            problem.problem, accuracy, table_rays=TABLE_RAYS, most_cells=3_000_000
+        )
+        rng, begin = np.random.default_rng(0), time.process_time()
+        belief = estimator.update(estimator.init(problem.problem.prior, rng), problem.readings[0], rng)
+        seconds = time.process_time() - begin
+    finally:
+        Work.__init__.__defaults__ = before
+    mean, covariance, _ = estimator.estimate(belief)
+    resultant = 1.0 if problem.problem.space.heading is not None else estimator.resultant(belief)
+    return mean, covariance, estimator.error(belief), resultant, seconds
+
+
+def compared(family: str, number: int) -> Found | None:
+    """The filter at its defaults against itself, ten times as accurate; None where there is no mean heading.
+
+    The finer one shares no lattice with it, and its own stated error bounds what it is off by.
+    """
+    problem = draw(family, number)
+    mean, covariance, stated, resultant, seconds = answer(problem, 0.02, WORK)
+    if resultant < 2 * NO_DIRECTION:
+        return None
+    finer, spread, _, _, _ = answer(problem, 0.002, 50 * WORK)
+    std = np.sqrt(np.diag(spread))
+    off = np.abs(problem.problem.space.difference(mean, finer)) / std
+    wrong = np.abs(covariance - spread) / np.outer(std, std)
+    return Found(float(off.max()), float(wrong.max()), stated, seconds)
+
+
+def judged(family: str, numbers: range) -> None:
+    """No unflagged miss, and stated errors exceeded as rarely and by as little as is promised."""
+    found = [each for number in numbers if (each := compared(family, number)) is not None]
+    errors, stated = np.array([max(each[:2]) for each in found]), np.array([each.stated for each in found])
+    seconds = np.array([each.seconds for each in found])
+    print(f"\n{family}: {len(found)} of {len(numbers)} have a mean heading; error {np.median(errors):.2g} to "
+          f"{errors.max():.2g}, stated {np.median(stated):.2g} to {stated.max():.2g}, exceeded in "
+          f"{(errors > stated).sum()}, {np.median(seconds):.2g} to {seconds.max():.2g} s")  # fmt: skip
+    missed = np.array([each.mean > MEAN or each.covariance > COVARIANCE for each in found])
+    assert not (missed & (stated < MEAN)).any()
+    assert (errors > stated).sum() <= EXCEEDED_SHARE * len(found)
+    assert (errors <= EXCEEDED_FACTOR * stated).all()
+
+
+@pytest.mark.parametrize("family", HEADING)
+def test_says_how_far_off_it_is(family: str) -> None:
+    """Two problems of any heading: nothing missed, and no stated error exceeded."""
+    judged(family, range(6, 8))
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("family", HEADING)
+def test_says_how_far_off_it_is_in_many_problems(family: str) -> None:
+    """The same over 400 problems: exceeded in 0.5 % at most, by 3 times at most."""
+    judged(family, range(1000, 1000 + COUNT))
+
+
+@pytest.mark.parametrize("family", POSITION)
+def test_positions_at_a_known_heading_are_exact(family: str) -> None:
+    """The name stands for the exact filter there, which states errors below 1e-3 in five problems of each."""
+    for number in range(5):
+        problem = draw(family, number)
+        estimator = build("adaptive-point-mass", problem.problem)
+        assert isinstance(estimator, ExactPositionFilter)
+        rngs = [np.random.default_rng(0)]
+        belief = estimator.update(estimator.init(problem.problem.prior, rngs), problem.readings, rngs)
+        stated = numerical_error(estimator, belief, 1)
+        assert stated is not None
+        assert 0 < stated[0] < 1e-3
+
+
+def test_other_problems_get_lattices() -> None:
+    """An unknown heading, and a moving object, with the options that were asked for."""
+    for family in ("circle", "walk"):
+        estimator = build("adaptive-point-mass", draw(family, 0).problem, accuracy=0.1, table_rays=10_000)
+        assert isinstance(estimator, EachRun)
+        assert isinstance(estimator.single, AdaptivePointMassFilter)
+        assert estimator.single.accuracy == 0.1
+
+
+def test_work_is_bounded() -> None:
+    """One beam of three at any heading: the fix ends with what it may cost, and says that it is off."""
+    problem = draw("circle", 3)
+    reading = np.full(3, np.nan)
+    reading[0] = problem.readings[0, 0]
+    estimator = AdaptivePointMassFilter(problem.problem, table_rays=500_000)
+    rng = np.random.default_rng(0)
+    belief = estimator.update(estimator.init(problem.problem.prior, rng), reading, rng)
+    assert belief.posterior is not None
+    assert belief.posterior.cells < WORK / STATE_COST
+    assert estimator.error(belief) > 0.02
+
+
+def test_what_costs_too_much_is_refused() -> None:
+    """Work has an end, which it names."""
+    work = Work(limit=1e6)
+    work.spend(9e5)
+    assert work.has(1e5)
+    assert not work.has(2e5)
+    with pytest.raises(TooManyCells, match=r"more than 1e\+06 rays"):
+        work.spend(2e5)
