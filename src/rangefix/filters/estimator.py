@@ -156,6 +156,16 @@ class EachRun(Generic[Belief]):
             raise NotImplementedError(f"a {type(self.single).__name__} cannot show its belief")
         return self.single.density(belief[run])
 
+    def error(self, belief: tuple[Belief, ...]) -> Array:
+        """The runs' numerical errors, (M,).
+
+        Raises:
+            NotImplementedError: If the single-run estimator cannot tell.
+        """
+        if not isinstance(self.single, CanEstimateErrorOne):
+            raise NotImplementedError(f"a {type(self.single).__name__} does not know its numerical error")
+        return np.array([float(self.single.error(run)) for run in belief])
+
 
 class Image(NamedTuple):
     """What the belief of one run looks like: its density over the room, and over an unknown heading.
@@ -187,6 +197,29 @@ class CanShow(Protocol[Asked]):
 
     def density(self, belief: Asked, run: int) -> Image:
         """What the belief of a run looks like."""
+
+
+@runtime_checkable
+class CanEstimateError(Protocol[Asked]):
+    """The optional method `error` of an estimator that integrates, and knows how accurately."""
+
+    def error(self, belief: Asked) -> Array:
+        """Estimated numerical error of mean and covariance, in standard deviations of the posterior, (M,).
+
+        With m, P what `estimate` gives, m*, P* the exact moments under the estimator's own model and s the
+        standard deviations: the greatest of |m_i - m*_i| / s_i and |P_ij - P*_ij| / (s_i s_j), angles
+        wrapped. It comes from points that did not make the answer (an embedded rule, a second lattice
+        shifted against the first). 0 where no state is possible (log evidence -inf); inf where nothing is
+        known of it.
+        """
+
+
+@runtime_checkable
+class CanEstimateErrorOne(Protocol[Asked]):
+    """`CanEstimateError` of an estimator for single runs."""
+
+    def error(self, belief: Asked) -> float:
+        """Estimated numerical error of mean and covariance, in standard deviations of the posterior."""
 
 
 @runtime_checkable
@@ -233,6 +266,25 @@ def show_belief(estimator: Any, belief: Any, run: int) -> Image | None:
         return estimator.density(belief, run)
     except NotImplementedError:
         return None
+
+
+def numerical_error(estimator: Any, belief: Any, runs: int) -> Array | None:
+    """Numerical errors that an estimator states of M runs, (M,); None where it cannot tell.
+
+    Raises:
+        ValueError: If there is not one real number, not negative, for each run; inf is allowed.
+    """
+    if not isinstance(estimator, CanEstimateError):
+        return None
+    try:
+        errors = real_floats("what error() gives", estimator.error(belief))
+    except NotImplementedError:
+        return None
+    if errors.shape != (runs,):
+        raise ValueError(f"error() gave shape {errors.shape}, not ({runs},)")
+    if not (errors >= 0).all():
+        raise ValueError("error() gave numbers that are negative or NaN")
+    return errors
 
 
 def filtered(
