@@ -73,6 +73,8 @@ class PointMassFilter(BriefRepr):
         heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
         memory_gb: The most that the table of expected ranges may take, GB; posteriors come on top.
+        cell_correction: Whether the covariance is raised by what cells wider than the posterior miss. Without it
+            the filter is the paper's.
 
     Raises:
         ValueError: If the cell size is not positive, there are too many cells or ranges, no cell is in free
@@ -80,10 +82,11 @@ class PointMassFilter(BriefRepr):
     """
 
     problem: Problem
-    cell: ArrayLike = 0.05
+    cell: ArrayLike
     heading_cell: float | None = None
     most_cells: int = 20_000_000
     memory_gb: float = 4.0
+    cell_correction: bool = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
@@ -228,9 +231,10 @@ class PointMassFilter(BriefRepr):
     def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
         """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
         readings = Readings(belief.readings, belief.counts * self._precision)
-        sums = self.cells.moments(readings, CellMass(belief.log_mass, belief.top_mass))
+        mass = CellMass(belief.log_mass, belief.top_mass)
+        sums = self.cells.moments(readings, mass, self.cell_correction)
         mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
-        flat = ~is_definite(covariance, SUM_ROUNDING)
+        flat = ~is_definite(covariance, SUM_ROUNDING) & self.cell_correction
         covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
         if before is not None:
             lost = ~np.isfinite(log_evidence)
