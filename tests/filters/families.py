@@ -1,4 +1,4 @@
-"""Random problems by families, the same for every seed: maps, beams, noise and readings drawn from the problem.
+"""Random problems by families, the same for every seed: maps, beams, noise, and readings drawn from them.
 
 `FAMILIES` names the families; `draw(family, number)` gives one problem of it, a truth from its prior, its
 moves and the readings at each step. Known headings: "room", "plan", "mesh", "student", "mixture", "limited".
@@ -24,8 +24,8 @@ from rangefix.filters import (
     Prior,
     Problem,
     RandomWalk,
-    RangeMap,
     Rangefinder,
+    RangeMap,
     Stationary,
     StudentT,
     Uniform,

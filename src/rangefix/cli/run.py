@@ -115,7 +115,7 @@ def run(
             }
         )
     else:
-        from .tables import beliefs, comparison, console, failures, improbable
+        from .tables import beliefs, comparison, console, failures, improbable, unresolved
 
         screen = console()
         screen.print(
@@ -123,7 +123,7 @@ def run(
         )
         if (sampled := beliefs(rows)) is not None:
             screen.print(sampled)
-        for text in (*improbable(rows), *failures(results)):
+        for text in (*improbable(rows), *unresolved(rows), *failures(results)):
             screen.print(text, markup=False, soft_wrap=True)
         for line in lines:
             screen.print(line.text, markup=False, soft_wrap=True)

@@ -169,6 +169,17 @@ def improbable(rows: Sequence[Row]) -> list[str]:
     ]
 
 
+def unresolved(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams whose numbers are too coarse, by its own account."""
+    end = max(row.step for row in rows)
+    return [
+        f"{row.estimator}, {beams_in_words(row.beams)}: numerically unresolved in "
+        f"{100 * row.unresolved.value:.3g} % of the runs; it is off by more than 5 % of a deviation"
+        for row in rows
+        if row.step == end and row.unresolved.value > MENTION_SHARE
+    ]
+
+
 def failures(results: Results) -> list[str]:
     """A line for each estimator and set of beams of which runs failed: how many, and why the first did."""
     lines = []

@@ -40,6 +40,8 @@ class RunBlock:
         covariance: Claimed, (K, n, n).
         log_evidence: Of the measurements so far, nats, (K,); NaN where the estimator gives none.
         improbable: Which met measurements that the estimator's model all but excludes, (K,).
+        unresolved: Which are off by their estimator's own account: see `Trials.unresolved`, (K,); None if it
+            gives none.
         status: Codes of `Status` of the planned runs, (M,).
         belief: What draws from the beliefs come to, of the runs that have them; None if none has.
     """
@@ -52,6 +54,7 @@ class RunBlock:
         *,
         log_evidence: Array | None = None,
         improbable: BoolArray | None = None,
+        unresolved: BoolArray | None = None,
         status: NDArray[np.int8] | None = None,
         belief: BeliefScores | None = None,
     ) -> None:
@@ -59,6 +62,7 @@ class RunBlock:
         self.names, self.errors, self.covariance = names, errors, covariance
         self.log_evidence = np.full(runs, np.nan) if log_evidence is None else log_evidence
         self.improbable = np.zeros(runs, dtype=bool) if improbable is None else improbable
+        self.unresolved = unresolved
         self.status = np.zeros(runs, dtype=np.int8) if status is None else status
         sampled = np.zeros(0, dtype=bool) if belief is None else np.isfinite(belief.energy)
         self.belief = (
@@ -185,6 +189,7 @@ METRICS = (
     Metric("share_diverged", "%", lambda runs: runs.status == Status.DIVERGED.code, "share",
            label="diverged"),
     Metric("share_improbable", "%", lambda runs: runs.improbable, "share", label="improbable measurements"),
+    Metric("share_unresolved", "%", lambda runs: runs.unresolved, "share", label="numerically unresolved"),
     Metric("log_score", "nats", lambda runs: log_score(runs.nees, runs.covariance, runs.positive), "mean",
            label="log score"),
     Metric("energy_score", "m", _energy_score, "mean", shown=TERMINAL, label="energy score"),

@@ -105,6 +105,11 @@ class Row:
     diverged = _figure("share_diverged", "Share of planned runs that no hypothesis explained.")
     improbable = _figure("share_improbable", "Share of ok runs whose evidence lies below the floor.")
 
+    @property
+    def unresolved(self) -> Interval:
+        """Share of ok runs that are off by over 5 % of a deviation by own account; NaN if none is given."""
+        return self.figures.get("share_unresolved", Interval(math.nan, math.nan, math.nan))
+
     def of_components(self, name: str) -> tuple[Interval, ...]:
         """A figure of each component."""
         return tuple(self.figures[f"{name}_{component}"] for component in self.names)

@@ -60,6 +60,7 @@ def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> l
     """
     truth = results.source.world(first, first + len(ok))[0]
     errors = results.space.difference(truth, trials.mean)
+    unresolved = trials.unresolved
     return [
         RunBlock(
             results.space.names,
@@ -67,6 +68,7 @@ def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> l
             trials.covariance[ok, step],
             log_evidence=trials.log_evidence[ok, step],
             improbable=trials.improbable[ok, step],
+            unresolved=None if unresolved is None else unresolved[ok, step],
             status=trials.status,
             belief=trials.belief(step, ok),
         )

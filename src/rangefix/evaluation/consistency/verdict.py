@@ -167,6 +167,12 @@ def _caveats(row: Row) -> tuple[str, ...]:
     if row.improbable.value > MENTION_SHARE:
         share = format_percent(row.improbable.value)
         notes.append(f"in {share} of the runs its own model all but excludes what was measured")
+    if row.unresolved.value > MENTION_SHARE:
+        share = format_percent(row.unresolved.value)
+        notes.append(
+            f"in {share} of the runs its cells are too coarse: by its own account it is off by more than "
+            "5 % of a deviation"
+        )
     if row.one_truth:
         notes.append(
             "all runs have the same true state: an exact Bayesian filter is honest on average over its "

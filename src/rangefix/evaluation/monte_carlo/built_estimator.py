@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...arrays import Array, real_floats
 from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
-from ...filters.estimator import filtered
+from ...filters.estimator import filtered, numerical_error
 from ...filters.plugin_line import plugin_line
 from ..experiment import Builder, NamedEstimator
 from ..isolation import Stage, begin_piece, begin_stage, memory_hint
@@ -64,6 +66,7 @@ class BuiltEstimator(NamedTuple):
         rngs = Streams(self.trial.seed, "estimator", runs)
         outcome = failed_outcome(measurement.shape, self.trial.problem.space.size)
         scores: list[BeliefScores | None] = []
+        errors: list[Array | None] = []
         stage = Stage(verb="init", step=0)
 
         def begin(verb: str, step: int) -> None:
@@ -88,6 +91,8 @@ class BuiltEstimator(NamedTuple):
                     if array.shape != wanted and (name != "log_evidence" or array.ndim):
                         raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
                     target[:, step] = array
+                begin("error", step)
+                errors.append(numerical_error(self.estimator, belief, len(measurement)))
                 if truth is not None:
                     from ..consistency.belief_scores import judge_belief
 
@@ -101,6 +106,8 @@ class BuiltEstimator(NamedTuple):
             text += "; copy what you write to" if "read-only" in text else memory_hint(error)
             where = plugin_line(error.__traceback__)
             raise TrialError(f"{stage.words} failed: {type(error).__name__}: {text}{where}") from error
+        if told := [error for error in errors if error is not None]:
+            outcome = outcome._replace(numerical_error=np.stack(told, axis=1))
         if not (known := [score for score in scores if score is not None]):
             return outcome
         from ..consistency.belief_scores import belief_arrays
@@ -149,7 +156,7 @@ class BuiltEstimator(NamedTuple):
         outcome = with_status(*tried[:3])
         outcome.reasons.update(tried.reasons)
         outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
-        return outcome._replace(beliefs=tried.beliefs)
+        return outcome._replace(beliefs=tried.beliefs, numerical_error=tried.numerical_error)
 
     def time(self, measurement: Array) -> dict[str, Any]:
         """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""

@@ -45,6 +45,7 @@ class Outcome(NamedTuple):
     """Estimates (M, T, ...), status codes (M,) and, by place in the batch, why a trial is not ok.
 
     Where beliefs are judged and the estimator can sample them, also what `belief_scores.py` says of them.
+    Where it knows its numerical error that too, (M, T), in deviations; NaN where it does not.
     """
 
     mean: Array
@@ -53,6 +54,7 @@ class Outcome(NamedTuple):
     status: NDArray[np.int8]
     reasons: dict[int, str]
     beliefs: Mapping[str, Array] = {}
+    numerical_error: Array | None = None
 
 
 def failed_outcome(shape: tuple[int, ...], size: int, status: str = Status.OK, reason: str = "") -> Outcome:
@@ -129,7 +131,16 @@ def concatenate(outcomes: list[Outcome]) -> Outcome:
         unknown = (np.full((len(outcome.status), *array.shape[1:]), np.nan) for outcome in outcomes)
         pairs = zip(outcomes, unknown, strict=True)
         beliefs[name] = np.concatenate([outcome.beliefs.get(name, nan) for outcome, nan in pairs])
-    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs)
+    errors = None
+    if any(outcome.numerical_error is not None for outcome in outcomes):
+        blank = (np.full(outcome.log_evidence.shape, np.nan) for outcome in outcomes)
+        errors = np.concatenate(
+            [
+                nan if outcome.numerical_error is None else outcome.numerical_error
+                for outcome, nan in zip(outcomes, blank, strict=True)
+            ]
+        )
+    return Outcome(mean, covariance, log_evidence, status, reasons, beliefs, errors)
 
 
 class BeliefScores(NamedTuple):

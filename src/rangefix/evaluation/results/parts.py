@@ -35,6 +35,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         "failed": np.array(failed, dtype=np.int64),
         "reasons": np.array([outcome.reasons[place][:LONGEST_REASON] for place in failed], dtype=str),
         **outcome.beliefs,
+        **({} if outcome.numerical_error is None else {"numerical_error": outcome.numerical_error}),
     }
 
 
@@ -117,6 +118,7 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
         "covariance": Form((*each, size, size)),
         "log_evidence": Form(each),
         "log_evidence_floor": Form(each),
+        "numerical_error": Form(each, optional=True),
         "status": Form((runs,), "|i1"),
         "failed": Form((None,), "<i8"),
         "reasons": Form((None,), "U"),
@@ -137,6 +139,8 @@ def _fault(part: Part) -> str:
     covariance = part["covariance"][ok]
     if not np.isfinite(covariance).all() or not is_covariance(covariance).all():
         return "covariance: not one, of a run that is ok"
+    if (part.get("numerical_error", np.zeros(0)) < 0).any():  # NaN: not known
+        return "numerical_error: negative"
     if np.isinf(part["log_evidence"][ok]).any():  # NaN: the estimator tells none
         return "log_evidence: infinite, of a run that is ok"
     return ""

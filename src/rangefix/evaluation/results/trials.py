@@ -15,6 +15,8 @@ from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, failures_of
 from .parts import read_trials, read_world
 
+UNRESOLVED = 0.05  # deviations of the posterior: a greater numerical error is told
+
 
 @dataclass(frozen=True)
 class Trials:
@@ -29,6 +31,8 @@ class Trials:
         log_evidence_floor: Below it they were improbable, (M, T).
         status: Codes of `Status`, (M,).
         reasons: Run -> why it is not ok.
+        numerical_error: What the estimator says that mean and covariance may be off by from the exact answer
+            of its own model, in deviations, (M, T); NaN where it does not know.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
     """
@@ -42,6 +46,7 @@ class Trials:
     status: NDArray[np.int8]
     reasons: Mapping[int, str] = field(default_factory=dict)
     beliefs: Mapping[str, Array] = field(default_factory=dict)
+    numerical_error: Array | None = None
 
     def part(self, first: int, end: int) -> Trials:
         """Runs first to end - 1."""
@@ -55,6 +60,7 @@ class Trials:
             status=self.status[runs],
             reasons={run: text for run, text in self.reasons.items() if first <= run < end},
             beliefs={name: array[runs] for name, array in self.beliefs.items()},
+            numerical_error=None if self.numerical_error is None else self.numerical_error[runs],
         )
 
     def __repr__(self) -> str:
@@ -79,6 +85,13 @@ class Trials:
     def improbable(self) -> BoolArray:
         """Which ok runs met measurements that the estimator's model all but excludes, (M, T)."""
         return np.asarray(self.ok[:, None] & (self.log_evidence < self.log_evidence_floor))
+
+    @property
+    def unresolved(self) -> BoolArray | None:
+        """Which ok runs are off by more than UNRESOLVED by own account, (M, T); None without one."""
+        if self.numerical_error is None or np.isnan(self.numerical_error).all():
+            return None
+        return np.asarray(self.ok[:, None] & (self.numerical_error > UNRESOLVED))
 
     @property
     def failures(self) -> dict[str, int]:
@@ -144,6 +157,7 @@ class InFolder:
             "covariance": np.full((runs, steps, size, size), np.nan),
             "log_evidence": np.full((runs, steps), np.nan),
             "log_evidence_floor": np.full((runs, steps), np.nan),
+            "numerical_error": np.full((runs, steps), np.nan),
             "status": np.full(runs, Status.SKIPPED.code, dtype=np.int8),
         }
         reasons: dict[int, str] = {}
@@ -157,7 +171,8 @@ class InFolder:
             part = read_trials(self.folder, self.plan, estimator, beams, low, high)
             mine, its = _overlap(low, high, first, end)
             for name, array in arrays.items():
-                array[mine] = part[name][its]
+                if name in part:  # numerical errors are told by some estimators only
+                    array[mine] = part[name][its]
             for name, found in belief_of(part).items():
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
             for place, reason in zip(part["failed"], part["reasons"], strict=True):

@@ -55,8 +55,8 @@ class RangesByCell:
     def moments(self, readings: Readings, mass: CellMass, correct: bool = True) -> Moments:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
-        To be correct, the covariance has what cells wider than the posterior miss: see `mode_shape`. The mass is that of
-        each cell, (1 or M, G), and what `top` makes of it.
+        Where asked to be correct, the covariance has what cells wider than the posterior miss: see
+        `mode_shape`. The mass is that of each cell, (1 or M, G), and what `top` makes of it.
         """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         gaussian_moments(readings, self.table, mass, sums)

@@ -17,12 +17,14 @@ from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import is_definite
+from ..space import deviations_apart, is_definite
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
+OTHER_SHIFT = 0.382  # of a cell, by which other cells are shifted against these
+ERROR_FACTOR = 2.0  # on the difference of two lattices, for it may be small by chance
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
@@ -40,6 +42,8 @@ class PointMassBelief(BriefRepr):
         readings: Their mean, (M, B), m; inf = no return.
         log_scale: Log of what the readings' densities have in common over all cells, (M,).
         estimate: What it all comes down to.
+        prior: What it began from.
+        measurements: All of them, (M, T, B), m: what other cells are told, to see how far these are off.
     """
 
     log_mass: Array
@@ -48,6 +52,8 @@ class PointMassBelief(BriefRepr):
     readings: Array
     log_scale: Array
     estimate: Estimate
+    prior: Prior
+    measurements: Array
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,8 +79,9 @@ class PointMassFilter(BriefRepr):
         heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
         memory_gb: The most that the table of expected ranges may take, GB; posteriors come on top.
-        cell_correction: Whether the covariance is raised by what cells wider than the posterior miss. Without it
-            the filter is the paper's.
+        cell_correction: Whether the covariance is raised by what cells wider than the posterior miss. Without
+            it the filter is the paper's.
+        shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
 
     Raises:
         ValueError: If the cell size is not positive, there are too many cells or ranges, no cell is in free
@@ -87,6 +94,7 @@ class PointMassFilter(BriefRepr):
     most_cells: int = 20_000_000
     memory_gb: float = 4.0
     cell_correction: bool = True
+    shift: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
@@ -96,7 +104,7 @@ class PointMassFilter(BriefRepr):
     @cached_property
     def grid(self) -> Grid:
         """The cells that the prior allows."""
-        return build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
+        return build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells, self.shift)
 
     @cached_property
     def cells(self) -> CellRanges:
@@ -119,11 +127,17 @@ class PointMassFilter(BriefRepr):
             log_mass = log_mass - np.logaddexp.reduce(log_mass)
         blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
         log_mass, none = log_mass[None], np.zeros((1, beams))
-        first = PointMassBelief(log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank)
+        nothing = np.zeros((1, 0, beams))
+        first = PointMassBelief(
+            log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank, prior, nothing
+        )
         prior_moments = self._finish(first, None).estimate  # the same for all runs: worked out once
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in prior_moments))
         counts, readings = np.zeros((2, runs, beams))
-        return PointMassBelief(log_mass, first.top_mass, counts, readings, np.zeros(runs), shared)
+        nothing = np.zeros((runs, 0, beams))
+        return PointMassBelief(
+            log_mass, first.top_mass, counts, readings, np.zeros(runs), shared, prior, nothing
+        )
 
     def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
@@ -138,6 +152,13 @@ class PointMassFilter(BriefRepr):
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.counts))
+        return replace(
+            self._updated(belief, measurement),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
+
+    def _updated(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
+        """What a checked measurement makes of a belief."""
         if self.problem.sensor.gaussian_stds is not None:
             with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
                 after = self._with_readings(belief, measurement)
@@ -147,6 +168,27 @@ class PointMassFilter(BriefRepr):
     def estimate(self, belief: PointMassBelief) -> Estimate:
         """Posterior mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
         return belief.estimate
+
+    @cached_property
+    def other_cells(self) -> PointMassFilter:
+        """The same filter on cells of the same size, shifted against these."""
+        return replace(self, shift=OTHER_SHIFT, most_cells=4 * self.most_cells, memory_gb=2 * self.memory_gb)
+
+    def error(self, belief: PointMassBelief) -> Array:
+        """How far mean and covariance may be off for cells of this size, in posterior deviations, (M,).
+
+        Twice the difference to what cells of the same size answer that are shifted against these. Where both
+        miss a mode alike it does not tell.
+        """
+        mean, _, log_evidence = belief.estimate
+        runs, possible = len(mean), np.asarray(log_evidence) > -np.inf
+        rngs: list[Generator] = [np.random.default_rng(0)] * runs  # nothing is drawn
+        other = self.other_cells.init(belief.prior, rngs)
+        for measurement in np.moveaxis(belief.measurements, 1, 0):
+            other = self.other_cells.update(other, measurement, rngs)
+        apart = deviations_apart(self.problem.space, belief.estimate, other.estimate)
+        apart = np.where(np.asarray(other.estimate.log_evidence) > -np.inf, ERROR_FACTOR * apart, np.inf)
+        return np.where(possible, apart, 0.0)
 
     def posterior(self, belief: PointMassBelief) -> Array:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from ..problem import Problem
+from ..refined_cells import RefinedPointMassFilter
 from .filter import PointMassFilter
-from .refined import RefinedPointMassFilter
 
 ACCURACY = 0.02  # of mean and covariance, in deviations
 REFINED_CELLS = 200_000
@@ -30,9 +30,9 @@ def point_mass(
         cell: Largest cell size, one number or one for each component; m, or rad for a heading. Without it the
             cells follow the readings, and are as small as `accuracy` asks for.
         heading_cell: With `cell`: that of an unknown heading, rad, where `cell` is one number for the others.
-        cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds what
-            cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
-        accuracy: Without `cell`: what mean and covariance may be off by, in deviations of the posterior; 0.02.
+        cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
+            what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
+        accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
         most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid, 20
             million.
         memory_gb: With `cell`: the most that the table of expected ranges may take, GB; 4.

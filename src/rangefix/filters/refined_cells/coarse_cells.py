@@ -1,7 +1,7 @@
 """Coarse cells over a prior, shared by all runs: which of them can hold what a reading says.
 
-Each cell knows, from places spread over it, between which ranges each beam's lies. Where a range jumps inside a cell they
-fall into two clusters with a gap between, and so a reading in the gap fits neither.
+Each cell knows, from places spread over it, between which ranges each beam's lies. Where a range jumps inside
+a cell they fall into two clusters with a gap between, and so a reading in the gap fits neither.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
 
 
 def _places(centres: Array, step: Array, side: int, rng: Generator) -> Array:
-    """Places spread over cells, one at random in each of side^n parts, and their corners: (G, n) -> (G, S, n)."""
+    """Places spread over cells, one in each of side^n parts, and their corners: (G, n) -> (G, S, n)."""
     size = len(step)
     parts = np.stack(np.unravel_index(np.arange(side**size), (side,) * size), -1)
     ends = CORNER * (np.stack(np.unravel_index(np.arange(2**size), (2,) * size), -1) - 0.5)

@@ -1,4 +1,4 @@
-"""The point-mass filter whose cells follow the readings: halved where the posterior is sharp or a range jumps."""
+"""The point-mass filter whose cells follow the readings: fine where a posterior is sharp or cut."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import is_definite
+from ..space import deviations_apart, is_definite
 from .coarse_cells import CoarseCells, cover
 from .likelihood import Likelihood
 from .refinement import Refined, Refinement
@@ -73,7 +73,9 @@ class RefinedPointMassFilter(BriefRepr):
             raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
         if self.problem.space.names not in (("x1", "x2"), ("x1", "x2", "heading")):
             names = ", ".join(self.problem.space.names)
-            raise ValueError(f"without cell the point-mass filter takes x1, x2 and heading, not {names}: give cell")
+            raise ValueError(
+                f"without cell the point-mass filter takes x1, x2 and heading, not {names}: give cell"
+            )
         if not 0 < self.accuracy < 1:
             raise ValueError(f"accuracy must be between 0 and 1, got {self.accuracy}")
         if not self.most_cells > 0:
@@ -152,10 +154,8 @@ class RefinedPointMassFilter(BriefRepr):
         for start in range(0, len(some), RUNS_AT_ONCE):
             part = some[start : start + RUNS_AT_ONCE]
             other = self._answer(self.other_coarse, belief.readings[part])
-            std = np.sqrt(np.diagonal(covariance[part], axis1=1, axis2=2))
-            off = np.abs(self.problem.space.difference(other.mean, mean[part])) / std
-            wrong = np.abs(other.covariance - covariance[part]) / (std[:, :, None] * std[:, None])
-            differs = np.maximum(off.max(axis=1), wrong.max(axis=(1, 2)))
+            mine, theirs = (mean[part], covariance[part], None), (other.mean, other.covariance, None)
+            differs = deviations_apart(self.problem.space, mine, theirs)
             differs = np.where(other.log_integral > -np.inf, differs, np.inf)
             errors[part] = np.maximum(errors[part], differs)
         return errors
@@ -203,4 +203,3 @@ class RefinedPointMassFilter(BriefRepr):
         flat = (found.log_integral > -np.inf) & ~is_definite(found.covariance, SUM_ROUNDING)
         found.covariance[flat] += np.diag(coarse.step**2 / 12)
         return found
-

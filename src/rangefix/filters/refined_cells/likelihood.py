@@ -1,4 +1,4 @@
-"""How probable all readings of a run are at expected ranges, and how near a beam's range must be known for that."""
+"""How probable all readings of a run are at expected ranges, and how finely ranges must be known."""
 
 from __future__ import annotations
 
@@ -72,27 +72,18 @@ class Likelihood:
             mean, precision, common = self._gaussian
             level = np.expand_dims(common[runs], tuple(range(1, 1 + extra)))
             total = np.broadcast_to(level, expected.shape[:-1]).copy()
+            if np.isinf(mean).any() or np.isinf(expected).any():
+                return _with_silence(self._gaussian, runs, expected)
             for beam in range(expected.shape[-1]):
                 y = np.expand_dims(mean[runs, beam], tuple(range(1, 1 + extra)))
                 weight = np.expand_dims(precision[runs, beam], tuple(range(1, 1 + extra)))
                 total -= 0.5 * weight * (expected[..., beam] - y) ** 2
-            odd = np.isinf(mean).any() or np.isinf(expected).any()
-            return self._with_silence(runs, expected, total) if odd else total
+            return total
         total = np.zeros(expected.shape[:-1])
         for row in np.moveaxis(self.readings, 1, 0):
             reading = np.expand_dims(row[runs], tuple(range(1, 1 + extra)))
             total += self.sensor.log_density(reading, expected)
         return total
-
-    def _with_silence(self, runs: IntArray, expected: Array, total: Array) -> Array:
-        """The same where readings or ranges are inf: they only fit each other."""
-        mean, precision, common = self._gaussian or (np.zeros((0, 0)),) * 3
-        extra = tuple(range(1, expected.ndim - 1))
-        y, weight = (np.expand_dims(part[runs], extra) for part in (mean, precision))
-        with np.errstate(invalid="ignore", over="ignore"):
-            terms = np.where(weight > 0, -0.5 * weight * (expected - y) ** 2, 0.0)
-        terms = np.where((weight > 0) & np.isposinf(expected), np.where(np.isposinf(y), 0.0, -np.inf), terms)
-        return np.asarray(np.expand_dims(common[runs], extra) + terms.sum(-1))
 
     def _of_beams(self, runs: IntArray, expected: Array) -> Array:
         """What each beam adds, summed over the measurements: (M, K, B) -> (M, K, B)."""
@@ -120,3 +111,14 @@ class Likelihood:
             level = np.where(finite, 0.5 * LOG_TWO_PI + np.log(stds), 0.0)
             common = -(0.5 * spread**2 + level).sum(axis=(1, 2))
         return mean, counts / stds**2, np.where(mixed, -np.inf, common)
+
+
+def _with_silence(gaussian: tuple[Array, Array, Array], runs: IntArray, expected: Array) -> Array:
+    """`Likelihood.log_density` where readings or ranges are inf: they only fit each other."""
+    mean, precision, common = gaussian
+    extra = tuple(range(1, expected.ndim - 1))
+    y, weight = (np.expand_dims(part[runs], extra) for part in (mean, precision))
+    with np.errstate(invalid="ignore", over="ignore"):
+        terms = np.where(weight > 0, -0.5 * weight * (expected - y) ** 2, 0.0)
+    terms = np.where((weight > 0) & np.isposinf(expected), np.where(np.isposinf(y), 0.0, -np.inf), terms)
+    return np.asarray(np.expand_dims(common[runs], extra) + terms.sum(-1))
