@@ -1,6 +1,6 @@
 """The point-mass filter without `cell` against exact integrals, closed forms and itself on other cells.
 
-Random problems by hand, for the figures of docs/decisions/0032: python -m tests.filters.refined_cells.test_filter 400
+By hand, for the figures of docs/decisions/0032: python -m tests.filters.refined_cells.test_filter 400
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def against_exact(family: str, number: int) -> tuple[float, float, bool]:
     ("family", "number"), [("room", 4), ("room", 7), ("plan", 5), ("plan", 17), ("limited", 21)]
 )
 def test_it_is_right_to_the_error_that_it_states(family: str, number: int) -> None:
-    """Mean and covariance within the accuracy of 0.02, and within what is stated: the exact filter errs by 1e-7."""
+    """Within the accuracy of 0.02, and within what is stated; the exact filter errs by 1e-7."""
     off, stated, _ = against_exact(family, number)
     assert off < 0.02
     assert off <= max(stated, LEAST_ERROR)
@@ -79,7 +79,7 @@ def test_it_is_right_to_the_error_that_it_states(family: str, number: int) -> No
 @pytest.mark.study
 @pytest.mark.parametrize("family", POSITION)
 def test_random_problems(family: str) -> None:
-    """400 of each family: at most 1 % missed, none of them unflagged; the error exceeded in 0.5 %, by 3 times."""
+    """400 of each: at most 1 % missed, none unflagged; the error exceeded in 0.5 %, by at most 3 times."""
     off, stated, missed = map(np.array, zip(*(against_exact(family, k) for k in range(400)), strict=True))
     assert missed.mean() <= 0.01
     assert not (missed & (stated <= MISS_MEAN)).any()
@@ -119,7 +119,7 @@ def test_log_evidence_and_two_measurements() -> None:
 
 
 def test_an_unknown_heading() -> None:
-    """Three components against a dense grid of cells a third of the deviations wide: within 0.03 deviations."""
+    """Three components against a dense grid of cells a third of the deviations wide: within 0.03."""
     room, space = RectangularRoom(4.0, 6.0), pose_space()
     sensor = Rangefinder(room, np.deg2rad([0.0, 75.0, 160.0, 260.0]), Gaussian(0.2), space)
     problem = Problem(space, Stationary(space), sensor, Uniform(room, space, headings=(0.2, 1.0)))
@@ -133,7 +133,7 @@ def test_an_unknown_heading() -> None:
 
 
 def test_too_few_cells_are_told() -> None:
-    """A limit that is too low for a ridge gives an answer with a large error, and no more cells than allowed."""
+    """A limit that is too low for a ridge gives an answer with a large error."""
     problem = still(RectangularRoom(8.0, 6.0), np.array([0.3]), 0.01)
     reading = np.array([[3.0]])
     stated = []

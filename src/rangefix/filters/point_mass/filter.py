@@ -17,14 +17,14 @@ from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import deviations_apart, is_definite
+from ..space import StateSpace, deviations_apart, is_definite
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
-OTHER_SHIFT = 0.382  # of a cell, by which other cells are shifted against these
-ERROR_FACTOR = 2.0  # on the difference of two lattices, for it may be small by chance
+OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted against these
+ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
@@ -170,25 +170,29 @@ class PointMassFilter(BriefRepr):
         return belief.estimate
 
     @cached_property
-    def other_cells(self) -> PointMassFilter:
-        """The same filter on cells of the same size, shifted against these."""
-        return replace(self, shift=OTHER_SHIFT, most_cells=4 * self.most_cells, memory_gb=2 * self.memory_gb)
+    def other_cells(self) -> tuple[PointMassFilter, ...]:
+        """The same filter on cells of the same size, shifted against these to either side."""
+        room = replace(self, most_cells=4 * self.most_cells, memory_gb=2 * self.memory_gb)
+        return tuple(replace(room, shift=shift) for shift in OTHER_SHIFTS)
 
     def error(self, belief: PointMassBelief) -> Array:
         """How far mean and covariance may be off for cells of this size, in posterior deviations, (M,).
 
-        Twice the difference to what cells of the same size answer that are shifted against these. Where both
-        miss a mode alike it does not tell.
+        Half as much again as the difference to what cells answer that are shifted against these, to either
+        side: together they see a wall or a jump as finer cells would. A mode that all miss is not told.
         """
         mean, _, log_evidence = belief.estimate
-        runs, possible = len(mean), np.asarray(log_evidence) > -np.inf
-        rngs: list[Generator] = [np.random.default_rng(0)] * runs  # nothing is drawn
-        other = self.other_cells.init(belief.prior, rngs)
-        for measurement in np.moveaxis(belief.measurements, 1, 0):
-            other = self.other_cells.update(other, measurement, rngs)
-        apart = deviations_apart(self.problem.space, belief.estimate, other.estimate)
-        apart = np.where(np.asarray(other.estimate.log_evidence) > -np.inf, ERROR_FACTOR * apart, np.inf)
-        return np.where(possible, apart, 0.0)
+        possible = np.asarray(log_evidence) > -np.inf
+        rngs: list[Generator] = [np.random.default_rng(0)] * len(mean)  # nothing is drawn
+        answers = []
+        for cells in self.other_cells:
+            other = cells.init(belief.prior, rngs)
+            for measurement in np.moveaxis(belief.measurements, 1, 0):
+                other = cells.update(other, measurement, rngs)
+            answers.append(other.estimate)
+        reference = mixed(self.problem.space, answers)
+        apart = ERROR_FACTOR * deviations_apart(self.problem.space, belief.estimate, reference)
+        return np.where(possible, np.where(reference.log_evidence > -np.inf, apart, np.inf), 0.0)
 
     def posterior(self, belief: PointMassBelief) -> Array:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""
@@ -283,3 +287,16 @@ class PointMassFilter(BriefRepr):
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
+
+
+def mixed(space: StateSpace, answers: Sequence[Estimate]) -> Estimate:
+    """Moments of beliefs that count as their evidence says; log evidence -inf where none is possible."""
+    logs = np.stack([np.asarray(answer.log_evidence) for answer in answers], axis=1)
+    top = logs.max(axis=1)
+    shares = np.exp(logs - np.where(top > -np.inf, top, 0.0)[:, None])
+    shares /= np.maximum(shares.sum(axis=1), 1.0)[:, None]
+    means = np.stack([answer.mean for answer in answers], axis=1)
+    mean, covariance = space.moments(means, shares)
+    for share, answer in zip(shares.T, answers, strict=True):
+        covariance += share[:, None, None] * answer.covariance
+    return Estimate(mean, covariance, top)
