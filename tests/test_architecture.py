@@ -111,6 +111,7 @@ evaluation.seeds
 filters filters.checks
 filters.adaptive
 filters.point_mass filters.exact filters.particle filters.kalman filters.registry
+filters.refined_cells
 filters.models filters.images
 filters.estimator filters.sampling filters.compiled filters.plugin_line
 filters.measurement

@@ -22,7 +22,7 @@ from .problem import Problem
 
 GROUP = "rangefix.estimators"
 BUILT_IN = {
-    "point-mass": "rangefix.filters.point_mass:PointMassFilter",
+    "point-mass": "rangefix.filters.point_mass:point_mass",
     "adaptive-point-mass": "rangefix.filters.adaptive:adaptive_point_mass",
     "particle": "rangefix.filters.particle:ParticleFilter",
     "ekf": "rangefix.filters.kalman:ExtendedKalmanFilter",

@@ -91,7 +91,7 @@ def cell_draws(
     Args:
         centres: Of the cells, (G, n).
         log_weights: Need not be normalised, not all -inf, (G,).
-        step: Cell size along each axis, (n,).
+        step: Cell size along each axis, (n,), or that of each cell, (G, n).
         claim: Claimed mean (n,) and covariance (n, n), positive semidefinite.
         size: Draws, S.
         space: The state space.
@@ -106,9 +106,11 @@ def cell_draws(
     centres, weights = centres[kept], np.exp(log_weights[kept] - top)
     weights /= weights.sum()
     places = _places(weights, size, rng)
-    within = step * (rng.random((size, len(step))) - 0.5)
+    width = step if step.ndim == 1 else step[kept][places]
+    within = width * (rng.random((size, space.size)) - 0.5)
     off = space.difference(centres, mean)  # where angles cancel, another mean would be another turn
-    root = np.linalg.cholesky((off * weights[:, None]).T @ off + np.diag(step**2 / 12))
+    spread = step**2 / 12 if step.ndim == 1 else weights @ step[kept] ** 2 / 12
+    root = np.linalg.cholesky((off * weights[:, None]).T @ off + np.diag(spread))
     white = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
     values, vectors = np.linalg.eigh(white)
     shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T

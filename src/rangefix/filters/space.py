@@ -98,6 +98,26 @@ class StateSpace:
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
 
 
+def deviations_apart(
+    space: StateSpace, one: tuple[Array, Array, object], other: tuple[Array, Array, object]
+) -> Array:
+    """How far two means and covariances are apart, in deviations of the first, (M,); inf where it has none.
+
+    The greatest of |m_i - m'_i| / s_i and |P_ij - P'_ij| / (s_i s_j), angles the short way round.
+
+    Args:
+        space: The state space.
+        one, other: Means (M, n) and covariances (M, n, n), and whatever else an estimate has.
+    """
+    (mean, covariance), (mean_2, covariance_2) = one[:2], other[:2]
+    std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.abs(space.difference(mean_2, mean)) / std
+        wrong = np.abs(covariance_2 - covariance) / (std[:, :, None] * std[:, None])
+    apart = np.maximum(off.max(axis=1), wrong.max(axis=(1, 2)))
+    return np.where(np.isnan(apart), np.inf, apart)
+
+
 def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
     """Which covariances are finite and positive definite by more than rounding leaves.
 

@@ -413,4 +413,4 @@ def test_headings_have_cells_of_their_own() -> None:
         known, Stationary(known), Rangefinder(room, np.zeros(1), Gaussian(0.3), known), Uniform(room, known)
     )
     with pytest.raises(ValueError, match="heading_cell is for an unknown heading"):
-        build("point-mass", still, heading_cell=0.2)
+        build("point-mass", still, cell=0.5, heading_cell=0.2)

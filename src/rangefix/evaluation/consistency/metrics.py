@@ -29,7 +29,7 @@ from .scores import crps, energy_score, is_positive, log_score, nees
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
-MAX_ERROR = 0.1  # deviations of the posterior by which numerical errors may shift mean and covariance
+MAX_ERROR = 0.05  # deviations of the posterior by which numerical errors may shift mean and covariance
 MIN_EFFECTIVE = 50  # particles; plain filters with fewer err by up to 365 times the claim, with more by 1.07
 COMPONENT = "component"  # the unit of a figure that has that of its component of the state
 Place = Literal["csv", "terminal", "report", "compare"]

@@ -53,15 +53,16 @@ class RangesByCell:
         """Greatest log mass of each block of cells, (M, G) -> (M, ...)."""
         return block_bounds(log_mass.T)[1].T.copy()
 
-    def moments(self, readings: Readings, mass: CellMass) -> Moments:
+    def moments(self, readings: Readings, mass: CellMass, correct: bool = True) -> Moments:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
 
-        The covariance has what cells wider than the posterior miss: see `mode_shape`. The mass is that of
-        each cell, (1 or M, G), and what `top` makes of it.
+        Where asked to be correct, the covariance has what cells wider than the posterior miss: see
+        `mode_shape`. The mass is that of each cell, (1 or M, G), and what `top` makes of it.
         """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         gaussian_moments(readings, self.table, mass, sums)
-        add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
+        if correct:
+            add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:

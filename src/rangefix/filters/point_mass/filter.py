@@ -17,12 +17,14 @@ from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import is_definite
+from ..space import StateSpace, deviations_apart, is_definite
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
+OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted against these
+ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
 
@@ -40,6 +42,8 @@ class PointMassBelief(BriefRepr):
         readings: Their mean, (M, B), m; inf = no return.
         log_scale: Log of what the readings' densities have in common over all cells, (M,).
         estimate: What it all comes down to.
+        prior: What it began from.
+        measurements: All of them, (M, T, B), m: what other cells are told, to see how far these are off.
     """
 
     log_mass: Array
@@ -48,6 +52,8 @@ class PointMassBelief(BriefRepr):
     readings: Array
     log_scale: Array
     estimate: Estimate
+    prior: Prior
+    measurements: Array
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,6 +79,9 @@ class PointMassFilter(BriefRepr):
         heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
         memory_gb: The most that the table of expected ranges may take, GB; posteriors come on top.
+        cell_correction: Whether the covariance is raised by what cells wider than the posterior miss. Without
+            it the filter is the paper's.
+        shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
 
     Raises:
         ValueError: If the cell size is not positive, there are too many cells or ranges, no cell is in free
@@ -80,10 +89,12 @@ class PointMassFilter(BriefRepr):
     """
 
     problem: Problem
-    cell: ArrayLike = 0.05
+    cell: ArrayLike
     heading_cell: float | None = None
     most_cells: int = 20_000_000
     memory_gb: float = 4.0
+    cell_correction: bool = True
+    shift: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
@@ -93,7 +104,7 @@ class PointMassFilter(BriefRepr):
     @cached_property
     def grid(self) -> Grid:
         """The cells that the prior allows."""
-        return build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells)
+        return build_grid(self.problem.prior, self.problem.space, self._sizes, self.most_cells, self.shift)
 
     @cached_property
     def cells(self) -> CellRanges:
@@ -116,11 +127,17 @@ class PointMassFilter(BriefRepr):
             log_mass = log_mass - np.logaddexp.reduce(log_mass)
         blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
         log_mass, none = log_mass[None], np.zeros((1, beams))
-        first = PointMassBelief(log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank)
+        nothing = np.zeros((1, 0, beams))
+        first = PointMassBelief(
+            log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank, prior, nothing
+        )
         prior_moments = self._finish(first, None).estimate  # the same for all runs: worked out once
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in prior_moments))
         counts, readings = np.zeros((2, runs, beams))
-        return PointMassBelief(log_mass, first.top_mass, counts, readings, np.zeros(runs), shared)
+        nothing = np.zeros((runs, 0, beams))
+        return PointMassBelief(
+            log_mass, first.top_mass, counts, readings, np.zeros(runs), shared, prior, nothing
+        )
 
     def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
@@ -135,6 +152,13 @@ class PointMassFilter(BriefRepr):
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.counts))
+        return replace(
+            self._updated(belief, measurement),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
+
+    def _updated(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
+        """What a checked measurement makes of a belief."""
         if self.problem.sensor.gaussian_stds is not None:
             with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
                 after = self._with_readings(belief, measurement)
@@ -144,6 +168,31 @@ class PointMassFilter(BriefRepr):
     def estimate(self, belief: PointMassBelief) -> Estimate:
         """Posterior mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
         return belief.estimate
+
+    @cached_property
+    def other_cells(self) -> tuple[PointMassFilter, ...]:
+        """The same filter on cells of the same size, shifted against these to either side."""
+        room = replace(self, most_cells=4 * self.most_cells, memory_gb=2 * self.memory_gb)
+        return tuple(replace(room, shift=shift) for shift in OTHER_SHIFTS)
+
+    def error(self, belief: PointMassBelief) -> Array:
+        """How far mean and covariance may be off for cells of this size, in posterior deviations, (M,).
+
+        Half as much again as the difference to what cells answer that are shifted against these, to either
+        side: together they see a wall or a jump as finer cells would. A mode that all miss is not told.
+        """
+        mean, _, log_evidence = belief.estimate
+        possible = np.asarray(log_evidence) > -np.inf
+        rngs: list[Generator] = [np.random.default_rng(0)] * len(mean)  # nothing is drawn
+        answers = []
+        for cells in self.other_cells:
+            other = cells.init(belief.prior, rngs)
+            for measurement in np.moveaxis(belief.measurements, 1, 0):
+                other = cells.update(other, measurement, rngs)
+            answers.append(other.estimate)
+        reference = mixed(self.problem.space, answers)
+        apart = ERROR_FACTOR * deviations_apart(self.problem.space, belief.estimate, reference)
+        return np.where(possible, np.where(reference.log_evidence > -np.inf, apart, np.inf), 0.0)
 
     def posterior(self, belief: PointMassBelief) -> Array:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""
@@ -228,12 +277,26 @@ class PointMassFilter(BriefRepr):
     def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
         """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
         readings = Readings(belief.readings, belief.counts * self._precision)
-        sums = self.cells.moments(readings, CellMass(belief.log_mass, belief.top_mass))
+        mass = CellMass(belief.log_mass, belief.top_mass)
+        sums = self.cells.moments(readings, mass, self.cell_correction)
         mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
-        flat = ~is_definite(covariance, SUM_ROUNDING)
+        flat = ~is_definite(covariance, SUM_ROUNDING) & self.cell_correction
         covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
         if before is not None:
             lost = ~np.isfinite(log_evidence)
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
+
+
+def mixed(space: StateSpace, answers: Sequence[Estimate]) -> Estimate:
+    """Moments of beliefs that count as their evidence says; log evidence -inf where none is possible."""
+    logs = np.stack([np.asarray(answer.log_evidence) for answer in answers], axis=1)
+    top = logs.max(axis=1)
+    shares = np.exp(logs - np.where(top > -np.inf, top, 0.0)[:, None])
+    shares /= np.maximum(shares.sum(axis=1), 1.0)[:, None]
+    means = np.stack([answer.mean for answer in answers], axis=1)
+    mean, covariance = space.moments(means, shares)
+    for share, answer in zip(shares.T, answers, strict=True):
+        covariance += share[:, None, None] * answer.covariance
+    return Estimate(mean, covariance, top)

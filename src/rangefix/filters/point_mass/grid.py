@@ -84,7 +84,7 @@ def count_cells(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> 
     return counts
 
 
-def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Grid:
+def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int, shift: ArrayLike = 0.0) -> Grid:
     """Cover the prior's support with cells no larger than asked and keep those it allows.
 
     Args:
@@ -92,14 +92,19 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> G
         space: The state space.
         cell: Largest cell size, one number or one for each component; m, or rad for an angle.
         most: The most cells the box may have.
+        shift: By which share of a cell the box begins before the support, 0 to 1, one number or (n,).
 
     Raises:
         ValueError: If a size is not positive, the box has more cells than allowed, or no cell is allowed.
     """
     counts = count_cells(prior, space, cell, most)
     lower, upper = prior.support
-    shape = tuple(int(count) for count in counts)
     step = (upper - lower) / counts
+    shift = np.broadcast_to(np.asarray(shift, dtype=float), lower.shape)
+    goes_round = space.is_angle & (np.abs(upper - lower - TWO_PI) < 1e-9)
+    counts = counts + ((shift > 0) & ~goes_round)
+    lower = lower - step * shift
+    shape = tuple(int(count) for count in counts)
     turns = shape[-1] if space.names[-1] == "heading" and space.size == 3 else 1
     places = _tiled(shape[:-1], PLACES_PER_TILE_SIDE) if turns > 1 else _tiled(shape, CELLS_PER_TILE_SIDE)
     row = np.arange(turns)

@@ -76,7 +76,7 @@ class RangesByDirection:
         most, turns = np.maximum.reduceat(by_place, starts, axis=1), np.arange(0, self.ranges.headings)
         return np.asarray(np.maximum.reduceat(most, turns[::HEADINGS_PER_BLOCK], axis=2))
 
-    def moments(self, readings: Readings, mass: CellMass) -> Moments:
+    def moments(self, readings: Readings, mass: CellMass, correct: bool = True) -> Moments:
         """See `RangesByCell`."""
         values, precisions = readings
         cells = mass._replace(logs=mass.logs.reshape(len(mass.logs), -1, self.ranges.headings))
@@ -94,7 +94,8 @@ class RangesByDirection:
             if best > -np.inf:
                 chosen = np.flatnonzero(logs > best - NEGLIGIBLE_NATS)
                 sum_up(chosen, logs[chosen], best, self.blocks, sums, int(run))
-        add_lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
+        if correct:
+            add_lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
         return sums
 
     def misfit(self, reading: Array, precision: Array) -> Array:

@@ -1,0 +1,61 @@
+"""The point-mass filter by its options: cells of a given size, or cells that follow the readings."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from ..problem import Problem
+from ..refined_cells import RefinedPointMassFilter
+from .filter import PointMassFilter
+
+ACCURACY = 0.02  # of mean and covariance, in deviations
+REFINED_CELLS = 200_000
+GRID_CELLS = 20_000_000
+MEMORY_GB = 4.0
+
+
+def point_mass(
+    problem: Problem,
+    cell: ArrayLike | None = None,
+    heading_cell: float | None = None,
+    cell_correction: bool | None = None,
+    accuracy: float | None = None,
+    most_cells: int | None = None,
+    memory_gb: float | None = None,
+) -> PointMassFilter | RefinedPointMassFilter:
+    """The point-mass filter for an object that stays where it is: the exact posterior, up to its cells.
+
+    Args:
+        problem: The problem; its motion must be `Stationary`.
+        cell: Largest cell size, one number or one for each component; m, or rad for a heading. Without it the
+            cells follow the readings, and are as small as `accuracy` asks for.
+        heading_cell: With `cell`: that of an unknown heading, rad, where `cell` is one number for the others.
+        cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
+            what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
+        accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
+        most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid, 20
+            million.
+        memory_gb: With `cell`: the most that the table of expected ranges may take, GB; 4.
+
+    Raises:
+        ValueError: If an option goes with the other kind of cells, or does not fit.
+    """
+    if cell is None:
+        with_cell = {"heading_cell": heading_cell, "cell_correction": cell_correction, "memory_gb": memory_gb}
+        if given := [name for name, value in with_cell.items() if value is not None]:
+            raise ValueError(f"{given[0]} goes with cell: without it the cells follow the readings")
+        return RefinedPointMassFilter(
+            problem,
+            ACCURACY if accuracy is None else accuracy,
+            REFINED_CELLS if most_cells is None else most_cells,
+        )
+    if accuracy is not None:
+        raise ValueError("accuracy goes without cell: cells of a given size are as accurate as they are")
+    return PointMassFilter(
+        problem,
+        cell,
+        heading_cell,
+        GRID_CELLS if most_cells is None else most_cells,
+        MEMORY_GB if memory_gb is None else memory_gb,
+        True if cell_correction is None else cell_correction,
+    )

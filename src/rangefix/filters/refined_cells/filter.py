@@ -1,0 +1,205 @@
+"""The point-mass filter whose cells follow the readings: fine where a posterior is sharp or cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+
+from ...arrays import Array
+from ..estimator import BriefRepr, Estimate, Image, brief
+from ..images import image_of_points
+from ..measurement import check_measurement
+from ..models.motion import Stationary
+from ..problem import Prior, Problem
+from ..sampling import cell_draws, gaussian_draws
+from ..space import deviations_apart, is_definite
+from .coarse_cells import CoarseCells, cover
+from .likelihood import Likelihood
+from .refinement import Refined, Refinement
+
+RUNS_AT_ONCE = 16
+SUM_ROUNDING = 1e-10  # of a covariance summed over cells
+OTHER_SEED = 1  # of the places of the second lattice, by which the error is told
+FIRST_SEED = 0
+
+
+@dataclass(frozen=True, repr=False)
+class RefinedBelief:
+    """A posterior as the readings that made it, and what they come down to.
+
+    Attributes:
+        readings: All measurements so far, (M, T, B), m.
+        estimate: Mean, covariance and log evidence.
+        error: What the cells say that mean and covariance may be off by, in deviations, (M,).
+    """
+
+    readings: Array
+    estimate: Estimate
+    error: Array
+
+    def __repr__(self) -> str:
+        return brief(self, self.estimate)
+
+
+@dataclass(frozen=True, repr=False)
+class RefinedPointMassFilter(BriefRepr):
+    """The exact posterior, up to an accuracy, of an object that stays where it is: cells follow the readings.
+
+    The prior is covered once with coarse cells, and each keeps between which ranges its beams' lie. For each
+    measurement those that can hold it are halved, with ranges cast anew, until no cell that counts is wider
+    than what the readings tell there, nor crossed by a jump of a range that matters. Within the cells
+    Gauss-Legendre rules integrate (docs/decisions/0033-cells-that-follow-the-readings.md).
+
+    Args:
+        problem: The problem; its motion must be `Stationary`, its space x1, x2 or x1, x2, heading.
+        accuracy: What mean and covariance may be off by, in standard deviations of the posterior.
+        most_cells: The most cells of one run. Where they are not enough the answer is coarser, and its error
+            says by how much.
+
+    Raises:
+        ValueError: If the problem is of another kind, an option is not positive, or the prior allows no cell.
+    """
+
+    problem: Problem
+    accuracy: float = 0.02
+    most_cells: int = 200_000
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.problem.motion, Stationary):
+            raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
+        if self.problem.space.names not in (("x1", "x2"), ("x1", "x2", "heading")):
+            names = ", ".join(self.problem.space.names)
+            raise ValueError(
+                f"without cell the point-mass filter takes x1, x2 and heading, not {names}: give cell"
+            )
+        if not 0 < self.accuracy < 1:
+            raise ValueError(f"accuracy must be between 0 and 1, got {self.accuracy}")
+        if not self.most_cells > 0:
+            raise ValueError(f"most_cells must be positive, got {self.most_cells}")
+        self.coarse  # noqa: B018 (cast before the first update, and refuses what does not fit)
+
+    @cached_property
+    def coarse(self) -> CoarseCells:
+        """The coarse cells, from which those of each run are made."""
+        return cover(self.problem, np.zeros(self.problem.space.size), FIRST_SEED)
+
+    @cached_property
+    def other_coarse(self) -> CoarseCells:
+        """A second lattice, shifted against the first: what it answers differently is an error."""
+        rng = np.random.default_rng(OTHER_SEED)
+        return cover(self.problem, rng.uniform(0.2, 0.8, self.problem.space.size), OTHER_SEED)
+
+    @cached_property
+    def prior_answer(self) -> Refined:
+        """The prior's moments, and the log of its integral over free space."""
+        return self._refinement(self.coarse).answer(self._likelihood(np.zeros((1, 0, self._beams))))
+
+    def init(self, prior: Prior, rngs: Sequence[Generator]) -> RefinedBelief:
+        """The prior, the same for all runs.
+
+        Raises:
+            ValueError: If the prior is not the problem's.
+        """
+        if prior is not self.problem.prior:
+            raise ValueError("this prior is not the problem's: build the estimator for it")
+        runs, found = len(rngs), self.prior_answer
+        shared = Estimate(
+            np.repeat(found.mean, runs, axis=0), np.repeat(found.covariance, runs, axis=0), np.zeros(runs)
+        )
+        return RefinedBelief(np.empty((runs, 0, self._beams)), shared, np.repeat(found.error, runs))
+
+    def predict(self, belief: RefinedBelief, control: Array, rngs: Sequence[Generator]) -> RefinedBelief:
+        """The same belief: the object stays where it is."""
+        return belief
+
+    def update(self, belief: RefinedBelief, measurement: Array, rngs: Sequence[Generator]) -> RefinedBelief:
+        """Bayes' rule for a measurement (M, B); NaN = beam not measured, inf = no return.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
+        """
+        runs = len(belief.readings)
+        measurement = check_measurement(self.problem.sensor, measurement, runs)
+        readings = np.concatenate([belief.readings, measurement[:, None]], axis=1)
+        mean, covariance, log_evidence = (np.array(part) for part in belief.estimate)
+        error = belief.error.copy()
+        told = np.flatnonzero((log_evidence > -np.inf) & ~np.isnan(measurement).all(axis=1))
+        for start in range(0, len(told), RUNS_AT_ONCE):
+            some = told[start : start + RUNS_AT_ONCE]
+            found = self._answer(self.coarse, readings[some])
+            log_evidence[some] = found.log_integral - self.prior_answer.log_integral
+            possible = found.log_integral > -np.inf
+            kept = some[possible]
+            mean[kept], covariance[kept] = found.mean[possible], found.covariance[possible]
+            error[some] = np.where(possible, found.error, 0.0)
+        return RefinedBelief(readings, Estimate(mean, covariance, log_evidence), error)
+
+    def estimate(self, belief: RefinedBelief) -> Estimate:
+        """Posterior mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
+        return belief.estimate
+
+    def error(self, belief: RefinedBelief) -> Array:
+        """How far mean and covariance may be off, in posterior deviations, (M,).
+
+        The greater of what the cells say themselves (rules of fewer nodes, jumps that cross cells, cells that
+        are still wide) and of the difference to what a second lattice answers, shifted against the first.
+        """
+        mean, covariance, log_evidence = belief.estimate
+        errors = belief.error.copy()
+        some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
+        for start in range(0, len(some), RUNS_AT_ONCE):
+            part = some[start : start + RUNS_AT_ONCE]
+            other = self._answer(self.other_coarse, belief.readings[part])
+            mine, theirs = (mean[part], covariance[part], None), (other.mean, other.covariance, None)
+            differs = deviations_apart(self.problem.space, mine, theirs)
+            differs = np.where(other.log_integral > -np.inf, differs, np.inf)
+            errors[part] = np.maximum(errors[part], differs)
+        return errors
+
+    def sample(self, belief: RefinedBelief, size: int, rngs: Sequence[Generator]) -> Array:
+        """Draws from the cells, with the claimed mean and covariance, (M, size, n).
+
+        Where no place is possible any more: from the Gaussian of what was believed before.
+        """
+        mean, covariance, log_evidence = belief.estimate
+        space = self.problem.space
+        draws = gaussian_draws(mean, covariance, size, space, rngs)
+        for run, rng in enumerate(rngs):
+            if np.asarray(log_evidence)[run] > -np.inf:
+                centres, steps, logs = self._boxes(belief, run)
+                draws[run] = cell_draws(centres, logs, steps, (mean[run], covariance[run]), size, space, rng)
+        return draws
+
+    def density(self, belief: RefinedBelief, run: int) -> Image:
+        """The probabilities of a run's cells, for pictures."""
+        if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
+            raise NotImplementedError("nothing is possible any more: there is no density to show")
+        centres, _, logs = self._boxes(belief, run)
+        return image_of_points(centres, self.problem, logs)
+
+    def _boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
+        """Boxes about the nodes of a run's cells: centres (N, n), widths (N, n) and log masses (N,)."""
+        likelihood = self._likelihood(belief.readings[run : run + 1])
+        refinement = self._refinement(self.coarse)
+        return refinement.boxes(likelihood, refinement.answer(likelihood))
+
+    @property
+    def _beams(self) -> int:
+        return len(self.problem.sensor.bearings)
+
+    def _likelihood(self, readings: Array) -> Likelihood:
+        return Likelihood(self.problem.sensor, readings)
+
+    def _refinement(self, coarse: CoarseCells) -> Refinement:
+        return Refinement(self.problem, coarse, self.accuracy, self.most_cells)
+
+    def _answer(self, coarse: CoarseCells, readings: Array) -> Refined:
+        """What cells say of some runs; claims that are flat are raised to those of places even in a cell."""
+        found = self._refinement(coarse).answer(self._likelihood(readings))
+        flat = (found.log_integral > -np.inf) & ~is_definite(found.covariance, SUM_ROUNDING)
+        found.covariance[flat] += np.diag(coarse.step**2 / 12)
+        return found

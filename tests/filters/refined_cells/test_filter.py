@@ -1,0 +1,206 @@
+"""The point-mass filter without `cell` against exact integrals, closed forms and itself on other cells.
+
+By hand, for the figures of docs/decisions/0032: python -m tests.filters.refined_cells.test_filter 400
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.arrays import Array
+from rangefix.filters import (
+    Gaussian,
+    Problem,
+    Rangefinder,
+    Stationary,
+    Uniform,
+    build,
+    pose_space,
+    position_space,
+    velocity_space,
+)
+from rangefix.filters.estimator import numerical_error
+from rangefix.filters.refined_cells import RefinedPointMassFilter
+from rangefix.filters.space import deviations_apart
+from rangefix.maps import FloorPlan, RectangularRoom
+
+from ..families import POSITION, draw
+
+CASES = Path(os.environ.get("RANGEFIX_CASES", Path(__file__).parents[3].parent / "shared" / "cases"))
+SCRIPTS = ("c01_ridge", "c02_grazing", "c03_three_beams", "c04_wrong_mode", "c11_pose")
+LEAST_ERROR = 1e-3  # deviations; what is stated below it is not compared
+MISS_MEAN, MISS_COVARIANCE = 0.05, 0.1  # deviations, and shares of variances
+
+
+def rngs(count: int) -> list[np.random.Generator]:
+    return [np.random.default_rng(run) for run in range(count)]
+
+
+def still(room: RectangularRoom | FloorPlan, bearings: Array, std: float, heading: float = 0.0) -> Problem:
+    space = position_space(heading)
+    sensor = Rangefinder(room, bearings, Gaussian(std), space)
+    return Problem(space, Stationary(space), sensor, Uniform(room, space))
+
+
+def against_exact(family: str, number: int) -> tuple[float, float, bool]:
+    """How far the filter is off in deviations, what it states, and whether it misses."""
+    problem, readings = (drawn := draw(family, number)).problem, drawn.readings[:1]
+    answers = []
+    for name in ("exact", "point-mass"):
+        estimator = build(name, problem)
+        belief = estimator.update(estimator.init(problem.prior, rngs(1)), readings, rngs(1))
+        answers.append(estimator.estimate(belief))
+    stated = numerical_error(estimator, belief, 1)
+    assert stated is not None
+    (mean, covariance, _), (found, spread, _) = answers
+    std = np.sqrt(np.diagonal(covariance[0]))
+    off = np.abs((found[0] - mean[0]) / std).max()
+    wrong = np.abs((spread[0] - covariance[0]) / np.outer(std, std)).max()
+    return max(off, wrong), stated[0], bool(off > MISS_MEAN or wrong > MISS_COVARIANCE)
+
+
+@pytest.mark.parametrize(
+    ("family", "number"), [("room", 4), ("room", 7), ("plan", 5), ("plan", 17), ("limited", 21)]
+)
+def test_it_is_right_to_the_error_that_it_states(family: str, number: int) -> None:
+    """Within the accuracy of 0.02, and within what is stated; the exact filter errs by 1e-7."""
+    off, stated, _ = against_exact(family, number)
+    assert off < 0.02
+    assert off <= max(stated, LEAST_ERROR)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("family", POSITION)
+def test_random_problems(family: str) -> None:
+    """400 of each: at most 1 % missed, none unflagged; the error exceeded in 0.5 %, by at most 3 times."""
+    off, stated, missed = map(np.array, zip(*(against_exact(family, k) for k in range(400)), strict=True))
+    assert missed.mean() <= 0.01
+    assert not (missed & (stated <= MISS_MEAN)).any()
+    exceeded = off > np.maximum(stated, LEAST_ERROR)
+    assert exceeded.mean() <= 0.005
+    assert (off <= 3 * np.maximum(stated, LEAST_ERROR)).all()
+
+
+def test_a_long_ridge_keeps_its_width() -> None:
+    """One beam square to a wall: x2 ~ N(6 - y, std^2), x1 even along 12 m, in closed form."""
+    problem = still(RectangularRoom(12.0, 6.0), np.zeros(1), 0.01)
+    estimator = build("point-mass", problem)
+    readings = np.array([[1.234], [3.0], [4.9871]])
+    mean, covariance, _ = estimator.estimate(
+        estimator.update(estimator.init(problem.prior, rngs(3)), readings, rngs(3))
+    )
+    np.testing.assert_allclose(mean, np.column_stack([np.full(3, 6.0), 6.0 - readings]), atol=2e-4)
+    np.testing.assert_allclose(np.sqrt(covariance[:, 0, 0]), 12 / np.sqrt(12), rtol=1e-3)
+    np.testing.assert_allclose(np.sqrt(covariance[:, 1, 1]), 0.01, rtol=2e-3)
+
+
+def test_log_evidence_and_two_measurements() -> None:
+    """Two measurements, one after the other, are one of two readings; the evidence is the exact filter's."""
+    problem = still(RectangularRoom(4.0, 6.0), np.deg2rad([326.3, 0.0, 33.7]), 0.05)
+    readings = problem.sensor.sample(np.array([[1.0, 2.0], [1.0, 2.0]]), np.random.default_rng(0))
+    logs, means = [], []
+    for name in ("exact", "point-mass"):
+        estimator = build(name, problem)
+        belief = estimator.init(problem.prior, rngs(1))
+        for reading in readings:
+            belief = estimator.update(belief, reading[None], rngs(1))
+        mean, _, log_evidence = estimator.estimate(belief)
+        logs.append(np.asarray(log_evidence)[0])
+        means.append(mean[0])
+    assert abs(logs[1] - logs[0]) < 0.005
+    np.testing.assert_allclose(means[1], means[0], atol=0.02 * 0.03)
+
+
+def test_an_unknown_heading() -> None:
+    """Three components against a dense grid of cells a third of the deviations wide: within 0.03."""
+    room, space = RectangularRoom(4.0, 6.0), pose_space()
+    sensor = Rangefinder(room, np.deg2rad([0.0, 75.0, 160.0, 260.0]), Gaussian(0.2), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space, headings=(0.2, 1.0)))
+    reading = sensor.sample(np.array([[1.2, 2.1, 0.6]]), np.random.default_rng(1))
+    estimates = []
+    for options in ({}, {"cell": 0.04, "heading_cell": 0.02}):
+        estimator = build("point-mass", problem, **options)
+        belief = estimator.update(estimator.init(problem.prior, rngs(1)), reading, rngs(1))
+        estimates.append(estimator.estimate(belief))
+    assert deviations_apart(space, estimates[1], estimates[0])[0] < 0.03
+
+
+def test_too_few_cells_are_told() -> None:
+    """A limit that is too low for a ridge gives an answer with a large error."""
+    problem = still(RectangularRoom(8.0, 6.0), np.array([0.3]), 0.01)
+    reading = np.array([[3.0]])
+    stated = []
+    for most_cells in (400, 200_000):
+        estimator = RefinedPointMassFilter(problem, most_cells=most_cells)
+        belief = estimator.update(estimator.init(problem.prior, rngs(1)), reading, rngs(1))
+        stated.append(estimator.error(belief)[0])
+    assert stated[0] > 0.05 > stated[1]
+
+
+def test_draws_have_the_claimed_moments() -> None:
+    """Mean within 5 standard errors and variances within 5 of theirs: a false alarm in 1e6 seeds."""
+    problem = still(RectangularRoom(4.0, 6.0), np.deg2rad([0.0, 90.0]), 0.1)
+    estimator = RefinedPointMassFilter(problem)
+    belief = estimator.update(estimator.init(problem.prior, rngs(1)), np.array([[1.5, 1.0]]), rngs(1))
+    draws = estimator.sample(belief, 20_000, rngs(1))[0]
+    mean, covariance, _ = estimator.estimate(belief)
+    std = np.sqrt(np.diagonal(covariance[0]))
+    assert (np.abs(draws.mean(axis=0) - mean[0]) < 5 * std / np.sqrt(20_000)).all()
+    assert (np.abs(draws.var(axis=0) / std**2 - 1) < 5 * np.sqrt(2 / 20_000)).all()
+    image = estimator.density(belief, 0)
+    assert image.density.max() > 5  # 1/m^2: the peak of a Gaussian of 0.1 m is 16
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"heading_cell": 0.1}, "heading_cell goes with cell"),
+        ({"cell_correction": False}, "cell_correction goes with cell"),
+        ({"cell": 0.1, "accuracy": 0.1}, "accuracy goes without cell"),
+        ({"accuracy": 0.0}, "accuracy must be between 0 and 1"),
+        ({"most_cells": 0}, "most_cells must be positive"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(options: dict[str, float], match: str) -> None:
+    problem = still(RectangularRoom(4.0, 6.0), np.zeros(1), 0.1)
+    with pytest.raises(ValueError, match=match):
+        build("point-mass", problem, **options)
+
+
+def test_other_components_need_a_cell() -> None:
+    room, space = RectangularRoom(4.0, 6.0), velocity_space()
+    inner = position_space()
+    problem = still(room, np.zeros(1), 0.1)
+    with pytest.raises(ValueError, match="give cell"):
+        RefinedPointMassFilter(Problem(space, Stationary(space), problem.sensor, Uniform(room, inner)))
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_cases(script: str) -> None:
+    """Scripts with oracles of their own (closed forms along lines), which exit 1 while the fault is there."""
+    found = sorted((CASES / "numbers").glob(f"{script}*.py"))
+    if not found:
+        pytest.skip(f"no {script} under {CASES}")
+    done = subprocess.run([sys.executable, str(found[0])], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+if __name__ == "__main__":
+    for name in sys.argv[2:] or POSITION:
+        start = time.perf_counter()
+        rows = np.array([against_exact(name, number) for number in range(int(sys.argv[1]))])
+        exceeded = rows[:, 0] > np.maximum(rows[:, 1], LEAST_ERROR)
+        print(
+            f"{name}: {int(rows[:, 2].sum())} missed, {int((rows[:, 1] > MISS_MEAN).sum())} flagged, "
+            f"{int(exceeded.sum())} exceeded by up to "
+            f"{(rows[:, 0] / np.maximum(rows[:, 1], LEAST_ERROR)).max():.2f} times, "
+            f"{time.perf_counter() - start:.0f} s"
+        )
