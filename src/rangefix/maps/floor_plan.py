@@ -94,7 +94,7 @@ def _check_walls(walls: Iterable[ArrayLike]) -> Array:
     expected = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
     try:
         rows = [np.array(wall, dtype=np.float64) for wall in walls]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MapError(expected) from None
     for row in rows:
         if row.shape not in [(4,), (2, 2)]:

@@ -26,7 +26,7 @@ def check_polygon(corners: ArrayLike, name: str) -> Array:
     """
     try:
         points = np.array(corners, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MapError(f"{name}: corners are pairs of numbers [x1, x2] in metres") from None
     if points.ndim != 2 or points.shape[1] != 2:
         raise MapError(f"{name}: corners are pairs [x1, x2], got an array of shape {points.shape}")
