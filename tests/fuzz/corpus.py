@@ -110,7 +110,7 @@ from = "prior"
 name = "ckf"
 """
 SHOWN = ROOM.replace("heading_deg = 0.0", 'heading = "unknown"').replace(
-    "0.2 }", "0.5, heading_cell_deg = 20 }"
+    '"point-mass"\noptions = { cell_m = 0.2 }', '"ukf"'
 )
 STUDIES = {"room.toml": ROOM, "drive.toml": DRIVE, "building.toml": BUILDING}
 
