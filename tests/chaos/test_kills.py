@@ -69,9 +69,13 @@ class Tally:
     codes: dict[int, int] = field(default_factory=dict)
 
     def note(self, code: int, said: str, how: signal.Signals) -> bool:
-        """Whether the command was killed; a traceback or another code than that of the signal is a fault."""
+        """Whether the command was killed; a traceback or another code than that of the signal is a fault.
+
+        Python ends by SIGINT, which a shell shows as 130, where it was interrupted within `exec`, as when it
+        imports; and by the signal itself before the command has begun to handle it.
+        """
         assert "Traceback" not in said, said
-        assert code in (0, 130, -how), said
+        assert code in (0, 130, -signal.SIGINT, -how), said
         self.codes[code] = self.codes.get(code, 0) + 1
         self.killed += code != 0
         self.whole += code == 0
