@@ -1,6 +1,8 @@
 # make demo    the paper's table and figures, and four estimators compared in a room and in a building mesh
 # make test    lint, types and tests
 # make study   what takes too long for every change: a hundred thousand hostile readings for each estimator
+# make fuzz    input files of all kinds changed at random, some thousands of them: about ten minutes
+# make chaos   commands killed at random moments, and plug-ins that misbehave: about an hour
 # make bench   speed against other libraries
 # make lint    format and lint only
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
@@ -17,7 +19,7 @@ BUILDING_RUNS ?= 400
 DOCS_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test study bench docs lint clean
+.PHONY: demo test study fuzz chaos bench docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper
@@ -37,10 +39,16 @@ test: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 -m "not benchmark and not study"
+	$(BIN)/python -m pytest -n 2 -m "not benchmark and not study and not fuzz and not chaos"
 
 study: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 -m study
+
+fuzz: $(VENV)/.test
+	$(BIN)/python -m pytest -n 2 -m fuzz -rP
+
+chaos: $(VENV)/.test
+	$(BIN)/python -m pytest -n 2 -m chaos -rP
 
 bench: $(BENCH)/.done
 	BENCH_JSON=$(OUT)/bench.json $(BENCH)/bin/python -m pytest -q tests/benchmarks -m benchmark \

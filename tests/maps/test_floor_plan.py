@@ -97,7 +97,11 @@ def test_the_inside_of_a_room_is_closed():
         ),
         (([(0, 0), (1, 0), (2, 0)],), "outer: the outline turns back on itself"),
         (([(0, 0), (1, 0), (1, 0), (0, 1)],), r"outer: corner \[1.0, 0.0\] stands twice in a row"),
-        (([(0, 0), (1, np.nan), (1, 1)],), r"outer: corners must be finite, got \[1.0, nan\]"),
+        (([(0, 0), (1, np.nan), (1, 1)],), r"outer: corners must be finite, .* got \[1.0, nan\]"),
+        (([(0, 0), (1e300, 0), (0, 1e300)],), r"outer: corners must be finite, at most 1e\+12 m, got"),
+        (([(0, 0), (10**400, 0), (0, 1)],), "outer: corners are pairs of numbers"),
+        ((SQUARE, (), [(1, 1, 10**400, 1)]), "walls are"),
+        ((SQUARE, (), [(1, 1, 1e300, 1)]), "walls must be finite"),
         (
             ([(0, 0, 0), (1, 0, 0), (1, 1, 0)],),
             r"outer: corners are pairs \[x1, x2\], got an array of shape \(3, 3\)",

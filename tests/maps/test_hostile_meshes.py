@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import struct
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +154,34 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         read_mesh(path)
     assert len(os.listdir("/proc/self/fd")) == before
     assert not list((tmp_path / "temporary").iterdir())
+
+
+READER = """
+import os, sys
+from rangefix.maps import mesh_files
+mesh_files.CHILD = mesh_files.CHILD.partition("out = ")[0]
+mesh_files.CHILD += "import time\\nprint(os.getpid(), file=sys.stderr)\\ntime.sleep(60)\\n"
+mesh_files.tempfile.TemporaryFile = lambda: open("told", "wb+")
+mesh_files._read_apart(mesh_files.Path(sys.argv[1]))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="there is no /proc")
+def test_a_reader_ends_with_its_parent(tmp_path: Path) -> None:
+    """However that ends: nobody may be left to read a large file to its end."""
+    path, told = tmp_path / "room.obj", tmp_path / "told"
+    path.write_text(obj())
+    with subprocess.Popen([sys.executable, "-c", READER, str(path)], cwd=tmp_path) as parent:
+        deadline = time.monotonic() + 30
+        while not (told.exists() and told.read_text().endswith("\n")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        child = Path("/proc") / told.read_text().strip()
+        assert child.exists()
+        parent.kill()
+    deadline = time.monotonic() + 10
+    while child.exists() and "zombie" not in (child / "status").read_text() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not child.exists() or "zombie" in (child / "status").read_text()
 
 
 def test_what_is_no_file(tmp_path: Path) -> None:

@@ -143,6 +143,7 @@ def test_values_travel():
             "width must be positive and finite, got 0; length must be positive and finite, got nan",
         ),
         (("4", 6.0), "width must be positive and finite, got '4'"),
+        ((10**400, 6.0), "width must be positive and finite, got 1000"),
     ],
 )
 def test_impossible_rooms(sizes, message):

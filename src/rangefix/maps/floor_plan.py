@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, BoolArray
 from .base import MapError, check_points
-from .polygon import ON_BORDER, check_polygon, edges, locate, meeting
+from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting
 from .walls import InWalls, Walls
 
 Corners = tuple[tuple[float, float], ...]
@@ -94,14 +94,14 @@ def _check_walls(walls: Iterable[ArrayLike]) -> Array:
     expected = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
     try:
         rows = [np.array(wall, dtype=np.float64) for wall in walls]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MapError(expected) from None
     for row in rows:
         if row.shape not in [(4,), (2, 2)]:
             raise MapError(f"{expected}; got an array of shape {row.shape}")
     array = np.array([row.ravel() for row in rows]).reshape(-1, 4)
-    if not np.isfinite(array).all():
-        raise MapError(f"walls must be finite, got {array[~np.isfinite(array).all(1)][0].tolist()}")
+    if (far := ~(np.abs(array) <= FARTHEST).all(1)).any():
+        raise MapError(f"walls must be finite, at most {FARTHEST:g} m, got {array[far][0].tolist()}")
     if (short := np.hypot(*(array[:, 2:] - array[:, :2]).T) <= ON_BORDER).any():
         raise MapError(f"a wall needs a length, got {array[short][0].tolist()}")
     return array

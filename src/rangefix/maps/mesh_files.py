@@ -9,6 +9,8 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,8 @@ PathLike = str | os.PathLike[str]
 Mesh = tuple[Array, IntArray]
 CHILD = """
 import os, sys
+from threading import Thread
+Thread(target=lambda: os._exit(1 + len(os.read(0, 1))), daemon=True).start()  # when the parent is gone
 out = os.dup(1)
 os.dup2(2, 1)  # where the libraries print
 sys.path[:] = sys.argv[3:]
@@ -64,10 +68,10 @@ def _read_apart(path: Path) -> Mesh:
     """The mesh as Open3D reads it in a child process; the arrays come back through a file without a name."""
     limit = SECONDS + SECONDS_PER_MB * path.stat().st_size / 1e6
     command = [sys.executable, "-c", CHILD, __name__, str(path.absolute()), *filter(None, sys.path)]
-    with tempfile.TemporaryFile() as file, tempfile.TemporaryFile() as told:
+    with tempfile.TemporaryFile() as file, tempfile.TemporaryFile() as told, _held_pipe() as until_we_end:
         try:
             code = subprocess.run(
-                command, stdin=subprocess.DEVNULL, stdout=file, stderr=told, timeout=limit
+                command, stdin=until_we_end, stdout=file, stderr=told, timeout=limit
             ).returncode
         except subprocess.TimeoutExpired:
             raise MapError(f"{path}: not a mesh that Open3D reads (no end after {limit:.0f} s)") from None
@@ -86,6 +90,17 @@ def _read_apart(path: Path) -> Mesh:
         file.seek(0)
         with np.load(file, allow_pickle=False) as arrays:
             return arrays["vertices"], arrays["triangles"].astype(np.int64)
+
+
+@contextmanager
+def _held_pipe() -> Iterator[int]:
+    """The end of a pipe to read from, whose other end is open as long as this process lives."""
+    reading, held = os.pipe()
+    try:
+        yield reading
+    finally:
+        os.close(reading)
+        os.close(held)
 
 
 def write_mesh(path: str, out: int) -> None:

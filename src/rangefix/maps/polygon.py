@@ -9,6 +9,7 @@ from ..arrays import Array, BoolArray
 from .base import MapError
 
 ON_BORDER = 1e-9  # m; as near as this a point is on the border
+FARTHEST = 1e12  # m from the origin, for products of lengths to be numbers
 ROWS = 512  # edges compared with all others at a time
 
 
@@ -26,13 +27,13 @@ def check_polygon(corners: ArrayLike, name: str) -> Array:
     """
     try:
         points = np.array(corners, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MapError(f"{name}: corners are pairs of numbers [x1, x2] in metres") from None
     if points.ndim != 2 or points.shape[1] != 2:
         raise MapError(f"{name}: corners are pairs [x1, x2], got an array of shape {points.shape}")
-    if not np.isfinite(points).all():
+    if (far := ~(np.abs(points) <= FARTHEST).all(1)).any():
         raise MapError(
-            f"{name}: corners must be finite, got {points[~np.isfinite(points).all(1)][0].tolist()}"
+            f"{name}: corners must be finite, at most {FARTHEST:g} m, got {points[far][0].tolist()}"
         )
     if len(points) > 1 and (points[0] == points[-1]).all():
         points = points[:-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,10 @@ class RectangularRoom:
     def __post_init__(self) -> None:
         wrong = []
         for name, side in (("width", self.width), ("length", self.length)):
-            if not isinstance(side, (int, float, np.integer, np.floating)) or not 0 < side < np.inf:
+            if (
+                not isinstance(side, (int, float, np.integer, np.floating))
+                or not 0 < side <= sys.float_info.max
+            ):
                 wrong.append(f"{name} must be positive and finite, got {side!r}")
         if wrong:
             raise MapError("rectangular room: " + "; ".join(wrong))

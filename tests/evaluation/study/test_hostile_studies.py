@@ -61,6 +61,7 @@ DEEP = "[" * 5000 + "]" * 5000
         (f"{GOOD}{ODOMETRY}{WAY}step_m = 1e-12\n", "motion.step_m: the way"),
         (f"{GOOD}{ODOMETRY}{WAY}turn_deg = 1e-300\n", "motion.turn_deg: the way"),
         (f"{GOOD}[prior]\nsize_m = [3.0, 1e-7]\n", "prior.size_m: is too small"),
+        (f"{GOOD}[prior]\nsize_m = [1e-300, 1.0]\n", "prior.size_m: is too small"),
         (f"{GOOD}[prior]\nsize_m = [1e-12, 1e-12]\n", "prior.size_m: is too small"),
         (
             'map = { kind = "floor-plan", outer_m = [[0, 0], [1e9, 0], [0, 1e9]] }\n' + SENSOR + EKF,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import importlib
 import os
 import pickle
+import signal
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -110,7 +112,7 @@ def on_workers(
                 **start,
             )
             try:
-                with closing(pool(delayed(_work_here)(task, world(task)) for task in [*left])) as parts:
+                with _begun(pool, (delayed(_work_here)(task, world(task)) for task in [*left])) as parts:
                     for task, part in parts:
                         del left[task]
                         breaks = 0
@@ -123,6 +125,24 @@ def on_workers(
                         "was finished is kept: take fewer workers, or give the study a timeout_s, which puts "
                         "each estimator in a process of its own"
                     ) from None
+
+
+@contextmanager
+def _begun(pool: Any, calls: Iterator[Any]) -> Iterator[Iterator[tuple[Task, Part]]]:
+    """The parts that a pool finishes, whose processes do not see Ctrl-C: a terminal sends it to all of them.
+
+    Ours gets it when they have begun, and ends them.
+    """
+    held_back = (
+        set() if sys.platform == "win32" else signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    )
+    with ExitStack() as ending:
+        try:
+            parts = ending.enter_context(closing(pool(calls)))
+        finally:
+            if sys.platform != "win32":
+                signal.pthread_sigmask(signal.SIG_SETMASK, held_back)
+        yield parts
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
@@ -25,7 +26,7 @@ class ResultsError(ValueError):
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file at once: it is there whole, or as it was before.
+    """Write a file at once: it is there whole, or as it was before, even if this process is killed.
 
     Raises:
         ResultsError: If it cannot be written (disk full, no permission).
@@ -33,14 +34,45 @@ def write_bytes(path: Path, content: bytes) -> None:
     part = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
-        part.replace(path)
+        if not _write_nameless(path, part, content):
+            part.write_bytes(content)
+            part.replace(path)
     except OSError as error:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise ResultsError(
             f"cannot write {path}: {error.strerror or error}; what was finished is kept"
         ) from None
+
+
+def _write_nameless(path: Path, part: Path, content: bytes) -> bool:
+    """Write a file that gets its name when it is whole, so that nobody has to remove a part of it.
+
+    Args:
+        path: Its name.
+        part: A name for the moment in which it takes the place of an older file.
+        content: What it holds.
+
+    Returns:
+        Whether it is there; False where the system has no files without a name.
+    """
+    if sys.platform != "linux":
+        return False
+    try:
+        with os.fdopen(os.open(path.parent, os.O_TMPFILE | os.O_WRONLY, 0o666), "wb") as file:
+            file.write(content)
+            file.flush()
+            nameless = f"/proc/self/fd/{file.fileno()}"
+            try:
+                os.link(
+                    nameless, path, src_dir_fd=0
+                )  # with a folder, which does not count, links are followed
+            except FileExistsError:
+                os.link(nameless, part, src_dir_fd=0)
+                part.replace(path)
+        return True
+    except OSError:  # not on this file system; or the disk is full, which shows once more
+        return False
 
 
 def remove_partial_files(folder: Path) -> None:

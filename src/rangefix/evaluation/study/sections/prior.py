@@ -212,10 +212,12 @@ def box_with_most_free_space(room: RangeMap, size: Array) -> tuple[Array, Array]
     lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
     size = np.minimum(size, upper - lower)
     step = float(size.min()) / LATTICE
-    sizes = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9)))
-    if sizes.prod() > MOST_CELLS:
+    with np.errstate(over="ignore"):  # more than can be counted are too many
+        sizes = np.maximum(1, np.floor((upper - lower) / step * (1 + 1e-9)))
+        cells = float(sizes.prod())
+    if cells > MOST_CELLS:
         raise Misfit(
-            "size_m", f"is too small or thin to be looked for in a map of this size: {sizes.prod():.0e} cells"
+            "size_m", f"is too small or thin to be looked for in a map of this size: {cells:.0e} cells"
         )
     counts = sizes.astype(int)
     free = room.is_free(Raster(lower, step, tuple(counts.tolist())).centres)
