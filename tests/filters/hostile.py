@@ -29,6 +29,7 @@ from rangefix.filters import (
     build,
     position_space,
 )
+from rangefix.filters.exact import ExactPositionFilter
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOMS = (
@@ -128,7 +129,9 @@ def suffer(name: str, attack: Attack) -> None:
     lower, upper = problem.prior.support
     for measurement in attack.measurements:
         with (
-            limited(SECONDS_PER_UPDATE * (runs if isinstance(estimator, EachRun) else 1)),
+            limited(
+                SECONDS_PER_UPDATE * (runs if isinstance(estimator, EachRun | ExactPositionFilter) else 1)
+            ),
             warnings.catch_warnings(),
         ):
             warnings.simplefilter("error")

@@ -123,6 +123,8 @@ class Quadrature:
             return 0.0
         if not self.checks or self.moments.resultant < NO_DIRECTION:
             return np.inf
+        if all(check.log_integral == -np.inf for check in self.checks):
+            return np.inf
         return max(self._gap, self.halves_error) + self.missed
 
     @property
@@ -288,7 +290,7 @@ def verified(target: Target, check: Target, found: Quadrature, accuracy: Accurac
     except TooManyCells:
         return replace(found, checks=())
     found, best = replace(found, checks=checks), np.inf
-    if found.moments.resultant < NO_DIRECTION:
+    if not found.modes or not np.isfinite(found.error):
         return found
     for turn in range(MAX_HALVINGS):
         if found.error <= accuracy.error or (

@@ -25,8 +25,8 @@ from .partition import partition
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
 APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
-CORNER_ROUNDING = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
-TABULATION = 1e-5  # the same of densities that are interpolated between a table's nodes
+ROUNDING_ERROR = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
+TABULATION_ERROR = 1e-5  # the same of densities that are interpolated between a table's nodes
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
@@ -153,7 +153,7 @@ class ExactPositionFilter(BriefRepr):
 
         What rules with other nodes have otherwise, and what rounding or the tables of readings leave.
         """
-        least = CORNER_ROUNDING if self.problem.sensor.gaussian_stds is not None else TABULATION
+        least = ROUNDING_ERROR if self.problem.sensor.gaussian_stds is not None else TABULATION_ERROR
         mean, covariance, log_evidence = belief.estimate
         errors = np.zeros(len(mean))
         other = rules(MORE_NODES)
@@ -342,7 +342,7 @@ class ExactPositionFilter(BriefRepr):
             return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
-        room = 1 << 17  # enough for most: to do it again costs as much as the first time
+        room = 1 << 15
         while True:
             nodes = nodes_for(room)
             self._answer(readings, self._rules, nodes)
