@@ -60,7 +60,10 @@ def evaluate(
 ) -> tuple[Array, Array, Array]:
     """Log of prior times likelihood, log prior and ranges at places (K, ..., n)."""
     prior = problem.prior.log_density(problem.space.wrap(places))
-    ranges = np.asarray(problem.sensor.expected(places))
+    if likelihood.measured.any():
+        ranges = np.asarray(problem.sensor.expected(places))
+    else:  # a prior: nothing need be cast
+        ranges = np.ones((*places.shape[:-1], len(problem.sensor.bearings)))
     log = likelihood.log_density(run, ranges) + prior
     return np.where(log > IMPOSSIBLE_NATS, log, -np.inf), prior, ranges
 

@@ -159,7 +159,9 @@ class Refinement:
         self, likelihood: Likelihood, pool: Pool, errors: Array, runs: int
     ) -> tuple[Refined, Array]:
         """Moments by Gauss-Legendre rules in the cells, and by how much rules of fewer nodes differ, (M,)."""
-        slopes = np.asarray(self.problem.sensor.jacobian(pool.centre))
+        slopes = np.zeros((*pool.ranges.shape, self.problem.space.size))
+        if likelihood.measured.any():
+            slopes = np.asarray(self.problem.sensor.jacobian(pool.centre))
         fine, coarse = (
             self._quadrature.moments(likelihood, pool, slopes, count, runs) for count in (NODES, NODES - 1)
         )
