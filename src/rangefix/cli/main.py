@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 import traceback
+from _thread import interrupt_main
 from signal import SIGTERM, default_int_handler, signal
-from threading import current_thread, main_thread
+from threading import Timer, current_thread, main_thread
 from types import TracebackType
 from typing import Annotated, NoReturn
 
@@ -19,6 +20,8 @@ from .maps import ranges
 from .results import compare, paper, plot, report
 from .run import new, run, validate
 
+AGAIN_S = 0.01  # until a stop that was ignored is asked for again
+
 for command in (new, validate, run, check, estimators, plot, report, compare, paper, ranges):
     app.command()(command)
 
@@ -28,6 +31,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     arguments = sys.argv[1:] if arguments is None else arguments
     if current_thread() is main_thread():
         signal(SIGTERM, default_int_handler)  # like Ctrl-C
+        sys.unraisablehook = _stop_all_the_same
     try:
         code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
@@ -50,6 +54,14 @@ def _print_traceback(kind: type[BaseException], error: BaseException, where: Tra
     """An error of ours as Python shows it, but for what a terminal would obey."""
     text = "".join(traceback.format_exception(kind, error, where))
     print(printable(text, keep="\n"), end="", file=sys.stderr)
+
+
+def _stop_all_the_same(ignored: sys.UnraisableHookArgs) -> None:
+    """Stop once more where Python ignores it: in what it calls when an object goes, which cannot raise."""
+    if issubclass(ignored.exc_type, KeyboardInterrupt):
+        Timer(AGAIN_S, interrupt_main).start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 def _version(wanted: bool) -> None:

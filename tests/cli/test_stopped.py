@@ -1,0 +1,47 @@
+"""Commands that are stopped before they begin, or where Python would not notice: one line, code 130."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+AT_IMPORT = """
+import os, signal, sys
+
+class Stops:
+    def find_spec(self, name, *more):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Stops())
+from rangefix.cli import main
+"""
+IN_A_DESTRUCTOR = """
+import os, signal, sys, time
+from rangefix.cli import main
+from rangefix.cli.app import app
+
+class Stops:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{name})
+        time.sleep(0)
+
+@app.command()
+def wait():
+    Stops()
+    time.sleep(30)
+
+main(["wait"])
+"""
+
+
+@pytest.mark.parametrize(
+    "code", [AT_IMPORT, *(IN_A_DESTRUCTOR.format(name=name) for name in ("SIGINT", "SIGTERM"))]
+)
+def test_one_line(code: str) -> None:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stderr == "rangefix: stopped\n"
+    assert done.returncode in (130, -signal.SIGINT)  # a shell shows both as 130
