@@ -54,6 +54,9 @@ bench: $(BENCH)/.done
 	BENCH_JSON=$(OUT)/bench.json $(BENCH)/bin/python -m pytest -q tests/benchmarks -m benchmark \
 		--benchmark-columns=min,median,rounds
 
+honesty: $(VENV)/.test
+	$(BIN)/python docs/make_honesty.py
+
 docs: $(VENV)/.docs
 	$(BIN)/python docs/make_gallery.py --runs $(DOCS_RUNS) --out docs/gallery
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky -q docs docs/_build/html

@@ -1,9 +1,9 @@
-"""Make the page of who is honest where: every built-in estimator, at its defaults, on families of random problems.
+"""Make the page of who is honest where: every built-in estimator, at its defaults, on random problems.
 
 Usage: python docs/make_honesty.py [--problems N] [--truths M] [--families NAME ...] [--out docs/honesty.md]
 
-Each family has N random problems (`tests/filters/families.py`), each of them M truths from its prior with readings of
-one measurement. The reference is `exact`, which integrates over pieces of the map on which ranges are affine.
+Each family has N random problems (`tests/filters/families.py`), each of them M truths from its prior with one
+measurement. The reference is `exact`, which integrates over pieces of the map on which ranges are affine.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
+from tests.filters.families import POSITION, draw  # noqa: E402
+
 from rangefix.evaluation import nees  # noqa: E402
 from rangefix.filters import build  # noqa: E402
 from rangefix.filters.estimator import numerical_error  # noqa: E402
 from rangefix.filters.registry import BUILT_IN  # noqa: E402
-from tests.filters.families import POSITION, draw  # noqa: E402
 
 MOST_OFF = 0.05  # of a mean, in deviations of the exact posterior: more is a miss
 MOST_OFF_COVARIANCE = 0.10  # of a covariance, in the direction where it is greatest
@@ -42,17 +43,20 @@ HEAD = """# Who is honest where
 
 <!-- Made by `make honesty`: do not edit. -->
 
-Every built-in estimator at its defaults, one measurement at a known heading. Each family has {problems} random problems with {truths}
-truths each: 1 to 8 beams along the axes, in random directions or in a fan, noise of 1 to 10 cm. They are drawn anew, and are none of
-those on which estimators were tested while they were made. The reference is `exact`.
+Every built-in estimator at its defaults, one measurement at a known heading. Each family has {problems}
+random problems with {truths} truths each: 1 to 8 beams along the axes, in random directions or in a fan, noise
+of 1 to 10 cm. They are none of those on which the estimators were tried while they were made. The reference
+is `exact`.
 
-- **missed**: fixes whose mean is off from that of the exact posterior by more than 5 % of its deviation, or whose covariance by
-  more than 10 %, in the direction where that is greatest.
-- **NEES / n**: mean squared error over claimed variance; 1 is honest, more is overconfident. The mean of few fixes scatters: that of `exact`
-  beside it has met the same truths.
-- **worst error stated**: by the estimator itself (`error`), in deviations; - where it cannot tell. **flagged**: above 0.05.
+- **missed**: fixes whose mean is off from that of the exact posterior by more than 5 % of its deviation, or
+  whose covariance by more than 10 %, in the direction where that is greatest.
+- **NEES / n**: mean squared error over claimed variance; 1 is honest, more is overconfident. The mean of few
+  fixes scatters: that of `exact` beside it has met the same truths.
+- **worst error stated**: by the estimator itself (`error`), in deviations; - where it cannot tell.
+  **flagged**: above 0.05.
 - **refused**: problems that the estimator says it does not take.
-- **ms**: per fix, setting up not counted; median over problems, {truths} fixes at once, on one machine: compare within the table.
+- **ms**: per fix, setting up not counted; median over problems, {truths} fixes at once, on one machine:
+  compare within the table.
 """
 
 
@@ -116,9 +120,14 @@ def judge(family: str, problems: int, truths: int) -> dict[str, Figures]:
             exact = estimate if exact is None else exact
             fine = np.isfinite(estimate.covariance).all((1, 2)) & np.isfinite(estimate.mean).all(1)
             missed = np.ones(truths, dtype=bool)
-            missed[fine] = off(estimate.mean[fine], estimate.covariance[fine], type(exact)(*(a[fine] for a in exact)))
+            missed[fine] = off(
+                estimate.mean[fine], estimate.covariance[fine], type(exact)(*(a[fine] for a in exact))
+            )
             figures.missed += missed.tolist()
-            ratios = nees(problem.space.difference(states, estimate.mean), estimate.covariance) / problem.space.size
+            ratios = (
+                nees(problem.space.difference(states, estimate.mean), estimate.covariance)
+                / problem.space.size
+            )
             figures.ratios += ratios[fine].tolist()
             if (stated := numerical_error(estimator, belief, truths)) is not None:
                 figures.errors += stated.tolist()
@@ -129,7 +138,10 @@ def judge(family: str, problems: int, truths: int) -> dict[str, Figures]:
 def section(family: str, table: dict[str, Figures]) -> list[str]:
     """A family as lines of Markdown."""
     lines = [f"## {family}: {ABOUT[family]}", ""]
-    lines += ["| estimator | missed | NEES / n | worst error stated | flagged | refused | ms |", "|---|---|---|---|---|---|---|"]
+    lines += [
+        "| estimator | missed | NEES / n | worst error stated | flagged | refused | ms |",
+        "|---|---|---|---|---|---|---|",
+    ]
     lines += [f"| {name} | {' | '.join(figures.cells())} |" for name, figures in table.items()]
     return [*lines, ""]
 

@@ -8,19 +8,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .adaptive.choice import MOST_PIECES
 from .adaptive.range_bounds import table_shape
 from .exact.partition import MAX_CORNERS
+from .models.motion import Stationary
 from .point_mass.cell_ranges import CASTS_AT_ONCE
 from .point_mass.filter import DENSITIES_AT_ONCE
 from .point_mass.grid import count_cells
+from .point_mass.named import REFINED_CELLS
 from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
 from .point_mass.turning_ranges import directions
 from .problem import Prior, Problem
+from .refined_cells.coarse_cells import CELLS, SEARCH_BEAMS
+from .refined_cells.filter import RUNS_AT_ONCE
+from .refined_cells.pool import VALUES_AT_ONCE
 from .registry import BUILT_IN, resolve
 
 FLOAT = 8.0  # bytes
 FREE_PROBES = 4096  # points at which a prior is asked how much of its box it allows
 MAX_BELIEF_BYTES = 128e6  # of the runs that are worked on at once
+USUAL_CELLS = 4000.0  # that follow the readings of a run; rarely ten times as many
 LEAST_RUNS = 2  # that are worked on at once to see how much a run takes
 
 
@@ -67,6 +74,8 @@ def memory_needed(name: str, problem: Problem, options: Mapping[str, Any], runs:
 
 def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """Cells with their centres and probabilities, and the ranges that they expect."""
+    if options["cell"] is None:
+        return _following_cells(problem, options)
     space, sensor, prior = problem.space, problem.sensor, problem.prior
     sizes = options["cell"]
     if options["heading_cell"] is not None:
@@ -95,8 +104,22 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
     return MemoryNeed(kept, peak, what, "take a larger cell_m, a smaller prior or fewer beams")
 
 
+def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed:
+    """Coarse cells of two lattices, and the cells of the runs that are worked on at once."""
+    size, beams = problem.space.size, len(problem.sensor.bearings)
+    coarse = 2 * CELLS[size] * FLOAT * (size + 6.0 * min(beams, SEARCH_BEAMS))
+    most = REFINED_CELLS if options["most_cells"] is None else options["most_cells"]
+    cells = min(float(most), USUAL_CELLS) * RUNS_AT_ONCE
+    peak = coarse + 3 * FLOAT * cells * (size + 9 + beams) + 6 * FLOAT * VALUES_AT_ONCE
+    what = f"{cells:.6g} cells of {RUNS_AT_ONCE} runs with {_beams(beams)}"
+    return MemoryNeed(coarse, peak, what, "take a smaller most_cells or fewer beams")
+
+
 def _adaptive(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
-    """The table of least and greatest ranges, and the lattices of one run."""
+    """The table of least and greatest ranges, and the lattices of one run; or the pieces of `exact`."""
+    if problem.space.heading is not None and isinstance(problem.motion, Stationary):
+        pieces = _exact(problem, {"most_pieces": MOST_PIECES}, runs)
+        return pieces._replace(advice="take fewer beams, or a map of fewer walls")
     cells, columns, rows = table_shape(problem.sensor, problem.prior, options["table_rays"])
     places, size = float(np.prod(cells)), problem.space.size
     table = 4.0 * places * columns
