@@ -44,9 +44,9 @@ HEAD = """# Who is honest where
 <!-- Made by `make honesty`: do not edit. -->
 
 Every built-in estimator at its defaults, one measurement at a known heading. Each family has {problems}
-random problems with {truths} truths each: 1 to 8 beams along the axes, in random directions or in a fan, noise
-of 1 to 10 cm. They are none of those on which the estimators were tried while they were made. The reference
-is `exact`.
+random problems with {truths} truths each: 1 to 8 beams along the axes, in random directions or in a fan, and
+noise of 1 to 10 cm. They are none of those on which the estimators were tried while they were made. The
+reference is `exact`.
 
 - **missed**: fixes whose mean is off from that of the exact posterior by more than 5 % of its deviation, or
   whose covariance by more than 10 %, in the direction where that is greatest.

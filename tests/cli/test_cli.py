@@ -136,7 +136,8 @@ def test_a_narrow_terminal_keeps_names_and_verdicts(
     text = STUDY.replace('name = "ekf"', 'name = "ekf"\nlabel = "[/x] :smile:"')
     said = rangefix("run", write(tmp_path / "s.toml", text), "--runs", "60", "--out", "r")
     assert said.code == 0
-    assert max(map(len, said.out.splitlines()[:-2])) <= 80
+    table = [line for line in said.out.splitlines()[:-2] if ": inaccurate in " not in line]
+    assert max(map(len, table)) <= 80
     for words in ("point-mass", "[/x] :smile:", "DO NOT TRUST", "honest"):
         assert words in said.out
 

@@ -32,7 +32,7 @@ class Stops:
 @app.command()
 def wait():
     Stops()
-    time.sleep(30)
+    time.sleep(3)
 
 main(["wait"])
 """

@@ -15,7 +15,7 @@ from .models.motion import Stationary
 from .point_mass.cell_ranges import CASTS_AT_ONCE
 from .point_mass.filter import DENSITIES_AT_ONCE
 from .point_mass.grid import count_cells
-from .point_mass.named import REFINED_CELLS
+from .point_mass.named import GRID_CELLS, REFINED_CELLS
 from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
 from .point_mass.turning_ranges import directions
 from .problem import Prior, Problem
@@ -80,7 +80,8 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
     sizes = options["cell"]
     if options["heading_cell"] is not None:
         sizes = np.where(space.is_angle, options["heading_cell"], np.asarray(sizes, dtype=float))
-    counts = count_cells(prior, space, sizes, options["most_cells"])
+    most = GRID_CELLS if options["most_cells"] is None else options["most_cells"]
+    counts = count_cells(prior, space, sizes, most)
     box, size, beams = float(counts.prod()), space.size, len(sensor.bearings)
     free = box * _free_share(prior)
     turns = float(counts[-1]) if space.names[-1] == "heading" and size == 3 else 1.0

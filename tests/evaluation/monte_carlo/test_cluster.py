@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import shutil
@@ -180,10 +181,12 @@ def test_other_bits_are_other_numbers(tmp_path):
 
 
 def test_without_dask(monkeypatch, tmp_path):
-    def missing(name):
-        raise ModuleNotFoundError(name)
+    def missing(name, *more, found=importlib.import_module):
+        if name == "distributed":
+            raise ModuleNotFoundError(name)
+        return found(name, *more)
 
-    monkeypatch.setattr(backends.importlib, "import_module", missing)
+    monkeypatch.setattr("importlib.import_module", missing)
     with pytest.raises(ResultsError, match=r"pip install 'rangefix\[dask\]'"):
         run(
             Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3),

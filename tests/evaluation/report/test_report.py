@@ -159,7 +159,16 @@ def test_hostile_text_stays_text(page: str) -> None:
 
 def test_the_order_of_the_sections(page: str) -> None:
     ids = [attributes["id"] for name, attributes in read(page).elements if name == "section"]
-    assert ids == ["verdict", "table", "scores", "figures", "estimators", "failures", "provenance"]
+    assert ids == [
+        "verdict",
+        "table",
+        "scores",
+        "accuracy",
+        "figures",
+        "estimators",
+        "failures",
+        "provenance",
+    ]
     links = [attributes["href"] for name, attributes in read(page).elements if name == "a"]
     assert links == [f"#{name}" for name in ids]
 

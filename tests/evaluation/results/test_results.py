@@ -118,6 +118,7 @@ def test_a_folder_that_is_read_only(study, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("pathlib.Path.write_bytes", refuse)
+    monkeypatch.setattr("rangefix.evaluation.results.files._write_nameless", lambda *arguments: False)
     with pytest.raises(ResultsError, match=r"cannot write .*manifest.json: Permission denied"):
         run(Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=3), study)
     assert load(study).runs == 95

@@ -7,11 +7,13 @@ from typing import Any
 
 import pytest
 
-from rangefix.filters import available
+from rangefix.filters import Estimator, Problem, available, build
 from rangefix.filters.checks import Check, check_names, checks_for, parametrize_with_checks, problems
 
 from .faults import FAULTS
 from .sound import Kalman, Particles
+
+MINUTES = {"headings_are_angles", "claims_what_is_true_with_a_heading"}
 
 
 @parametrize_with_checks([Kalman, Particles])
@@ -23,6 +25,28 @@ def test_sound_estimators_pass(check: Check) -> None:
 @parametrize_with_checks(available())
 def test_built_in_estimators_pass(check: Check) -> None:
     """Every estimator that `available` lists, with its defaults and without exceptions."""
+    if check.subject.name == "point-mass" and check.name in MINUTES:
+        pytest.skip("takes minutes: make study")
+    check()
+
+
+@pytest.mark.study
+@parametrize_with_checks(["point-mass"])
+def test_the_point_mass_filter_passes_with_headings(check: Check) -> None:
+    """The checks of unknown headings, for which cells that follow the readings take a second a fix."""
+    if check.name in MINUTES:
+        check()
+
+
+def given_cells(problem: Problem) -> Estimator[Any]:
+    """The point-mass filter with cells of 5 cm and 0.05 rad."""
+    turns = {"heading_cell": 0.05} if problem.space.is_angle.any() else {}
+    return build("point-mass", problem, cell=0.05, **turns)
+
+
+@parametrize_with_checks([given_cells])
+def test_given_cells_pass(check: Check) -> None:
+    """The point-mass filter as the paper has it."""
     check()
 
 

@@ -39,7 +39,7 @@ class FigureData:
         count = len(results.estimators)
         if count <= MAX_ESTIMATORS_DRAWN:
             return cls(results)
-        return cls(replace(results, estimators=results.estimators[:MAX_ESTIMATORS_DRAWN]), count)
+        return cls(replace(results, estimators=results.estimators[:MAX_ESTIMATORS_DRAWN]), estimators=count)
 
     @cached_property
     def labels(self) -> dict[str, str]:

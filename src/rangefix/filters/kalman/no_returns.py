@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import log_ndtr, ndtri
+from scipy.special import log_ndtr, logsumexp, ndtri
 
 from ...arrays import Array, BoolArray
 from ..models.noise import Gaussian, RangeProportional
@@ -59,7 +59,5 @@ def _log_probability(sensor: Sensor, measurement: Array, expected: Array, varian
     nodes = ndtri((np.arange(NODES) + 0.5) / NODES)
     ranges = np.maximum(centre + np.sqrt(variance) * nodes[:, None, None], 0.0)
     logs = sensor.beam_log_density(measurement, np.where(wall, ranges, np.inf))
-    peak = logs.max(0)
-    return np.where(
-        peak > -np.inf, peak + np.log(sum_terms(np.exp(logs - np.maximum(peak, -1e300))) / NODES), 0.0
-    )
+    possible = logs.max(0) > -np.inf
+    return np.where(possible, logsumexp(np.where(possible, logs, 0.0), axis=0) - np.log(NODES), 0.0)

@@ -16,7 +16,7 @@ from ...arrays import TWO_PI, Array
 from ..compiled import njit
 from ..problem import Problem
 
-CELLS = {2: 20_000, 3: 100_000}  # about how many there are, by the number of components
+CELLS = {2: 20_000, 3: 20_000}  # about how many there are, by the number of components
 PLACES_A_SIDE = {2: 4, 3: 2}  # asked for their ranges in each cell
 SEARCH_BEAMS = 16  # by which cells are told apart; all beams count when they are refined
 TYPICAL_RANGE = 2.5  # m; a cell is as long as it is wide to a beam that turns about its place
