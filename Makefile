@@ -5,6 +5,7 @@
 # make chaos   commands killed at random moments, and plug-ins that misbehave: about an hour
 # make bench   speed against other libraries
 # make lint    format and lint only
+# make honesty  the page of who is honest where: every estimator on random problems, about ten minutes
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
 
@@ -19,7 +20,7 @@ BUILDING_RUNS ?= 400
 DOCS_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test study fuzz chaos bench docs lint clean
+.PHONY: demo test study fuzz chaos bench honesty docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper

@@ -10,7 +10,7 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 CASES = range(IN_TESTS // (RUNS * UPDATES))
-FEW = {"adaptive-point-mass": 5, "exact": 5}  # runs of those that take tens of milliseconds for each
+FEW = {"adaptive-point-mass": 5, "exact": 5, "particle": 5}  # runs of those that take milliseconds for each
 LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 
 

@@ -178,6 +178,7 @@ def test_a_step_that_ends_at_a_wall_is_followed():
     assert estimator._cells(belief).log_integral == pytest.approx(0, abs=0.02)
 
 
+@pytest.mark.study
 def test_claims_are_true_on_a_drive_through_rooms():
     """50 moves by odometry through a door and back, 4 runs: mean NEES / n is 1.
 
