@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, Results, run
-from rangefix.evaluation.monte_carlo import guard
+from rangefix.evaluation.trials import guard
 
 from ..evaluation.conftest import make_problem
 from .bad_plugins import FAULTS
