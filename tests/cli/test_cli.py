@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,6 +16,8 @@ from rangefix import __version__
 from rangefix.cli import main
 from rangefix.cli.main import gather_bearings
 from rangefix.evaluation import load
+
+from .conftest import Said
 
 STUDY = """
 runs = 12
@@ -44,31 +45,6 @@ class Broken:
     def update(self, belief, measurement, rng): return belief
     def estimate(self, belief): return belief
 """
-
-
-class Said(NamedTuple):
-    """What a command left behind."""
-
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def rangefix(
-    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Said]:
-    """Runs a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str | Path) -> Said:
-        with pytest.raises(SystemExit) as stopped:
-            main([str(each) for each in arguments])
-        said = capfd.readouterr()
-        assert isinstance(stopped.value.code, int)
-        return Said(stopped.value.code, said.out, said.err)
-
-    return call
 
 
 def write(path: Path, text: str) -> Path:

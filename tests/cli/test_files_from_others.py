@@ -11,11 +11,10 @@ import unicodedata
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
-import rangefix
+import rangefix as package
 from rangefix.cli import main, tables
 from rangefix.errors import printable
 from rangefix.evaluation import Experiment, NamedEstimator, load, run, summarise, to_csv
@@ -24,6 +23,7 @@ from rangefix.evaluation.monte_carlo import backends
 from rangefix.evaluation.results import MANIFEST
 
 from ..evaluation.conftest import make_problem
+from .conftest import Said
 
 TOUCHING = """
 from pathlib import Path
@@ -59,31 +59,6 @@ HOSTILE = (
 OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
-class Said(NamedTuple):
-    """What a command left behind."""
-
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def rangefix_(
-    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Said]:
-    """Runs a command in the folder of a test."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str | Path) -> Said:
-        with pytest.raises(SystemExit) as stopped:
-            main([str(each) for each in arguments])
-        said = capfd.readouterr()
-        assert isinstance(stopped.value.code, int)
-        return Said(stopped.value.code, said.out, said.err)
-
-    return call
-
-
 @pytest.fixture
 def touched(tmp_path: Path) -> Path:
     """What the plug-in of a study writes as soon as its code is run; the study is in a folder of its own."""
@@ -94,7 +69,7 @@ def touched(tmp_path: Path) -> Path:
 
 
 def test_only_run_runs_code_of_others(
-    rangefix_: Callable[..., Said], touched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rangefix: Callable[..., Said], touched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not when a study is refused or validated, nor when results are shown; `run` is the control."""
     monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "1s")
@@ -114,51 +89,49 @@ def test_only_run_runs_code_of_others(
         (2, "run", study, "--map", "nowhere.ply"),
         (0, "estimators"),
     ):
-        said = rangefix_(*arguments)
+        said = rangefix(*arguments)
         assert said.code == code, said.err
         assert not touched.exists(), arguments
     assert {path.name for path in tmp_path.iterdir()} == {"from"}
-    said = rangefix_("run", study, "--out", "r")
+    said = rangefix("run", study, "--out", "r")
     assert (said.code, said.err) == (0, "")
     assert touched.exists()
     touched.unlink()
     (tmp_path / "from" / "other.toml").write_text(STUDY)
-    assert (
-        rangefix_("run", tmp_path / "from" / "other.toml", "--out", "r").code == 2
-    )  # another study's folder
+    assert rangefix("run", tmp_path / "from" / "other.toml", "--out", "r").code == 2  # another study's folder
     for arguments in (("report", "r"), ("plot", "r"), ("compare", "r", "r")):
-        assert rangefix_(*arguments).code == 0
+        assert rangefix(*arguments).code == 0
     assert not touched.exists()
 
 
-def test_validate_says_what_would_run(rangefix_: Callable[..., Said], touched: Path, tmp_path: Path) -> None:
+def test_validate_says_what_would_run(rangefix: Callable[..., Said], touched: Path, tmp_path: Path) -> None:
     """Estimators, beams, runs, and where code of others is; as JSON as well."""
-    said = rangefix_("validate", tmp_path / "from" / "s.toml", "--runs", "7", "--map", "room:5x5")
+    said = rangefix("validate", tmp_path / "from" / "s.toml", "--runs", "7", "--map", "room:5x5")
     assert (said.code, said.err) == (0, "")
     for words in ("sound", "7 runs of 1 measurement, seed 1", "beams: all", "estimators: 2", "  ekf\n"):
         assert words in said.out
     plugin = tmp_path / "from" / "theirs.py"
     assert f"theirs.py:Thing: plug-in, {plugin}; its code was not run" in said.out
-    document = json.loads(rangefix_("validate", tmp_path / "from" / "s.toml", "--json").out)
+    document = json.loads(rangefix("validate", tmp_path / "from" / "s.toml", "--json").out)
     assert (document["study"], document["sound"], document["runs"]) == ("s", True, 3)
     assert [each["plugin"] for each in document["estimators"]] == [None, str(plugin)]
     assert document["beam_sets"] == [[1, 2, 3]]
-    said = rangefix_("validate", "nowhere.toml")
+    said = rangefix("validate", "nowhere.toml")
     assert (said.code, said.out, said.err.count("\n")) == (2, "", 1)
     (tmp_path / "plan.toml").write_text("width = 4\nlength = 6\n")
     ours = STUDY.partition('[[estimators]]\nname = "theirs')[0]
     (tmp_path / "p.toml").write_text(re.sub(r"kind = .*\nw.*\nl.*", 'path = "plan.toml"', ours))
-    assert "reads: plan.toml" in rangefix_("validate", "p.toml", "--no-plugins").out
+    assert "reads: plan.toml" in rangefix("validate", "p.toml", "--no-plugins").out
     for name in ("paper", "drive"):
-        assert rangefix_("validate", name, "--no-plugins").code == 0
+        assert rangefix("validate", name, "--no-plugins").code == 0
 
 
-def test_no_plugins_is_one_line_that_names_it(rangefix_: Callable[..., Said], touched: Path) -> None:
+def test_no_plugins_is_one_line_that_names_it(rangefix: Callable[..., Said], touched: Path) -> None:
     for command in ("run", "validate"):
-        said = rangefix_(command, touched.parent / "from" / "s.toml", "--no-plugins")
+        said = rangefix(command, touched.parent / "from" / "s.toml", "--no-plugins")
         assert (said.code, said.out, said.err.count("\n")) == (2, "", 1)
         assert said.err.startswith("rangefix: s.toml:14: estimators[2].name: 'theirs.py:Thing' is a plug-in")
-    ours = json.loads(rangefix_("estimators", "--no-plugins", "--json").out)["estimators"]
+    ours = json.loads(rangefix("estimators", "--no-plugins", "--json").out)["estimators"]
     assert {"ekf", "particle"} <= {each["name"] for each in ours}
 
 
@@ -203,7 +176,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_hostile_results_reach_no_terminal(
-    rangefix_: Callable[..., Said], hostile: Path, tmp_path: Path
+    rangefix: Callable[..., Said], hostile: Path, tmp_path: Path
 ) -> None:
     """Tables, lines and figures' names; JSON is plain ASCII and says the label in full."""
     changed = tmp_path / "b"
@@ -214,11 +187,11 @@ def test_hostile_results_reach_no_terminal(
         target.write_bytes(file.read_bytes())
     manifest = json.loads((changed / MANIFEST).read_text())
     (changed / MANIFEST).write_text(json.dumps(manifest | {"config": f"other\n{HOSTILE}", "seed": 9}))
-    shown = rangefix_("compare", hostile, "b")
+    shown = rangefix("compare", hostile, "b")
     assert shown.code == 0, shown.err
     assert is_harmless(shown.out)
     assert r"x\x1b[31m" in shown.out
-    as_json = rangefix_("compare", hostile, "b", "--json").out
+    as_json = rangefix("compare", hostile, "b", "--json").out
     assert as_json.isascii()
     assert is_harmless(as_json)
     assert HOSTILE in {each["estimator"] for each in json.loads(as_json)["differences"]}
@@ -235,7 +208,7 @@ def test_hostile_results_reach_no_terminal(
 
 
 def test_hostile_names_on_the_command_line_and_in_studies(
-    rangefix_: Callable[..., Said], tmp_path: Path
+    rangefix: Callable[..., Said], tmp_path: Path
 ) -> None:
     """Paths, names, titles, labels, keys, options: in lines of mistakes, of success and of traces."""
     evil = "e\x1b[2J\u202e"
@@ -263,14 +236,14 @@ def test_hostile_names_on_the_command_line_and_in_studies(
         (2, "check", "ekf", "--option", evil),
         (2, "ranges", f"{evil}.ply", "--at", "2", "3", "--bearings-deg", "0"),
     ):
-        said = rangefix_(*arguments)
+        said = rangefix(*arguments)
         assert said.code == code, (arguments, said)
         assert is_harmless(said.out + said.err), arguments
         assert said.out or said.err
 
 
 def test_a_plug_in_prints_nothing_that_is_obeyed(
-    rangefix_: Callable[..., Said], touched: Path, tmp_path: Path
+    rangefix: Callable[..., Said], touched: Path, tmp_path: Path
 ) -> None:
     """Neither what it prints nor what it raises, in any verb."""
     plugin = tmp_path / "from" / "theirs.py"
@@ -280,7 +253,7 @@ def test_a_plug_in_prints_nothing_that_is_obeyed(
             "(self, belief, measurement, rng): return belief", f"(self, *_): raise ValueError({HOSTILE!r})"
         )
     )
-    said = rangefix_("run", tmp_path / "from" / "s.toml", "--out", "r")
+    said = rangefix("run", tmp_path / "from" / "s.toml", "--out", "r")
     assert said.code == 1
     assert is_harmless(said.out + said.err)
     assert r"\x1b]0;pwned" in said.err
@@ -306,7 +279,7 @@ def test_an_error_of_ours_is_traced_without_escapes(
 
 def test_every_line_is_printed_by_the_two_functions_that_clean_it() -> None:
     """No other module of the command line writes to the terminal by itself."""
-    folder = Path(rangefix.__file__).parent
+    folder = Path(package.__file__).parent
     writing = re.compile(r"\bprint\(|\becho\(|(stdout|stderr)\.write|warnings\.showwarning")
     places = {
         file.relative_to(folder).as_posix()
