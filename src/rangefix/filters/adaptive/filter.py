@@ -20,7 +20,7 @@ from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .lattice import Lattice, Limits, halved
 from .mode_gaussians import kept_count, sample_modes
 from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, integrate, verified
-from .predicted import Predicted, coarse_axes, predict_modes
+from .predicted import GUESS_BEAMS, Predicted, coarse_axes, predict_modes
 from .range_bounds import SearchTable, build_table, shortfall_bounds
 from .target import Target, TooManyCells
 
@@ -34,6 +34,9 @@ STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
+PREDICTED_DRAWS = 20_000  # that show what modes of a moved belief hold nothing of
+DRAWS_FOLLOWED = 48  # of those, at once
+DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
@@ -308,7 +311,31 @@ class AdaptivePointMassFilter(BriefRepr):
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        return replace(found, missed=prior.missed(target, found)) if found.modes else found
+        return self._with_what_draws_find(prior, target, rough, found)
+
+    def _with_what_draws_find(
+        self, prior: Predicted, target: Target, rough: Target, found: Quadrature
+    ) -> Quadrature:
+        """Modes after a move, and those that draws from the prediction find where they hold nothing."""
+        draws = prior.draws(PREDICTED_DRAWS)
+        logs, (means, precisions) = draw_log_likelihoods(target, draws.states), prior.means_and_precisions()
+        for steps in (*DRAW_STEPS, None):
+            left = np.flatnonzero(~found.holds(draws.states) & (logs > -np.inf))
+            worth = logs[left]
+            if found.modes:
+                worth = worth + draws.log_share - found.log_integral
+                worth = worth + np.log(found.counts(draws.states[left]))
+                found = replace(found, missed=float(np.exp(np.logaddexp.reduce(worth, initial=-np.inf))))
+                if found.missed < MISSED_SHARE * self.accuracy:
+                    break
+            if steps is None or not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
+                break
+            best = left[np.argsort(-worth, kind="stable")[:DRAWS_FOLLOWED]]
+            of = draws.parts[best]
+            peaks = climb(rough, draws.states[best], means[of], precisions[of], steps)
+            peaks = peaks._replace(log_density=target.log_density(peaks.states))
+            found = integrate(target, peaks, self._accuracy, found)
+        return found
 
     def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
@@ -390,6 +417,23 @@ class AdaptivePointMassFilter(BriefRepr):
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))
+
+
+def draw_log_likelihoods(target: Target, states: Array) -> Array:
+    """Log likelihoods of drawn states, (J, n) -> (J,); with many beams -inf for all but the likeliest."""
+    likely = replace(target, log_prior=no_prior, log_prior_cost=0.0)
+    few, logs = likely.few(GUESS_BEAMS), np.full(len(states), -np.inf)
+    first = few.log_density(states)
+    if few is likely:
+        return first
+    best = np.argsort(-first, kind="stable")[: MAX_BOXES_FOLLOWED]
+    logs[best] = likely.log_density(states[best])
+    return logs
+
+
+def no_prior(states: Array) -> Array:
+    """A log density of zero everywhere, (K, n) -> (K,)."""
+    return np.zeros(len(states))
 
 
 def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
