@@ -70,12 +70,12 @@ class Draws(NamedTuple):
     Attributes:
         states: (J, n).
         parts: The part that each is of, (J,).
-        log_share: Log of the probability that each stands for.
+        log_mass: Log of the probability that each stands for, (J,).
     """
 
     states: Array
     parts: IntArray
-    log_share: float
+    log_mass: Array
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,8 @@ class Predicted:
             states.append(drawn)
             of.append(np.full(len(drawn), place))
         log_share = float(np.logaddexp.reduce(logs) - np.log(count))
-        return Draws(self.space.wrap(np.concatenate(states)), np.concatenate(of), log_share)
+        drawn = self.space.wrap(np.concatenate(states))
+        return Draws(drawn, np.concatenate(of), np.full(len(drawn), log_share))
 
     def roughly(self, states: Array) -> Array:
         """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""

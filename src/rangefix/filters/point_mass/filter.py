@@ -22,6 +22,7 @@ from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
+MEMORY_GB = 0.6  # of expected ranges: 25 million of them, three times
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted against these
 ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
@@ -78,7 +79,8 @@ class PointMassFilter(BriefRepr):
         cell: Largest cell size, one number or one for each component; m, or rad for a heading.
         heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
-        memory_gb: The most that the table of expected ranges may take, GB; posteriors come on top.
+        memory_gb: The most that the expected ranges may take, GB, with those of two shifted grids, which
+            tell the error; posteriors come on top.
         cell_correction: Whether the covariance is raised by what cells wider than the posterior miss. Without
             it the filter is the paper's.
         shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
@@ -92,7 +94,7 @@ class PointMassFilter(BriefRepr):
     cell: ArrayLike
     heading_cell: float | None = None
     most_cells: int = 20_000_000
-    memory_gb: float = 4.0
+    memory_gb: float = MEMORY_GB
     cell_correction: bool = True
     shift: float = 0.0
 

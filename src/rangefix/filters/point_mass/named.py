@@ -6,12 +6,11 @@ from numpy.typing import ArrayLike
 
 from ..problem import Problem
 from ..refined_cells import RefinedPointMassFilter
-from .filter import PointMassFilter
+from .filter import MEMORY_GB, PointMassFilter
 
 ACCURACY = 0.02  # of mean and covariance, in deviations
 REFINED_CELLS = 200_000
 GRID_CELLS = 20_000_000
-MEMORY_GB = 4.0
 
 
 def point_mass(
@@ -35,7 +34,8 @@ def point_mass(
         accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
         most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid, 20
             million.
-        memory_gb: With `cell`: the most that the table of expected ranges may take, GB; 4.
+        memory_gb: With `cell`: the most that the expected ranges may take, GB, with those of two shifted grids
+            that tell the error; 0.6.
 
     Raises:
         ValueError: If an option goes with the other kind of cells, or does not fit.
