@@ -218,7 +218,10 @@ class AdaptivePointMassFilter(BriefRepr):
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        return verified(target, check, integrate(target, peaks, self._accuracy), self._accuracy)
+        found = integrate(target, peaks, self._accuracy)
+        if isinstance(prior, Predicted):
+            found = replace(found, missed=prior.blur(prior.draws(DRAWS)))
+        return verified(target, check, found, self._accuracy)
 
     def _finer(self, belief: AdaptiveBelief, before: Quadrature, control: Array) -> tuple[Lattice, ...]:
         """The modes before a move, with half the steps where walls cut the law of the move.
@@ -321,7 +324,8 @@ class AdaptivePointMassFilter(BriefRepr):
             found = integrate(target, peaks, self._accuracy, found)
         draws = prior.draws(DRAWS)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
-        return self._completed(target, rough, found, draws, *prior.means_and_precisions())
+        found = self._completed(target, rough, found, draws, *prior.means_and_precisions())
+        return replace(found, missed=found.missed + prior.blur(draws)) if found.modes else found
 
     def _completed(
         self, target: Target, rough: Target, found: Quadrature, draws: Draws, means: Array, precisions: Array

@@ -81,9 +81,9 @@ def deviations(
 ) -> tuple[Array, Array]:
     """Points as weights and deviations from a mean, (N,) and (N, n): N is K, or 2 K where a cut goes through.
 
-    Angles are taken the short way round. Points about half a turn from the mean count on both sides, which is
-    exact for smooth densities; with a sharp cut each counts on its own side alone, which holds, more coarsely,
-    where a density breaks off, too.
+    Angles are taken the short way round. Points about half a turn from the mean count on both sides, which
+    is exact for smooth densities; with a sharp cut each counts on its own side alone, which is coarser, but
+    holds where a density breaks off, too.
     """
     weights, away = weights_of(lattice, log_integral), lattice.unwrapped - mean
     if not weights.any():

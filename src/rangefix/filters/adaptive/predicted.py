@@ -47,6 +47,8 @@ class Part:
         fans: How far walls are from each start in WALL_DIRECTIONS all round, m; (K, 0) where no wall is near.
         mean: Its mean, walls aside, (n,).
         covariance: Its covariance, walls aside, (n, n).
+        blur: Of what stays put beside a wall, the share of a variance that its kernels make up: nothing
+            spreads it besides, and where it breaks off at the wall it is off by as much, in deviations.
     """
 
     starts: Array
@@ -55,6 +57,7 @@ class Part:
     fans: Array
     mean: Array
     covariance: Array
+    blur: float = 0.0
 
     @property
     def log_weights(self) -> Array:
@@ -138,6 +141,12 @@ class Predicted:
         log_share = float(np.logaddexp.reduce(logs) - np.log(count))
         drawn = self.space.wrap(np.concatenate(states))
         return Draws(drawn, np.concatenate(of), np.full(len(drawn), log_share))
+
+    def blur(self, draws: Draws) -> float:
+        """What kernels blur of what stays put, where draws say how much it counts; in deviations."""
+        shares = np.exp(draws.log_mass - draws.log_mass.max(initial=-np.inf))
+        total = np.bincount(draws.parts, shares, len(self.parts))
+        return float(total @ [part.blur for part in self.parts] / max(total.sum(), 1e-300))
 
     def roughly(self, states: Array) -> Array:
         """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""
@@ -259,7 +268,9 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     if np.exp(stays).sum() > MIN_STUCK_PROBABILITY:
         still = smoothed(mode, noise, together, stays=True)._replace(log_weights=stays)
         still, fans, inside = _kept_inside(still, motion, control)
-        parts.append(_part(space, still, Stationary(space), control, fans, inside))
+        part = _part(space, still, Stationary(space), control, fans, inside)
+        blur = float((np.diagonal(still.covariance) / np.diagonal(part.covariance)).max())
+        parts.append(replace(part, blur=blur))
     return parts
 
 

@@ -154,13 +154,6 @@ class PointMassFilter(BriefRepr):
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.counts))
-        return replace(
-            self._updated(belief, measurement),
-            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
-        )
-
-    def _updated(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
-        """What a checked measurement makes of a belief."""
         if self.problem.sensor.gaussian_stds is not None:
             with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
                 after = self._with_readings(belief, measurement)
@@ -239,7 +232,7 @@ class PointMassFilter(BriefRepr):
             raise ValueError("heading_cell is for an unknown heading, and needs one number for cell")
         return np.where(angle, self.heading_cell, np.asarray(self.cell, dtype=float))
 
-    @property
+    @cached_property
     def _precision(self) -> Array:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
         stds = self.problem.sensor.gaussian_stds
@@ -260,7 +253,13 @@ class PointMassFilter(BriefRepr):
         spread = 0.5 * precision * step**2 * belief.counts / np.maximum(counts, 1)
         common = np.where(returned, log_density - spread, 0.0)
         common[mixed] = -np.inf  # one beam, from one place, both met a wall and met none
-        return replace(belief, counts=counts, readings=readings, log_scale=belief.log_scale + common.sum(1))
+        return replace(
+            belief,
+            counts=counts,
+            readings=readings,
+            log_scale=belief.log_scale + common.sum(1),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
 
     def _with_densities(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Any noise: the log density of the measurement at every cell goes into the cells' log mass."""
@@ -274,7 +273,12 @@ class PointMassFilter(BriefRepr):
                 part = slice(start, start + height)
                 density = self.problem.sensor.log_density(measurement[part, None, :], expected)
                 log_mass[part, first : first + width] += density
-        return replace(belief, log_mass=log_mass, top_mass=self.cells.top(log_mass))
+        return replace(
+            belief,
+            log_mass=log_mass,
+            top_mass=self.cells.top(log_mass),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
 
     def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
         """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
@@ -282,10 +286,11 @@ class PointMassFilter(BriefRepr):
         mass = CellMass(belief.log_mass, belief.top_mass)
         sums = self.cells.moments(readings, mass, self.cell_correction)
         mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
-        flat = ~is_definite(covariance, SUM_ROUNDING) & self.cell_correction
-        covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
-        if before is not None:
-            lost = ~np.isfinite(log_evidence)
+        flat = ~is_definite(covariance, SUM_ROUNDING)
+        if self.cell_correction and np.count_nonzero(flat):
+            covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
+        lost = ~np.isfinite(log_evidence)
+        if before is not None and np.count_nonzero(lost):
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))

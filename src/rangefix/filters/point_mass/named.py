@@ -32,10 +32,10 @@ def point_mass(
         cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
             what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
         accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
-        most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid, 20
-            million.
-        memory_gb: With `cell`: the most that the expected ranges may take, GB, with those of two shifted grids
-            that tell the error; 0.6.
+        most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid,
+            20 million.
+        memory_gb: With `cell`: the most that the expected ranges may take, GB, with those of two shifted
+            grids that tell the error; 0.6.
 
     Raises:
         ValueError: If an option goes with the other kind of cells, or does not fit.
