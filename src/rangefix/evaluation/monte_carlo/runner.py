@@ -44,6 +44,7 @@ from .keys import part_keys
 from .own_folder import locked, remove_files, what_is_older
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
+from .unfinished import Place, Unfinished
 from .worker import Task, Worker
 
 MAX_RUNS_TIMED = 128  # at once
@@ -106,7 +107,7 @@ def run(
 
     Parts are saved as they are finished. When it is run again, parts are taken as they are whose checksum is
     right and whose key (config, seed, source, libraries) is the same; the results are then bit for bit those
-    of an unbroken run. Interrupting it loses at most the parts in hand.
+    of an unbroken run. Interrupting it loses some seconds of work; on a cluster, the parts in hand.
 
     Args:
         study: What to run.
@@ -163,7 +164,7 @@ def run(
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
-        with closing(Worker(experiment)) as worker:
+        with closing(Worker(experiment, Unfinished(folder, plan))) as worker:
             if say:
                 line = estimate_line(worker, plan, folder, disk, workers, resume)
                 for text in filter(None, (older.line, line)):
@@ -197,7 +198,7 @@ def _work_all(
     progress: Callable[[Progress], None] | None,
     resume: bool,
 ) -> None:
-    experiment = worker.experiment
+    experiment, unfinished = worker.experiment, Unfinished(folder, plan)
     total = experiment.runs * len(experiment.beam_sets)
     counts = {label: [0, 0] for label in experiment.estimators}
 
@@ -217,8 +218,8 @@ def _work_all(
     def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
-    def place(task: Task) -> tuple[str, str, int, int]:  # estimator, beams, first run and end of its part
-        return task.estimator, experiment.beam_labels[task.beams], task.first, task.end
+    def place(task: Task) -> Place:
+        return Place(task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
 
     tasks = []
     for label in experiment.estimators:
@@ -229,6 +230,8 @@ def _work_all(
                 saved = if_valid(read_trials, folder, plan, *place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
+                    if not resume:
+                        unfinished.remove(place(task))
                 else:
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
@@ -238,9 +241,10 @@ def _work_all(
     elif workers == 1 or len(tasks) == 1:
         parts = in_process(worker, tasks, world, lambda task, begun: report(task.estimator, 0, 0, begun))
     else:
-        parts = on_workers(experiment, tasks, world, workers)
+        parts = on_workers(worker, tasks, world, workers)
     for task, part in parts:
         write_part(trials_path(folder, *place(task)), part, plan.key(*place(task)))
+        unfinished.remove(place(task))
         report(task.estimator, task.end - task.first, len(part["failed"]))
 
 
