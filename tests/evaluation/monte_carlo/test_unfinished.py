@@ -187,7 +187,9 @@ def test_runs_lost_in_a_row_are_counted_alike(tmp_path: Path, monkeypatch: pytes
     """What is saved of a plug-in never ends with a run that was lost."""
     monkeypatch.setattr(guard, "MAX_LOST_IN_A_ROW", 3)
     lost = (5, 6, 11, 12, 13)
-    (tmp_path / "slow.py").write_text(PLUGIN.replace("{LOST}", str(first_draws(lost))).replace("{SECONDS}", "0"))
+    (tmp_path / "slow.py").write_text(
+        PLUGIN.replace("{LOST}", str(first_draws(lost))).replace("{SECONDS}", "0")
+    )
     plugin = experiment({"slow": NamedEstimator(f"{tmp_path}/slow.py:Slow")}, runs=20, timeout=5.0)
     written: list[int] = []
     monkeypatch.setattr(
@@ -235,4 +237,6 @@ def test_a_run_that_is_stopped_goes_on(
     (tmp_path / "log").unlink()
     assert subprocess.run([sys.executable, str(program)], check=False, capture_output=True).returncode == 0
     again = {*map(float, (tmp_path / "log").read_text().split())}
-    assert again == set(first_draws([0, 1, *range(done, int(runs))]))  # the first two are tried, to see how long they take
+    assert again == set(
+        first_draws([0, 1, *range(done, int(runs))])
+    )  # the first two are tried, to see how long they take

@@ -102,7 +102,10 @@ def on_workers(
     left, breaks = dict.fromkeys(tasks), 0
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
-        start = {"initializer": _start_worker, "initargs": (to_pickle((worker.experiment, worker.unfinished)), os.getpid())}
+        start = {
+            "initializer": _start_worker,
+            "initargs": (to_pickle((worker.experiment, worker.unfinished)), os.getpid()),
+        }
         while left:
             pool = Parallel(
                 n_jobs=workers,

@@ -18,15 +18,12 @@ from ..results import (
     MANIFEST,
     SCENE,
     SUMMARY,
-    TIMING,
     WORST_RUNS,
     FolderLayout,
     Results,
-    ResultsError,
     hash_of,
     if_valid,
     load,
-    read_timing,
     read_trials,
     read_world,
     remove_partial_files,
@@ -44,10 +41,10 @@ from .keys import part_keys
 from .own_folder import locked, remove_files, what_is_older
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
+from .time_updates import time_all
 from .unfinished import Place, Unfinished
 from .worker import Task, Worker
 
-MAX_RUNS_TIMED = 128  # at once
 MAX_BLOCKS_IN_MEMORY, MAX_BLOCK_BYTES = 20, 256e6  # of truths and measurements: at least one
 
 
@@ -172,7 +169,7 @@ def run(
             _simulate_all(experiment, plan, folder, resume)
             _work_all(worker, plan, folder, workers, client, progress, resume)
             if timing:
-                _time_all(worker, plan, folder, resume)
+                time_all(worker, plan, folder, resume)
         _save_scene(experiment, folder)
         save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
@@ -246,31 +243,6 @@ def _work_all(
         write_part(trials_path(folder, *place(task)), part, plan.key(*place(task)))
         unfinished.remove(place(task))
         report(task.estimator, task.end - task.first, len(part["failed"]))
-
-
-def _time_all(worker: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
-    """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
-    path, experiment = folder / TIMING, worker.experiment
-    before = _timed_before(path) if resume else {}
-    first, end = next(plan.blocks())
-    measurement = read_world(folder, plan, first, end)["measurement"]
-    rows = {}
-    for label in experiment.estimators:
-        for beams, beam_label in enumerate(experiment.beam_labels):
-            made_by = plan.made_by(label, beam_label)
-            key = hash_of(made_by, MAX_RUNS_TIMED, min(MAX_RUNS_TIMED, experiment.runs))
-            part = read_trials(folder, plan, label, beam_label, first, end)
-            ok = measurement[part["status"] == 0][:MAX_RUNS_TIMED]
-            rows[key] = before.get(key) or worker.time(label, beams, ok)
-    write_json(path, rows)
-
-
-def _timed_before(path: Path) -> dict[str, dict[str, Any]]:
-    """What was timed; nothing where that is damaged."""
-    try:
-        return read_timing(path)
-    except ResultsError:
-        return {}
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:

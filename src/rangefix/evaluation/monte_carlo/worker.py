@@ -59,13 +59,14 @@ class Worker:
         keep_draws = self.experiment.beliefs is not False
         return Trial(self.experiment.assumed_problem, moves, self.experiment.seed, keep_draws)
 
-    def estimator(self, label: str) -> BuiltEstimator | GuardedEstimator:
+    def estimator(self, label: str, alone: bool = True) -> BuiltEstimator | GuardedEstimator:
         """The estimator, built in this process; where its trials have a time limit, in a separate one.
 
         Raises:
             Raised: What its builder raised; one in a separate process will say so when it is asked.
         """
-        self.close(but=label)
+        if alone:
+            self.close(but=label)
         if label not in self.built:
             builder, limit = self.experiment.estimators[label], self.experiment.timeout_of(label)
             try:
@@ -154,23 +155,34 @@ class Worker:
             return f"{name}: {error}"
         return error.text if error.kind in ("", "ImportError") else f"building {name} failed: {error}"
 
-    def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
-        """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
-        row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
+    def runs_to_time(self, label: str, beams: int, measurement: Array) -> int:
+        """How many of some runs (M, T, B) are to be timed at once; 0 if the estimator fails.
+
+        Its process stays beside those of others, so that estimators can be timed in turns.
+        """
         readings = self.experiment.masked(measurement, beams)
         if not len(readings):
-            return row
+            return 0
         try:
             with undisturbed(self.trial):
-                built = self.estimator(label)
+                built = self.estimator(label, alone=False)
                 if isinstance(built, GuardedEstimator):
                     probe = built.probe(self.probe_measurement(beams))
                     size = 1 if probe is None else probe.size
                 else:
                     size = self._batch_size(label, beams, built)
-                return row | built.time(readings[:size]) | {"runs_at_once": len(readings[:size])}
+                return built.runs_to_time(readings[:size])
         except (Raised, Lost):
-            return row
+            return 0
+
+    def time(self, label: str, beams: int, measurement: Array) -> tuple[float, list[str]]:
+        """Seconds per update and run (NaN if it fails), and which libraries were held to one thread."""
+        readings = self.experiment.masked(measurement, beams)
+        try:
+            with undisturbed(self.trial):
+                return self.estimator(label, alone=False).time(readings)
+        except (Raised, Lost):
+            return float("nan"), []
 
 
 def _count_on(note: Callable[[int, int], None], done: int, place: int, count: int) -> None:

@@ -30,7 +30,7 @@ from ..results import (
 from ..seeds import Streams
 from .batch_size import batch_size
 from .saving import Saving
-from .timing import one_thread, seconds_per_update
+from .timing import one_thread, runs_to_time, seconds_per_update
 from .trial import Trial
 
 RUNS_TO_A_LIMIT = 10  # of a batch, which goes faster than its runs one by one
@@ -187,11 +187,15 @@ class BuiltEstimator(NamedTuple):
                 saving.end(end - start, lambda: _judged(outcomes) if outcomes else None)
         return _judged(outcomes)
 
-    def time(self, measurement: Array) -> dict[str, Any]:
-        """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""
+    def runs_to_time(self, measurement: Array) -> int:
+        """How many of some runs (M, T, B) are to be timed at once, with one thread; 0 if it fails."""
+        with one_thread():
+            return runs_to_time(self.trial, self.estimator, measurement)
+
+    def time(self, measurement: Array) -> tuple[float, list[str]]:
+        """Seconds per update and run with one thread, NaN if it fails; and whose threads could be held."""
         with one_thread() as held:
-            seconds = seconds_per_update(self.trial, self.estimator, measurement)
-        return {"seconds": seconds if seconds == seconds else None, "one_thread": held}
+            return seconds_per_update(self.trial, self.estimator, measurement), held
 
 
 def _judged(batches: list[Outcome]) -> Outcome:

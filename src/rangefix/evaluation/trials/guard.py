@@ -121,14 +121,24 @@ class GuardedEstimator:
             self._fresh = False
         return self._probes[known]
 
-    def time(self, measurement: Array) -> dict[str, Any]:
-        """What `BuiltEstimator.time` gives, or seconds None if that takes too long."""
+    def runs_to_time(self, measurement: Array) -> int:
+        """What `BuiltEstimator.runs_to_time` gives, or 0 if that takes too long."""
         try:
-            limit = Limit(FIRST_RUNS_EXTRA_S + 20 * self.timeout)
-            answer: dict[str, Any] = self._ask("time", (measurement,), limit)
+            return int(self._ask("runs_to_time", (measurement,), self._timing_limit))
         except (Lost, Raised):
-            return {"seconds": None}
-        return answer
+            return 0
+
+    def time(self, measurement: Array) -> tuple[float, list[str]]:
+        """What `BuiltEstimator.time` gives, or NaN if that takes too long."""
+        try:
+            seconds, held = self._ask("time", (measurement,), self._timing_limit)
+        except (Lost, Raised):
+            return float("nan"), []
+        return float(seconds), held
+
+    @property
+    def _timing_limit(self) -> Limit:
+        return Limit(FIRST_RUNS_EXTRA_S + 20 * self.timeout)
 
     def run(
         self,

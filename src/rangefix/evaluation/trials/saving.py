@@ -1,4 +1,4 @@
-"""Trials that take long are done a few runs at a time, so that what is finished can be saved every few seconds."""
+"""Long work is done a few runs at a time, so that what is finished can be saved every few seconds."""
 
 from __future__ import annotations
 
