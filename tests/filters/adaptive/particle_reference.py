@@ -119,7 +119,9 @@ def main() -> None:
     for number in range(first, last):
         drawn = draw(family, number)
         for step, each in enumerate(judged(drawn, reference(drawn))):
-            print(family, number, step, "error {:.4f} scatter {:.4f} stated {:.4f}, {:.2f} s".format(*each), flush=True)
+            error, scatter, stated, seconds = each
+            told = f"error {error:.4f} scatter {scatter:.4f} stated {stated:.4f}, {seconds:.2f} s"
+            print(family, number, step, told, flush=True)
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
-DRAWS = 20_000  # that show what the modes found hold nothing of
+DRAWS_ASKED = 20_000  # that show what the modes found hold nothing of
 DRAWS_FOLLOWED = 48  # of those, at once
 DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
@@ -220,7 +220,7 @@ class AdaptivePointMassFilter(BriefRepr):
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
         found = integrate(target, peaks, self._accuracy)
         if isinstance(prior, Predicted):
-            found = replace(found, missed=prior.blur(prior.draws(DRAWS)))
+            found = replace(found, missed=prior.blur(prior.draws(DRAWS_ASKED)))
         return verified(target, check, found, self._accuracy)
 
     def _finer(self, belief: AdaptiveBelief, before: Quadrature, control: Array) -> tuple[Lattice, ...]:
@@ -322,7 +322,7 @@ class AdaptivePointMassFilter(BriefRepr):
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        draws = prior.draws(DRAWS)
+        draws = prior.draws(DRAWS_ASKED)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
         found = self._completed(target, rough, found, draws, *prior.means_and_precisions())
         return replace(found, missed=found.missed + prior.blur(draws)) if found.modes else found
@@ -390,7 +390,7 @@ class AdaptivePointMassFilter(BriefRepr):
 
     def _draws_in(self, boxes: Array, log_volume: float) -> Draws:
         """Draws spread evenly over boxes (K, n) of such a volume each, the same number in each."""
-        each = max(1, round(DRAWS / max(len(boxes), 1)))
+        each = max(1, round(DRAWS_ASKED / max(len(boxes), 1)))
         states = np.repeat(boxes, each, axis=0)
         space, rng = self.problem.space, np.random.default_rng(0)
         width = np.sqrt(TWO_PI * np.diagonal(self.problem.prior.covariance))
