@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, named, print_json, say
+from .app import Json, named, print_json, results_folder, say
+
+Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
 
 
-def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
+def plot(folder: Folder, as_json: Json = False) -> None:
     """Draw the figures of a folder of results anew."""
     from ..evaluation.drawing import draw
 
@@ -23,10 +25,12 @@ def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder of results.")],
+    folder: Folder,
     out: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="PATH", help="The page; DIR/report.html unless given."),
+        typer.Option(
+            "--out", "-o", parser=named, metavar="FILE", help="The page; DIR/report.html unless given."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -41,9 +45,12 @@ def report(
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
+    a: Annotated[Path, typer.Argument(parser=results_folder, metavar="A", help="Folder of results.")],
     b: Annotated[
-        Path | None, typer.Argument(metavar="B", help="Another one; without it, the estimators of A.")
+        Path | None,
+        typer.Argument(
+            parser=results_folder, metavar="[B]", help="Another one; without it, the estimators of A."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -58,7 +65,8 @@ def compare(
     if as_json:
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
         return
-    from .tables import console, differences, preamble
+    from .screen import console
+    from .tables import differences, preamble
 
     screen = console()
     for line in preamble(comparison, str(a), str(b)):
@@ -73,20 +81,31 @@ def _compare_estimators(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json({"folder": str(folder), "pairs": [vars(pair) | {"words": pair.words} for pair in pairs]})
         return
-    from .tables import accuracy, console
+    from .screen import console
+    from .tables import accuracy, accuracy_in_words
 
     screen = console()
     screen.print(accuracy(pairs))
+    for line in accuracy_in_words(pairs):
+        screen.say(line)
 
 
 def paper(
     out: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="PATH", help="Folder for the table, the posteriors and figures."),
+        typer.Option(
+            "--out",
+            "-o",
+            parser=named,
+            metavar="DIR",
+            help="Folder for the table, the posteriors and figures.",
+        ),
     ] = None,
     as_json: Json = False,
-    draws: Annotated[int, typer.Option(min=20, help="Noise draws for the bands.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise draws.")] = 0,
+    draws: Annotated[int, typer.Option(min=20, metavar="N", help="Noise draws for the bands.")] = 1000,
+    seed: Annotated[
+        int, typer.Option("--seed", "-s", min=0, metavar="N", help="Seed of the noise draws.")
+    ] = 0,
 ) -> None:
     """The table and figures of the paper of Stepanov and Mansour."""
     from ..evaluation.paper import save, solve
@@ -100,7 +119,8 @@ def paper(
     if as_json:
         print_json(solved.to_json())
         return
-    from .tables import console, table1, table1_notes
+    from .screen import console
+    from .tables import table1, table1_notes
 
     screen = console()
     screen.print(table1(solved))

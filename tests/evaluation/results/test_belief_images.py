@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.cli.tables import comparison, console
+from rangefix.cli.screen import console
+from rangefix.cli.tables import comparison
 from rangefix.evaluation import load, load_study, parse_study, run, summarise
 from rangefix.evaluation.consistency.formatting import factor, unit
 from rangefix.evaluation.figures.catalogue import study_figures
@@ -140,13 +141,13 @@ def test_headings_are_shown_in_degrees(two_modes: Path, drive: Path) -> None:
     rows = summarise(load(two_modes))
     screen = console()
     with screen.capture() as shown:
-        screen.print(comparison(rows, "title"))
+        screen.print(*comparison(rows, "title"))
     exact = next(row for row in rows if row.estimator == "point-mass")
     std = factor("heading") * exact.p[2].sqrt().value
     assert "heading std, deg" in shown.get()
     assert f"/ {std:.3g}" in shown.get()
     with screen.capture() as shown:
-        screen.print(comparison(summarise(load(drive)), "title"))
+        screen.print(*comparison(summarise(load(drive)), "title"))
     assert shown.get().count("ekf") == 1
     assert "after the last of 6 measurements" in " ".join(shown.get().split())
 
