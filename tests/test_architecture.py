@@ -113,7 +113,7 @@ filters.adaptive
 filters.point_mass filters.exact filters.particle filters.kalman filters.registry
 filters.refined_cells
 filters.models filters.images
-filters.estimator filters.sampling filters.compiled filters.plugin_line
+filters.estimator filters.sampling filters.compiled filters.plugin_line filters.option_units
 filters.measurement
 filters.problem
 filters.space

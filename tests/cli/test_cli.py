@@ -104,19 +104,6 @@ def test_run_tells_whom_not_to_trust(rangefix: Callable[..., Said], tmp_path: Pa
     assert rangefix("plot", tmp_path / "r").code == 0
 
 
-def test_a_narrow_terminal_keeps_names_and_verdicts(
-    rangefix: Callable[..., Said], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """At 80 columns every estimator has its name and its verdict; labels are no markup."""
-    monkeypatch.setenv("COLUMNS", "80")
-    text = STUDY.replace('name = "ekf"', 'name = "ekf"\nlabel = "[/x] :smile:"')
-    said = rangefix("run", write(tmp_path / "s.toml", text), "--runs", "60", "--out", "r")
-    assert said.code == 0
-    assert max(map(len, said.out.splitlines())) <= 80
-    for words in ("point-mass", "[/x] :smile:", "DO NOT TRUST", "honest"):
-        assert words in said.out
-
-
 def test_ranges(rangefix: Callable[..., Said]) -> None:
     """The paper's ranges at (2, 3); bearings apart, by commas and negative mean the same."""
     at = ("ranges", "room:4x6", "--at", "2", "3", "--json")
@@ -330,11 +317,8 @@ def test_bad_input_is_one_line(rangefix: Callable[..., Said], what: str) -> None
     assert (said.code, said.out) == (2, "")
     *usage, line = said.err.splitlines()
     assert word in line
-    if usage:
-        assert usage[0].startswith("Usage: rangefix")
-        assert line.startswith("Error: ")
-    else:
-        assert line.startswith("rangefix: ")
+    assert line.startswith("Error: " if usage else ("rangefix: ", "Error: "))
+    assert not usage or usage[0].startswith("Usage: rangefix")
     assert "Traceback" not in said.err
 
 

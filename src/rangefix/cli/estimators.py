@@ -1,21 +1,18 @@
-"""The commands `estimators` and `check`, and how options are read."""
+"""The command `estimators`, and what an estimator says of its options."""
 
 from __future__ import annotations
 
 import math
-import re
-import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, names_from, one_of, print_json, say
+from .app import Json, names_from, one_of, print_json, say
 
 if TYPE_CHECKING:
     from ..evaluation.isolation import PluginInfo
-    from ..filters.checks import CheckResult
 
 MAX_WIDTH = 110  # of lines of text
 UNITS = {"m": "m", "rad": "deg"}  # in Python -> as options are written
@@ -28,90 +25,7 @@ def names() -> tuple[str, ...]:
     return available()
 
 
-def check(
-    target: Annotated[
-        str,
-        typer.Argument(
-            metavar="ESTIMATOR",
-            help="A name of `rangefix estimators`, module:function, or path/file.py:function.",
-            autocompletion=names_from(names),
-        ),
-    ],
-    option: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--option",
-            "-O",
-            metavar="NAME=VALUE",
-            help="An option, as in a study: cell_m=0.05; may be repeated.",
-        ),
-    ] = None,
-    only: Annotated[
-        list[str] | None,
-        typer.Option("-k", metavar="TEXT", help="Only checks whose names hold this; may be repeated."),
-    ] = None,
-    first: Annotated[bool, typer.Option("-x", help="Stop after the first check that fails.")] = False,
-    expect_failure: Annotated[
-        list[str] | None,
-        typer.Option(metavar="CHECK=REASON", help="A check that must fail, and why; may be repeated."),
-    ] = None,
-    timeout: Annotated[
-        float, typer.Option(min=0.1, metavar="SECONDS", help="Longest that a check may take.")
-    ] = 60.0,
-    as_json: Json = False,
-) -> None:
-    """Whether an estimator does what every estimator must; exit code 1 if not."""
-    from ..evaluation.isolation.checks import run_checks_isolated
-    from ..filters.checks import conforms, lines_of, sum_up
-
-    known = names()
-    if ":" not in target:
-        one_of(target, known, "estimator")
-    options, reasons = read_options(option or (), _look(target)), read_reasons(expect_failure or ())
-    results: list[CheckResult] = []
-    for result in run_checks_isolated(target, options, reasons, timeout, chosen(only or ())):
-        results.append(result)
-        if not as_json and not (result.outcome == "skipped" and _told_before(results)):
-            for line in lines_of(result):
-                say(line)
-        if first and not conforms([result]):
-            break
-    if as_json:
-        checks = [vars(result) for result in results]
-        print_json({"target": target, "conforms": conforms(results), "checks": checks})
-    else:
-        say(sum_up(results))
-    if not conforms(results):
-        raise typer.Exit(ExitCode.SOME_FAILED)
-
-
-def _told_before(results: list[CheckResult]) -> bool:
-    """Whether the last of the checks was skipped for what the one before it says already."""
-    *_, before, last = [None, *results]
-    cause = ("it was not built", "it was not imported", "not tried: ")
-    return before is not None and last is not None and last.detail.startswith(cause)
-
-
-def chosen(texts: Iterable[str]) -> tuple[str, ...]:
-    """Names of the checks that hold one of some texts; all of them if there is none.
-
-    Raises:
-        ValueError: If a text is in no name.
-    """
-    from ..errors import suggestion
-    from ..filters.checks import check_names
-
-    given = list(texts)
-    for text in given:
-        if not any(text in name for name in check_names()):
-            words = dict.fromkeys(word for name in check_names() for word in name.split("_"))
-            hint = suggestion(text, words)
-            hint = hint if hint.startswith("did you mean") else f"there are {', '.join(check_names())}"
-            raise ValueError(f"-k {text}: no check has this in its name; {hint}")
-    return tuple(name for name in check_names() if not given or any(text in name for text in given))
-
-
-def _look(name: str) -> PluginInfo:
+def inspect_estimator(name: str) -> PluginInfo:
     """What an estimator says of its options; a plug-in is imported in a process of its own."""
     from ..evaluation.isolation import signature_of
     from ..evaluation.isolation.look import inspect_plugin
@@ -123,7 +37,11 @@ def _look(name: str) -> PluginInfo:
 def estimators(
     name: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Only these.", autocompletion=names_from(names)),
+        typer.Argument(
+            metavar="[NAME]...",
+            help="Only these; module:function or path/file.py:function, too.",
+            autocompletion=names_from(names),
+        ),
     ] = None,
     no_plugins: Annotated[
         bool, typer.Option("--no-plugins", help="Leave out those of other packages, which are imported here.")
@@ -135,9 +53,10 @@ def estimators(
     from .screen import console
 
     known = BUILT_IN if no_plugins else names()
-    described = {
-        each: _look(each) for each in ([one_of(each, known, "estimator") for each in name or ()] or known)
-    }
+    chosen = [each if ":" in each else one_of(each, known, "estimator") for each in name or known]
+    described = {each: inspect_estimator(each) for each in chosen}
+    if missing := [info.fault for each, info in described.items() if ":" in each and info.missing]:
+        raise ValueError(missing[0])
     if as_json:
         print_json({"estimators": [_as_json(each, info) for each, info in described.items()]})
         return
@@ -203,59 +122,3 @@ def _as_json(name: str, info: PluginInfo) -> dict[str, Any]:
     }
     fault = {"fault": info.fault} if info.fault else {}
     return {"name": name, "summary": info.summary, "options": options} | fault
-
-
-def read_options(given: Iterable[str], plugin: PluginInfo) -> dict[str, Any]:
-    """Options written as in a study, NAME=VALUE, as the estimator takes them: in m and rad.
-
-    Raises:
-        ValueError: If one has no value, stands twice, is none of the estimator's, or has a value that a study
-            would not take.
-    """
-    from pydantic import ValidationError
-
-    from ..evaluation.study.sections.base import Misfit
-    from ..evaluation.study.sections.estimators import EstimatorSection
-
-    options: dict[str, Any] = {}
-    for text in given:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if name in options:
-            raise ValueError(f"--option {name} is given more than once: which one counts?")
-        if equals and (wrong := plugin.misnamed(name)):
-            raise ValueError(f"--option {name}: the estimator {wrong}")
-        try:
-            options[name] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            if not equals or not re.fullmatch(r"[A-Za-z][\w.-]*", value):
-                raise ValueError(
-                    f"--option {text!r}: write NAME=VALUE as in a study, such as cell_m=0.05"
-                ) from None
-            options[name] = value  # a word without quotation marks
-    try:
-        variants = EstimatorSection(name="-", options=options).variants()
-    except ValidationError as error:
-        faults = [fault.get("ctx", {}).get("error", fault["msg"]) for fault in error.errors()]
-        where = [".".join(map(str, fault.path)) if isinstance(fault, Misfit) else "" for fault in faults]
-        told = [f"{name}: {fault}" if name else str(fault) for name, fault in zip(where, faults, strict=True)]
-        raise ValueError(f"--option {'; '.join(told)}") from None
-    if len(variants) > 1:
-        raise ValueError("--option: a list of values makes several estimators: check one after the other")
-    return variants[0].options
-
-
-def read_reasons(given: Iterable[str]) -> dict[str, str]:
-    """Checks that are expected to fail, CHECK=REASON.
-
-    Raises:
-        ValueError: If one has no reason, or stands twice.
-    """
-    reasons: dict[str, str] = {}
-    for text in given:
-        name, _, reason = (part.strip() for part in text.partition("="))
-        if not reason:
-            raise ValueError(f"--expect-failure {text!r}: write CHECK=REASON, the reason in quotation marks")
-        if name in reasons:
-            raise ValueError(f"--expect-failure {name} is given more than once: which one counts?")
-        reasons[name] = reason
-    return reasons

@@ -16,7 +16,8 @@ import typer
 from .. import __version__
 from ..errors import printable
 from .app import Command, ExitCode, Stopped, app, say, warn
-from .estimators import check, estimators
+from .check import check
+from .estimators import estimators
 from .maps import RangesCommand, ranges
 from .results import compare, paper, plot, report
 from .run import run

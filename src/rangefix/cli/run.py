@@ -123,7 +123,6 @@ def run(
     from ..evaluation import check_gates, decide, parse_gates, summarise
     from ..evaluation import run as run_study
     from ..evaluation.consistency.gates import need_sound
-    from .progress import bars
 
     gates = parse_gates(gate or ())
     tls = _tls(cluster, cluster_tls_ca, cluster_tls_cert, cluster_tls_key)
@@ -145,21 +144,20 @@ def run(
         answered = show_run(described, only_run, folder, as_json)
         raise typer.Exit(ExitCode.FINE if answered else ExitCode.SOME_FAILED)
     try:
-        with bars() as progress:
-            results = run_study(
-                described,
-                folder,
-                workers=workers or 1,
-                cluster=cluster,
-                cluster_tls=tls,
-                plugins=not no_plugins,
-                progress=progress,
-                command_line=["rangefix", *sys.argv[1:]],
-                resume=resume,
-                force=force,
-                memory_gb=memory_gb,
-                say=warn,
-            )
+        results = run_study(
+            described,
+            folder,
+            workers=workers or 1,
+            cluster=cluster,
+            cluster_tls=tls,
+            plugins=not no_plugins,
+            progress=True,
+            command_line=["rangefix", *sys.argv[1:]],
+            resume=resume,
+            force=force,
+            memory_gb=memory_gb,
+            say=warn,
+        )
     except KeyboardInterrupt:
         begun = f"stopped; what was finished is in {folder}: run again to go on"
         raise Stopped(begun if folder.exists() else "stopped") from None

@@ -35,6 +35,8 @@ class Screen(Console):
                 for line, style in as_lines(item):
                     super().print(line, style=style, **options)
             else:
+                if isinstance(item, Table):
+                    fit(item, self.width)
                 super().print(item, **options)
 
     def say(self, text: str) -> None:
@@ -62,13 +64,30 @@ def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
 
 def least_width(table: Table) -> int:
     """Columns of the screen that a table needs so that no figure is cut and no word broken."""
-    return sum(_least(column) + COLUMN_SPACE for column in table.columns) + 1
+    return sum(_width(column, wrapped=True) + COLUMN_SPACE for column in table.columns) + 1
 
 
-def _least(column: Column) -> int:
+def fit(table: Table, width: int) -> None:
+    """Set the widths of a table's columns: no word is broken, and the first ones get what room is left."""
+    spare = width - least_width(table)
+    for column in table.columns:
+        least, natural = _width(column, wrapped=True), _width(column, wrapped=False)
+        more = min(spare, natural - least)
+        column.width, spare = least + more, spare - more
+
+
+def _width(column: Column, wrapped: bool) -> int:
+    """The width of a column's longest line, or of its longest word where its lines may be wrapped."""
     texts = [str(column.header), *map(str, column.cells)]
-    pieces = [piece for text in texts for piece in (text.split("\n") if column.no_wrap else text.split())]
-    return max(map(cell_len, pieces), default=0)
+    split = wrapped and not column.no_wrap
+    return max((cell_len(piece) for text in texts for piece in _pieces(text, split)), default=0)
+
+
+def _pieces(text: str, split: bool) -> list[str]:
+    words = text.split()
+    if not split or not words:
+        return text.split("\n")
+    return [text[: text.index(words[0])].strip("\n") + words[0], *words[1:]]  # with its indent
 
 
 def as_lines(table: Table) -> Iterator[tuple[str, str]]:

@@ -82,7 +82,8 @@ def studies(
         if as_json:
             print_json({"study": name, "text": text})
         else:
-            typer.echo(text, nl=False)
+            for line in text.splitlines():
+                say(line)
         return
     path = write_new(out, text)
     if as_json:

@@ -80,12 +80,12 @@ class Verdict:
 
     @property
     def by(self) -> str:
-        """By which factor squared errors are larger or smaller than claimed, in a few letters; "-" for none.
+        """By which factor squared errors are larger or smaller than claimed, in a few letters.
 
-        One that is known only from below begins with ">".
+        One that is known only from below begins with ">"; "-" where the verdict rests on something else.
         """
         value, low, _ = _as_factor(self.factor)
-        if self.kind not in ("overconfident", "cautious") or not math.isfinite(value):
+        if not math.isfinite(value) or _factor_words(self.factor) not in self.words:
             return "-"
         if low < value / KNOWN:
             return f"> {format_factor(low)}" if low >= 1.1 else "-"

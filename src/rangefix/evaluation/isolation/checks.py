@@ -11,7 +11,7 @@ from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
 CHECK_TIMEOUT_S = 60.0
 FIX = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
-FIRST = "can_be_built"
+FIRST_CHECK = "can_be_built"
 MAX_LOST_IN_A_ROW = 2  # checks; the rest is not tried
 
 
@@ -65,7 +65,7 @@ def run_checks_isolated(
             except Lost as stopped:
                 result, lost, child = _lost(check, str(stopped)), lost + 1, IsolatedProcess()
             yield result
-            if check.name == FIRST and result.outcome in ("failed", "expected_failure"):
+            if check.name == FIRST_CHECK and result.outcome in ("failed", "expected_failure"):
                 why = "it was not built"
             elif lost == MAX_LOST_IN_A_ROW:
                 why = f"not tried: {MAX_LOST_IN_A_ROW} checks in a row were lost"

@@ -126,7 +126,12 @@ class IsolatedProcess:
         self.kill = weakref.finalize(self, _kill, self._process, printing, file)
 
     def ask(
-        self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: Limit, where: bool = False
+        self,
+        function: Callable[..., Any],
+        arguments: tuple[Any, ...],
+        limit: Limit,
+        where: bool = False,
+        watch: Callable[[Stage], None] | None = None,
     ) -> Any:
         """What a function of this package returns there.
 
@@ -134,6 +139,7 @@ class IsolatedProcess:
             function, arguments: What to call.
             limit: How long each of its pieces of work may take.
             where: Whether to say at which line it was lost, which need not be the same every time.
+            watch: Told now and then what it is doing.
 
         Raises:
             Lost: If it took too long or too much, or ended; there is no process then.
@@ -154,6 +160,8 @@ class IsolatedProcess:
             if ended:
                 raise self._lost(limit, where, "ended the process ({})", ended=True)
             latest, stage = self._note(os.pread(self._file, NOTE_BYTES, 0))
+            if piece and watch is not None:
+                watch(stage)
             if latest != piece:
                 piece, since = latest, monotonic()
             longest = (1 + TIMER_SLACK) * limit.over(stage.at_once) if piece else IMPORT_TIMEOUT_S

@@ -13,7 +13,7 @@ from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Lost, Raised, begin_piece, undisturbed
+from ..isolation import Lost, Raised, Stage, undisturbed
 from ..results import failed_outcome, part_arrays
 from ..trials.batch_size import batch_size
 from ..trials.built_estimator import BuiltEstimator
@@ -95,9 +95,9 @@ class Worker:
         return simulate(self.experiment, 0, 2).measurement
 
     def work(
-        self, task: Task, world: Simulation, note: Callable[[int, int], None] = begin_piece
+        self, task: Task, world: Simulation, watch: Callable[[Stage], None] | None = None
     ) -> dict[str, NDArray[Any]]:
-        """Do a task whose runs are given; `note` is told what is about to be done."""
+        """Do a task whose runs are given; `watch` is told what is about to be done."""
         problem = self.experiment.assumed_problem
         readings = self.experiment.masked(world.measurement, task.beams)
         truth = world.truth if self.experiment.beliefs else None
@@ -105,11 +105,11 @@ class Worker:
             with undisturbed(self.trial):
                 built, first_two = self.estimator(task.estimator), self.probe_measurement(task.beams)
                 if isinstance(built, GuardedEstimator):
-                    outcome = built.run(readings, task.first, first_two, truth)
+                    outcome = built.run(readings, task.first, first_two, truth, watch)
                 else:
                     size = self._batch_size(task.estimator, task.beams, built)
                     limit = self.experiment.limit_here(task.estimator)
-                    outcome = built.run(readings, task.first, size, truth, note, limit)
+                    outcome = built.run(readings, task.first, size, truth, watch, limit)
         except (Raised, Lost) as error:
             status = error.status if isinstance(error, Lost) else "error"
             reason = self._why_not_built(task.estimator, error)

@@ -74,8 +74,16 @@ class BuiltEstimator(NamedTuple):
         self.run(measurement, 0)
         return Probe(size, perf_counter() - start)
 
-    def attempt(self, measurement: Array, runs: Iterable[int], truth: Array | None = None) -> Outcome:
+    def attempt(
+        self,
+        measurement: Array,
+        runs: Iterable[int],
+        truth: Array | None = None,
+        watch: Callable[[Stage], None] | None = None,
+    ) -> Outcome:
         """Estimates after each step, all runs at once, all "ok"; beliefs are judged if truths are given.
+
+        `watch` is told which method is called next.
 
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
@@ -91,6 +99,8 @@ class BuiltEstimator(NamedTuple):
             nonlocal stage
             stage = Stage(verb=verb, step=step)
             begin_stage(verb, step)
+            if watch is not None:
+                watch(stage)
 
         try:
             readings = measurement.swapaxes(0, 1)
@@ -141,7 +151,7 @@ class BuiltEstimator(NamedTuple):
         first: int,
         size: int | None = None,
         truth: Array | None = None,
-        note: Callable[[int, int], None] = begin_piece,
+        watch: Callable[[Stage], None] | None = None,
         limit: float = np.inf,
     ) -> Outcome:
         """Runs first, first + 1, ... in batches; where a batch fails, run by run.
@@ -153,7 +163,7 @@ class BuiltEstimator(NamedTuple):
             first: Number of the first run.
             size: Runs to a batch; all at once unless given.
             truth: True states (M, T, n), if beliefs are to be judged.
-            note: Told the place of the first run, and how many are done at once, before each piece of work.
+            watch: Told before each piece of work and each method which runs are done at once, and what.
             limit: Longest that a run may take, s, where this process can end it; ten runs of a batch may each
                 take a tenth.
         """
@@ -165,12 +175,18 @@ class BuiltEstimator(NamedTuple):
         outcomes = []
         while todo:
             start, end = todo.pop()
-            note(start, end - start)
+            begin_piece(start, end - start)
+
+            def note(stage: Stage, start: int = start, end: int = end) -> None:
+                if watch is not None:
+                    watch(stage._replace(place=start, at_once=end - start))
+
+            note(Stage())
             readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
                 numbers = range(first + start, first + end)
                 with deadline(limit * -(-len(readings) // RUNS_TO_A_LIMIT)):
-                    outcomes.append(self.attempt(readings, numbers, true))
+                    outcomes.append(self.attempt(readings, numbers, true, note))
             except TrialError as error:
                 if end - start > 1:  # whose fault it is will show
                     todo += [(place, place + 1) for place in range(start, end)][::-1]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pickle
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from ...arrays import Array
 from ..experiment import Builder, NamedEstimator
-from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle, undisturbed
+from ..isolation import IsolatedProcess, Limit, Lost, Raised, Stage, to_pickle, undisturbed
 from ..isolation.look import add_folder
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
@@ -34,6 +35,13 @@ def _build(content: bytes) -> None:
 def _call(method: str, *arguments: Any) -> Any:
     with undisturbed(_here[0].trial):
         return getattr(_here[0], method)(*arguments)
+
+
+def _counted_from(start: int, watch: Callable[[Stage], None] | None) -> Callable[[Stage], None] | None:
+    """What is told of the runs of a batch, counted from the first of the part."""
+    if watch is None:
+        return None
+    return lambda stage: watch(stage._replace(place=start + stage.place))
 
 
 @dataclass
@@ -94,12 +102,18 @@ class GuardedEstimator:
             self._child.kill()
             self._child = None
 
-    def _ask(self, method: str, arguments: tuple[Any, ...], limit: Limit) -> Any:
-        """What a method of the estimator there gives."""
+    def _ask(
+        self,
+        method: str,
+        arguments: tuple[Any, ...],
+        limit: Limit,
+        watch: Callable[[Stage], None] | None = None,
+    ) -> Any:
+        """What a method of the estimator there gives; `watch` is told now and then where it is."""
         self.start()
         assert self._child is not None
         try:
-            return self._child.ask(_call, (method, *arguments), limit)
+            return self._child.ask(_call, (method, *arguments), limit, watch=watch)
         except Lost:
             self._child = None
             raise
@@ -129,7 +143,14 @@ class GuardedEstimator:
             return {"seconds": None}
         return answer
 
-    def run(self, measurement: Array, first: int, first_two: Array, truth: Array | None = None) -> Outcome:
+    def run(
+        self,
+        measurement: Array,
+        first: int,
+        first_two: Array,
+        truth: Array | None = None,
+        watch: Callable[[Stage], None] | None = None,
+    ) -> Outcome:
         """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
 
         A batch may last as long as a trial, or BATCH_TIME_FACTOR times what two runs took for each of its
@@ -156,7 +177,7 @@ class GuardedEstimator:
             try:
                 probe = self.probe(first_two)
                 piece = (measurement[start:end], first + start, at_once, true)
-                done[start] = self._ask("run", piece, self._limit(probe))
+                done[start] = self._ask("run", piece, self._limit(probe), _counted_from(start, watch))
                 continue
             except Raised as error:  # not by the estimator's verbs: by something in our own way to it
                 give_up(start, end, "error", str(error))
