@@ -66,7 +66,10 @@ def _command(command: Any) -> Iterator[str]:
 
 
 def _metavar(param: Any) -> str:
-    return param.metavar or param.name.upper()
+    name = param.metavar or param.name.upper()
+    if param.param_type_name == "option" or param.required:
+        return str(name)
+    return f"[{name}]..." if param.nargs == -1 else f"[{name}]"
 
 
 def _default(param: Any) -> str:

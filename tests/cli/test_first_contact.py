@@ -246,7 +246,7 @@ def test_help_of_each_command(
 def test_help_of_run_loses_no_word(rangefix: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
     """Square brackets are no markup in help."""
     monkeypatch.setenv("COLUMNS", "200")
-    assert "[NAME]" in rangefix("studies", "-h").out
+    assert "studies [OPTIONS] [NAME]" in rangefix("studies", "-h").out
     assert "module:function or path/file.py:function" in rangefix("estimators", "-h").out
 
 

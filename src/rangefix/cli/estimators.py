@@ -38,7 +38,7 @@ def estimators(
     name: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...",
+            metavar="NAME",
             help="Only these; module:function or path/file.py:function, too.",
             autocompletion=names_from(names),
         ),

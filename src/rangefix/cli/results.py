@@ -49,7 +49,7 @@ def compare(
     b: Annotated[
         Path | None,
         typer.Argument(
-            parser=results_folder, metavar="[B]", help="Another one; without it, the estimators of A."
+            parser=results_folder, metavar="B", help="Another one; without it, the estimators of A."
         ),
     ] = None,
     as_json: Json = False,

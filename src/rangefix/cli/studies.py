@@ -63,7 +63,7 @@ def studies(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="[NAME]", help="One of them: its text.", autocompletion=names_from(lambda: OURS)
+            metavar="NAME", help="One of them: its text.", autocompletion=names_from(lambda: OURS)
         ),
     ] = None,
     out: Annotated[
