@@ -63,19 +63,20 @@ def results_folder(text: str) -> Path:
     """A folder of results that was given.
 
     Raises:
-        typer.BadParameter: If there are none in it, with what was meant.
+        FileNotFoundError: If there are none in it, with what was meant.
+        typer.BadParameter: If its name is empty.
     """
     path = named(text)
     if _holds_results(path):
         return path
     if path.is_dir() and (inner := [str(each) for each in sorted(path.iterdir()) if _holds_results(each)]):
-        raise typer.BadParameter(f"{path} holds no results; there are {', '.join(inner[:MAX_LISTED])}")
+        raise FileNotFoundError(f"{path} holds no results; there are {', '.join(inner[:MAX_LISTED])}")
     places = [place for place in (path.parent, Path("results")) if place.is_dir()]
     near = [str(each) for place in places for each in place.iterdir() if _holds_results(each)]
     hint = suggestion(str(path), near) if near else ""
     if not hint.startswith("did you mean"):
         hint = "make some with rangefix run STUDY --out DIR"
-    raise typer.BadParameter(f"{path} holds no results: {hint}")
+    raise FileNotFoundError(f"{path} holds no results: {hint}")
 
 
 def _holds_results(path: Path) -> bool:
