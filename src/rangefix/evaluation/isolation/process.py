@@ -80,6 +80,16 @@ class Stage(NamedTuple):
         return f"{self.verb}()" + (f" at measurement {self.step + 1}" if self.verb != "init" else "")
 
 
+Watch = Callable[[Stage], None]  # is told what is being done
+
+
+def counted_from(start: int, watch: Watch | None) -> Watch | None:
+    """What is told the same, with runs counted from one that is `start` earlier."""
+    if watch is None:
+        return None
+    return lambda stage: watch(stage._replace(place=start + stage.place))
+
+
 class Lost(Exception):
     """The process was killed, or ended, at a stage; `ended` if by itself, or by somebody else."""
 
@@ -131,7 +141,7 @@ class IsolatedProcess:
         arguments: tuple[Any, ...],
         limit: Limit,
         where: bool = False,
-        watch: Callable[[Stage], None] | None = None,
+        watch: Watch | None = None,
     ) -> Any:
         """What a function of this package returns there.
 
