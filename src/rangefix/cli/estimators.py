@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..evaluation.isolation import PluginInfo
 
 MAX_WIDTH = 110  # of lines of text
-UNITS = {"m": "m", "rad": "deg"}  # in Python -> as options are written
+WRITTEN_UNITS = {"m": "m", "rad": "deg"}  # in Python -> as options are written
 
 
 def names() -> tuple[str, ...]:
@@ -83,9 +83,7 @@ def _options(info: PluginInfo, width: int) -> Iterator[str]:
     if not info.parameters:
         yield "    no options"
     for option, default in info.parameters.items():
-        value = (
-            f"{_shown(_default(option, default, info))} {UNITS.get((info.units or {}).get(option, ''), '')}"
-        )
+        value = f"{_shown(_default(option, default, info))} {WRITTEN_UNITS.get((info.units or {}).get(option, ''), '')}"
         line = f"{written_name(option, info.units):<17} {value:<11} {info.about.get(option, '')}".rstrip()
         yield from wrap(line, width, initial_indent="    ", subsequent_indent=" " * 34)
 
@@ -115,7 +113,7 @@ def _as_json(name: str, info: PluginInfo) -> dict[str, Any]:
     options = {
         written_name(option, info.units): {
             "default": _default(option, default, info),
-            "unit": UNITS.get((info.units or {}).get(option, "")),
+            "unit": WRITTEN_UNITS.get((info.units or {}).get(option, "")),
             "about": info.about.get(option, ""),
         }
         for option, default in info.parameters.items()

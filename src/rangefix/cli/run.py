@@ -14,8 +14,8 @@ from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 if TYPE_CHECKING:
     from ..evaluation import ClusterTls
 
-WHERE = "Where it runs"
-KEPT = "What is kept"
+WHERE_PANEL = "Where it runs"
+KEPT_PANEL = "What is kept"
 
 
 def figures() -> list[str]:
@@ -38,7 +38,7 @@ def run(
             parser=named,
             metavar="DIR",
             help="Folder of results; results/STUDY unless given.",
-            rich_help_panel=KEPT,
+            rich_help_panel=KEPT_PANEL,
         ),
     ] = None,
     workers: Annotated[
@@ -49,13 +49,13 @@ def run(
             min=1,
             metavar="N",
             help="Processes, 1 unless given; they change no number.",
-            rich_help_panel=WHERE,
+            rich_help_panel=WHERE_PANEL,
         ),
     ] = None,
     cluster: Annotated[
         str | None,
         typer.Option(
-            rich_help_panel=WHERE,
+            rich_help_panel=WHERE_PANEL,
             metavar="ADDRESS",
             help="Workers of a dask scheduler, such as tcp://HOST:8786, instead. Dask asks nobody who it is: "
             "whoever reaches the scheduler can run code on its workers and in this process. Over a network "
@@ -68,21 +68,26 @@ def run(
             parser=named,
             metavar="FILE",
             help="PEM: who signed the certificates of the cluster.",
-            rich_help_panel=WHERE,
+            rich_help_panel=WHERE_PANEL,
         ),
     ] = None,
     cluster_tls_cert: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="FILE", help="PEM: your certificate.", rich_help_panel=WHERE),
+        typer.Option(
+            parser=named, metavar="FILE", help="PEM: your certificate.", rich_help_panel=WHERE_PANEL
+        ),
     ] = None,
     cluster_tls_key: Annotated[
         Path | None,
         typer.Option(
-            parser=named, metavar="FILE", help="PEM: its key, if not in the same file.", rich_help_panel=WHERE
+            parser=named,
+            metavar="FILE",
+            help="PEM: its key, if not in the same file.",
+            rich_help_panel=WHERE_PANEL,
         ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option(help="Take parts that are there and whole.", rich_help_panel=KEPT)
+        bool, typer.Option(help="Take parts that are there and whole.", rich_help_panel=KEPT_PANEL)
     ] = True,
     map_path: Map = None,
     no_plugins: NoPlugins = False,
@@ -100,7 +105,7 @@ def run(
     force: Annotated[
         bool,
         typer.Option(
-            "--force", help="Remove the results of another study from the folder.", rich_help_panel=KEPT
+            "--force", help="Remove the results of another study from the folder.", rich_help_panel=KEPT_PANEL
         ),
     ] = False,
     only_run: Annotated[
@@ -112,7 +117,7 @@ def run(
         typer.Option(
             "--memory-gb",
             metavar="GB",
-            rich_help_panel=WHERE,
+            rich_help_panel=WHERE_PANEL,
             help="Memory that the arrays may take; half of the machine's unless given. Beyond it the study "
             "is refused before it begins; it changes no number.",
         ),

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from ..evaluation import Study
 
 EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
-OURS = tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
+SHIPPED = tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
 GIVEN_AS = {"runs": "--runs", "seed": "--seed", "map": "--map"}
 
 
 def studies_here() -> Iterator[str]:
     """Names of studies that come along, and of study files in the current folder."""
-    yield from OURS
+    yield from SHIPPED
     yield from sorted(file.name for file in Path().glob("*.toml"))
 
 
@@ -63,7 +63,7 @@ def studies(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="NAME", help="One of them: its text.", autocompletion=names_from(lambda: OURS)
+            metavar="NAME", help="One of them: its text.", autocompletion=names_from(lambda: SHIPPED)
         ),
     ] = None,
     out: Annotated[
@@ -77,7 +77,7 @@ def studies(
             raise ValueError("--out needs a NAME: which study is to be copied?")
         _list(as_json)
         return
-    text = _text(one_of(name, OURS, "study that comes along is called"))
+    text = _text(one_of(name, SHIPPED, "study that comes along is called"))
     if out is None:
         if as_json:
             print_json({"study": name, "text": text})
@@ -93,7 +93,7 @@ def studies(
 
 
 def _list(as_json: bool) -> None:
-    tables = [tomllib.loads(_text(name)) for name in OURS]
+    tables = [tomllib.loads(_text(name)) for name in SHIPPED]
     listed = [{"name": table["name"], "runs": table["runs"], "title": table["title"]} for table in tables]
     if as_json:
         print_json({"studies": listed})

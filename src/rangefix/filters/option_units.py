@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 T = TypeVar("T", bound=Callable[..., Any])
 SUFFIXES = {"m": "_m", "rad": "_deg"}  # of a unit in Python -> how a study and a command name such an option
-KINDS = {"m": "a length", "rad": "an angle"}
+KINDS_OF_UNIT = {"m": "a length", "rad": "an angle"}
 
 
 @runtime_checkable

@@ -30,7 +30,7 @@ WORST_FIRST: tuple[Kind, ...] = (
 )  # fmt: skip
 
 
-SHORT: dict[Kind, str] = {
+SHORT_WORDS: dict[Kind, str] = {
     "honest": "honest", "overconfident": "overconfident", "cautious": "cautious", "uneven": "uneven",
     "biased": "biased", "shape": "other shape", "unsure": "cannot tell", "failed": "no answer",
 }  # fmt: skip
@@ -76,7 +76,7 @@ class Verdict:
     @property
     def short(self) -> str:
         """The verdict in at most two words, or three where it must not be trusted."""
-        return "DO NOT TRUST" if self.severe else SHORT[self.kind]
+        return "DO NOT TRUST" if self.severe else SHORT_WORDS[self.kind]
 
     @property
     def by(self) -> str:

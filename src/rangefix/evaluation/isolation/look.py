@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ...errors import one_line, suggestion
 from ...filters import Problem
-from ...filters.option_units import KINDS, bare_name, units_of, written_name
+from ...filters.option_units import KINDS_OF_UNIT, bare_name, units_of, written_name
 from ...filters.plugin_line import plugin_line
 from ...filters.registry import BUILT_IN, build_with, resolve
 from .pickling import to_pickle
@@ -65,7 +65,7 @@ class PluginInfo(NamedTuple):
             return f"has no such option; {suggestion(given, self.written)}"
         if self.units is None or given == written_name(name, self.units):
             return ""
-        kind = KINDS.get(self.units.get(name, ""), "it without a unit")
+        kind = KINDS_OF_UNIT.get(self.units.get(name, ""), "it without a unit")
         return f"takes {kind}: write {written_name(name, self.units)}"
 
 

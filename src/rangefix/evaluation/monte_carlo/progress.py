@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
 
-TRIALS = "trials"
+TRIALS_STAGE = "trials"
 NOTEBOOK_INTERVAL_S = 0.5  # between two pictures of the bars in a notebook
 NOTEBOOK_WIDTH = 100  # letters
 NAME_WIDTH = 22  # letters of what a bar is of
@@ -38,7 +38,7 @@ class Progress(NamedTuple):
     done: int
     total: int
     failed: int
-    stage: str = TRIALS
+    stage: str = TRIALS_STAGE
     now: str = ""
 
 
