@@ -83,7 +83,8 @@ def _options(info: PluginInfo, width: int) -> Iterator[str]:
     if not info.parameters:
         yield "    no options"
     for option, default in info.parameters.items():
-        value = f"{_shown(_default(option, default, info))} {WRITTEN_UNITS.get((info.units or {}).get(option, ''), '')}"
+        unit = WRITTEN_UNITS.get((info.units or {}).get(option, ""), "")
+        value = f"{_shown(_default(option, default, info))} {unit}"
         line = f"{written_name(option, info.units):<17} {value:<11} {info.about.get(option, '')}".rstrip()
         yield from wrap(line, width, initial_indent="    ", subsequent_indent=" " * 34)
 
