@@ -164,7 +164,9 @@ def _teller(bars: Bars) -> Tell:
         if name not in tasks:
             shown = printable(name)
             shown = shown if len(shown) <= NAME_WIDTH else f"{shown[: NAME_WIDTH - 3]}..."
-            tasks[name] = bars.add_task(shown, total=progress.total, note="")
+            tasks[name] = bars.add_task(shown, total=progress.total, start=False, note="")
+        if progress.stage != TRIALS_STAGE or progress.done or progress.now:  # else it waits for its turn
+            bars.start_task(tasks[name])
         failed = f"{progress.failed} failed" if progress.failed else ""
         note = ", ".join(filter(None, (failed, progress.now)))
         bars.update(tasks[name], completed=progress.done, note=note)

@@ -243,6 +243,11 @@ def _work_all(
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
+    elsewhere = "on the cluster" if client is not None else ""
+    if client is None and workers > 1 and len(tasks) > 1:
+        elsewhere = f"on {workers} workers"
+    for label in dict.fromkeys(task.estimator for task in tasks):
+        report(label, 0, 0, now=elsewhere)
     if client is not None:
         parts = on_cluster(experiment, tasks, world, client)
     elif workers == 1 or len(tasks) == 1:
