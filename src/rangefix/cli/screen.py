@@ -15,7 +15,7 @@ from rich.text import Text
 
 from ..errors import printable
 
-WIDTH = 150  # where the output is not a terminal and COLUMNS does not say
+WIDTH = 200  # where the output is not a terminal and COLUMNS does not say
 COLUMN_SPACE = 3  # columns of the screen that a column of a table takes beside its text
 
 
