@@ -36,7 +36,12 @@ def new(
     path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
     text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
     name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
-    text = text.replace("STUDY.toml", path.name.replace("\n", "_")).replace("NAME", name)
+    schema = (EXAMPLES.parent / "study.schema.json").as_uri()  # editors complete and check a study by it
+    text = (
+        text.replace("STUDY.toml", path.name.replace("\n", "_"))
+        .replace("NAME", name)
+        .replace("SCHEMA", schema)
+    )
     made = False
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
