@@ -114,7 +114,9 @@ def new(
     path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
     text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
     name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
-    text = text.replace("STUDY.toml", path.name.replace("\n", "_")).replace("NAME", name)
+    schema = (EXAMPLES.parent / "study.schema.json").as_uri()  # editors complete and check a study by it
+    for word, meant in (("STUDY.toml", path.name.replace("\n", "_")), ("NAME", name), ("SCHEMA", schema)):
+        text = text.replace(word, meant)
     write_new(path, text)
     if as_json:
         print_json({"study": str(path)})
