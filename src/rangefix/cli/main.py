@@ -17,12 +17,12 @@ from ..errors import printable
 from .app import ExitCode, Stopped, app, say, warn
 from .estimators import check, estimators
 from .maps import ranges
-from .results import compare, paper, plot, report
+from .results import compare, paper, plot, report, table
 from .run import new, run, validate
 
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 
-for command in (new, validate, run, check, estimators, plot, report, compare, paper, ranges):
+for command in (new, validate, run, check, estimators, plot, table, report, compare, paper, ranges):
     app.command()(command)
 
 

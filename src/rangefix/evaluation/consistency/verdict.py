@@ -30,6 +30,12 @@ WORST_FIRST: tuple[Kind, ...] = (
 )  # fmt: skip
 
 
+SHORT: dict[Kind, str] = {
+    "honest": "honest", "overconfident": "overconfident", "cautious": "cautious", "uneven": "uneven",
+    "biased": "biased", "shape": "other shape", "unsure": "cannot tell", "failed": "no answer",
+}  # fmt: skip
+
+
 class Levels(NamedTuple):
     """p-values below which figures accuse: one-sided for ANEES, two-sided for all components together."""
 
@@ -66,6 +72,11 @@ class Verdict:
     def severe(self) -> bool:
         """Whether it must not be trusted: much more error than claimed."""
         return self.kind == "uneven" or (self.kind == "overconfident" and self.factor.value > LARGE_FACTOR)
+
+    @property
+    def short(self) -> str:
+        """The verdict in at most two words, or three where it must not be trusted."""
+        return "DO NOT TRUST" if self.severe else SHORT[self.kind]
 
     @property
     def overconfident(self) -> bool:
