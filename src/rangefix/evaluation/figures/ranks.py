@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.ticker import FixedLocator
 
@@ -11,14 +13,15 @@ from .sheet import Sheet
 from .style import CLAIMED, symbol
 from .ticks import FittingLocator, even_numbers
 
-OUTSIDE = "#D55E00"
+# Bars outside the band: in grey their colour is that of the others.
+OUTSIDE: dict[str, Any] = {"facecolor": "#D55E00", "edgecolor": "white", "hatch": "/////", "linewidth": 0}
 
 
 def draw_ranks(data: FigureData, sheet: Sheet) -> None:
     """A row of rank histograms for each estimator that was sampled, after the last measurement.
 
     A histogram for each component, and one for the distance from the middle of the belief. The band holds all
-    ten bars of an honest one in 95 % of studies; bars outside it are coloured.
+    ten bars of an honest one in 95 % of studies; bars outside it are coloured and hatched.
     """
     rows = [row for row in data.drawn_rows if row.beams == data.beams]
     sampled = [(row, row.beliefs.ranks) for row in rows if row.beliefs]
@@ -41,8 +44,8 @@ def draw_ranks(data: FigureData, sheet: Sheet) -> None:
             shares = 100 * counts / total
             wrong = (shares < band[0]) | (shares > band[1])
             places = (np.arange(bins) + 0.5) * 100 / bins
-            colours = [OUTSIDE if is_wrong else CLAIMED for is_wrong in wrong]
-            axes.bar(places, shares, width=88 / bins, color=colours)
+            for which, style in ((~wrong, {"color": CLAIMED}), (wrong, OUTSIDE)):
+                axes.bar(places[which], shares[which], width=88 / bins, **style)
             axes.axhspan(*band, color="0.5", alpha=0.25, linewidth=0, zorder=3)
             axes.set_xlim(0, 100)
             top = 1.1 * max(shares.max(), band[1])
