@@ -89,9 +89,9 @@ def in_process(
 
 
 def on_workers(
-    experiment: Experiment, tasks: Sequence[Task], world: Callable[[Task], Simulation], workers: int
+    worker: Worker, tasks: Sequence[Task], world: Callable[[Task], Simulation], workers: int
 ) -> Iterator[tuple[Task, Part]]:
-    """Tasks and their parts as a pool of processes finishes them.
+    """Tasks and their parts as a pool of processes, each with a worker like the one given, finishes them.
 
     Raises:
         ResultsError: If the workers keep dying.
@@ -102,7 +102,10 @@ def on_workers(
     left, breaks = dict.fromkeys(tasks), 0
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
-        start = {"initializer": _start_worker, "initargs": (to_pickle(experiment), os.getpid())}
+        start = {
+            "initializer": _start_worker,
+            "initargs": (to_pickle((worker.experiment, worker.unfinished)), os.getpid()),
+        }
         while left:
             pool = Parallel(
                 n_jobs=workers,
@@ -245,7 +248,7 @@ def _start_worker(content: bytes, caller: int) -> None:
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
-    _here[:] = [Worker(pickle.loads(content))]
+    _here[:] = [Worker(*pickle.loads(content))]
 
 
 def _work_here(task: Task, world: Simulation) -> tuple[Task, Part]:

@@ -18,15 +18,12 @@ from ..results import (
     MANIFEST,
     SCENE,
     SUMMARY,
-    TIMING,
     WORST_RUNS,
     FolderLayout,
     Results,
-    ResultsError,
     hash_of,
     if_valid,
     load,
-    read_timing,
     read_trials,
     read_world,
     remove_partial_files,
@@ -44,9 +41,10 @@ from .keys import part_keys
 from .own_folder import locked, remove_files, what_is_older
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
+from .time_updates import time_all
+from .unfinished import Place, Unfinished
 from .worker import Task, Worker
 
-MAX_RUNS_TIMED = 128  # at once
 MAX_BLOCKS_IN_MEMORY, MAX_BLOCK_BYTES = 20, 256e6  # of truths and measurements: at least one
 
 
@@ -106,7 +104,7 @@ def run(
 
     Parts are saved as they are finished. When it is run again, parts are taken as they are whose checksum is
     right and whose key (config, seed, source, libraries) is the same; the results are then bit for bit those
-    of an unbroken run. Interrupting it loses at most the parts in hand.
+    of an unbroken run. Interrupting it loses some seconds of work; on a cluster, the parts in hand.
 
     Args:
         study: What to run.
@@ -163,7 +161,7 @@ def run(
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
-        with closing(Worker(experiment)) as worker:
+        with closing(Worker(experiment, Unfinished(folder, plan))) as worker:
             if say:
                 line = estimate_line(worker, plan, folder, disk, workers, resume)
                 for text in filter(None, (older.line, line)):
@@ -171,7 +169,7 @@ def run(
             _simulate_all(experiment, plan, folder, resume)
             _work_all(worker, plan, folder, workers, client, progress, resume)
             if timing:
-                _time_all(worker, plan, folder, resume)
+                time_all(worker, plan, folder, resume)
         _save_scene(experiment, folder)
         save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
@@ -197,7 +195,7 @@ def _work_all(
     progress: Callable[[Progress], None] | None,
     resume: bool,
 ) -> None:
-    experiment = worker.experiment
+    experiment, unfinished = worker.experiment, Unfinished(folder, plan)
     total = experiment.runs * len(experiment.beam_sets)
     counts = {label: [0, 0] for label in experiment.estimators}
 
@@ -217,8 +215,8 @@ def _work_all(
     def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
-    def place(task: Task) -> tuple[str, str, int, int]:  # estimator, beams, first run and end of its part
-        return task.estimator, experiment.beam_labels[task.beams], task.first, task.end
+    def place(task: Task) -> Place:
+        return Place(task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
 
     tasks = []
     for label in experiment.estimators:
@@ -229,6 +227,8 @@ def _work_all(
                 saved = if_valid(read_trials, folder, plan, *place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
+                    if not resume:
+                        unfinished.remove(place(task))
                 else:
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
@@ -238,35 +238,11 @@ def _work_all(
     elif workers == 1 or len(tasks) == 1:
         parts = in_process(worker, tasks, world, lambda task, begun: report(task.estimator, 0, 0, begun))
     else:
-        parts = on_workers(experiment, tasks, world, workers)
+        parts = on_workers(worker, tasks, world, workers)
     for task, part in parts:
         write_part(trials_path(folder, *place(task)), part, plan.key(*place(task)))
+        unfinished.remove(place(task))
         report(task.estimator, task.end - task.first, len(part["failed"]))
-
-
-def _time_all(worker: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
-    """Time each estimator on each set of beams, on runs that went well, unless it was timed before."""
-    path, experiment = folder / TIMING, worker.experiment
-    before = _timed_before(path) if resume else {}
-    first, end = next(plan.blocks())
-    measurement = read_world(folder, plan, first, end)["measurement"]
-    rows = {}
-    for label in experiment.estimators:
-        for beams, beam_label in enumerate(experiment.beam_labels):
-            made_by = plan.made_by(label, beam_label)
-            key = hash_of(made_by, MAX_RUNS_TIMED, min(MAX_RUNS_TIMED, experiment.runs))
-            part = read_trials(folder, plan, label, beam_label, first, end)
-            ok = measurement[part["status"] == 0][:MAX_RUNS_TIMED]
-            rows[key] = before.get(key) or worker.time(label, beams, ok)
-    write_json(path, rows)
-
-
-def _timed_before(path: Path) -> dict[str, dict[str, Any]]:
-    """What was timed; nothing where that is damaged."""
-    try:
-        return read_timing(path)
-    except ResultsError:
-        return {}
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:

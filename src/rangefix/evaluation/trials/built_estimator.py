@@ -29,7 +29,8 @@ from ..results import (
 )
 from ..seeds import Streams
 from .batch_size import batch_size
-from .timing import one_thread, seconds_per_update
+from .saving import Saving
+from .timing import one_thread, runs_to_time, seconds_per_update
 from .trial import Trial
 
 RUNS_TO_A_LIMIT = 10  # of a batch, which goes faster than its runs one by one
@@ -143,6 +144,7 @@ class BuiltEstimator(NamedTuple):
         truth: Array | None = None,
         note: Callable[[int, int], None] = begin_piece,
         limit: float = np.inf,
+        saving: Saving | None = None,
     ) -> Outcome:
         """Runs first, first + 1, ... in batches; where a batch fails, run by run.
 
@@ -156,15 +158,19 @@ class BuiltEstimator(NamedTuple):
             note: Told the place of the first run, and how many are done at once, before each piece of work.
             limit: Longest that a run may take, s, where this process can end it; ten runs of a batch may each
                 take a tenth.
+            saving: Where finished runs go every few seconds; batches are as small as that needs.
         """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
         runs = len(measurement)
         size = 1 if isinstance(self.estimator, EachRun) else size or runs
         todo = [(start, min(start + size, runs)) for start in range(0, runs, size)][::-1]
-        outcomes = []
+        outcomes: list[Outcome] = []
         while todo:
             start, end = todo.pop()
+            if saving is not None and (most := saving.begin(end - start)) < end - start:
+                todo.append((start + most, end))
+                end = start + most
             note(start, end - start)
             readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
@@ -177,14 +183,25 @@ class BuiltEstimator(NamedTuple):
                 else:
                     shape, components = readings.shape, self.trial.problem.space.size
                     outcomes.append(failed_outcome(shape, components, error.status, str(error)))
-        tried = concatenate(outcomes)
-        outcome = with_status(*tried[:3])
-        outcome.reasons.update(tried.reasons)
-        outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
-        return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics, draws=tried.draws)
+            if saving is not None:
+                saving.end(end - start, lambda: _judged(outcomes) if outcomes else None)
+        return _judged(outcomes)
 
-    def time(self, measurement: Array) -> dict[str, Any]:
-        """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""
+    def runs_to_time(self, measurement: Array) -> int:
+        """How many of some runs (M, T, B) are to be timed at once, with one thread; 0 if it fails."""
+        with one_thread():
+            return runs_to_time(self.trial, self.estimator, measurement)
+
+    def time(self, measurement: Array) -> tuple[float, list[str]]:
+        """Seconds per update and run with one thread, NaN if it fails; and whose threads could be held."""
         with one_thread() as held:
-            seconds = seconds_per_update(self.trial, self.estimator, measurement)
-        return {"seconds": seconds if seconds == seconds else None, "one_thread": held}
+            return seconds_per_update(self.trial, self.estimator, measurement), held
+
+
+def _judged(batches: list[Outcome]) -> Outcome:
+    """Batches that follow each other as one, with the status of each run."""
+    tried = concatenate(batches)
+    outcome = with_status(*tried[:3])
+    outcome.reasons.update(tried.reasons)
+    outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
+    return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics, draws=tried.draws)
