@@ -90,7 +90,7 @@ def _columns(rows: Sequence[Row]) -> list[Column]:
         label = metric.full_label(component)
         columns.append(Column(column, label, "", figures, metric.honest is not None))
     if any(math.isfinite(row.seconds) for row in rows):
-        times = [Interval(1e3 * row.seconds, math.nan, math.nan) for row in rows]
+        times = [scaled(Interval(row.seconds, *row.seconds_range), 1e3) for row in rows]
         columns.append(Column("ms_per_update", "ms per update", "", times))
     return columns
 

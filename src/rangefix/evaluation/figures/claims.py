@@ -154,6 +154,7 @@ def draw_time(data: FigureData, sheet: Sheet) -> None:
         1, columns=1, natural=(6.4, 4.3), beside=0.5, height=lambda width: min(3.6, 0.8 * width)
     )
     axes = panels[0, 0]
+    bars = 0
     where = [i for i, name in enumerate(timed[0].names) if name in ("x1", "x2")]
     for k, row in enumerate(timed):
         true = np.sqrt(sum(row.g[i].value for i in where))
@@ -164,6 +165,9 @@ def draw_time(data: FigureData, sheet: Sheet) -> None:
         axes.plot(milliseconds, claimed, marker, markersize=7, markerfacecolor="white", color=colour,
                   markeredgewidth=1.4)  # fmt: skip
         axes.plot(milliseconds, true, marker, markersize=8, color=colour, label=row.estimator)
+        if np.isfinite(row.seconds_range).all():
+            bars += 1
+            axes.plot([1e3 * end for end in row.seconds_range], [true] * 2, "|-", color=colour, linewidth=1.0)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.12)
@@ -173,6 +177,7 @@ def draw_time(data: FigureData, sheet: Sheet) -> None:
     axes.grid(which="major")
     axes.set_xlabel("time per update and run, ms")
     axes.set_ylabel("root mean square position error, m")
-    notes = ["Filled: true; hollow: claimed.", data.untimed, data.silent]
+    passes = " Bars: least and greatest time of a pass." if bars else ""
+    notes = [f"Filled: true; hollow: claimed.{passes}", data.untimed, data.silent]
     title = data.heading("Accuracy against time", with_beams=True)
     sheet.finish(title, [axes], columns=3, note="\n".join(filter(None, notes)))
