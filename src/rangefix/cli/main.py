@@ -6,6 +6,7 @@ import io
 import sys
 import traceback
 from _thread import interrupt_main
+from collections.abc import Callable
 from signal import SIGTERM, default_int_handler, signal
 from threading import Timer, current_thread, main_thread
 from types import TracebackType
@@ -19,14 +20,14 @@ from .app import Command, ExitCode, Stopped, app, say, warn
 from .check import check
 from .estimators import estimators
 from .maps import RangesCommand, ranges
-from .results import compare, paper, plot, report
+from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
 
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
-GROUPS = {
+GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
-    "Results": (report, plot, compare),
+    "Results": (report, plot, table, compare),
     "Estimators and maps": (estimators, check, ranges),
     "The paper": (paper,),
 }
