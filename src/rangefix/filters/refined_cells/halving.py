@@ -1,4 +1,4 @@
-"""Cells in halves along every axis: what their ranges, cast anew, say of jumps, bends and widths."""
+"""Cells that a jump, a bend or the prior's end crosses, in halves along every axis, with ranges cast anew."""
 
 from __future__ import annotations
 
@@ -11,149 +11,159 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ..problem import Problem
 from .likelihood import Likelihood
-from .pool import VALUES_AT_ONCE, Pool, evaluate
+from .pool import Pool
+from .quadrature import Boxes, survey
+from .range_model import (
+    CORNER,
+    QUADRATIC_NATS,
+    PriorModel,
+    RangeModel,
+    bends,
+    corners,
+    model_about,
+    moved_prior,
+    prior_model,
+)
 
-TAIL_SHARE = 0.35  # of the distance to a reading: by so much a range may change where noise has heavy tails
-BENT_SCALES = 0.1  # by which ranges may be off a line before something is taken to jump or bend
-CORNER = 0.99  # of the way from a cell's centre to its corners: there a wall may begin
+VALUES_AT_ONCE = 1 << 21  # ranges
+BENT_SCALES = 0.05  # by which ranges may be off their model before something is taken to jump or bend
 LEAST_SLOPE = 0.5  # of a range that jumps, where nothing steeper was seen
 
 
 @cache
-def corners(size: int) -> Array:
-    """Signs of the children of a cell, opposite ones at k and -1 - k, (2^n, n)."""
-    return np.array(list(itertools.product((-1.0, 1.0), repeat=size)))
+def _lattice(size: int) -> tuple[Array, IntArray]:
+    """Corners of the halves of a cell in units of its size, (3^n, n), and which are whose, (2^n, 2^n)."""
+    grid = np.array(list(itertools.product((-1, 0, 1), repeat=size)))
+    places = 0.5 * CORNER * grid
+    number = {tuple(place): at for at, place in enumerate(grid.tolist())}
+    signs = corners(size).astype(int)
+    mine = [[number[tuple((child + sign) // 2)] for sign in signs] for child in signs]
+    return places, np.array(mine, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Halving:
-    """Halves cells.
+    """Halves cells, and says of cells what in them is no model.
 
     Attributes:
         problem: The problem.
-        step: Size of cells that were never halved, (n,).
     """
 
     problem: Problem
-    step: Array
 
     def halved(self, likelihood: Likelihood, parents: Pool) -> Pool:
         """The children of cells."""
         beams = parents.ranges.shape[1]
-        rows = max(1, VALUES_AT_ONCE // (2 ** (self.problem.space.size + 1) * beams))
-        parts = []
-        for whole in (True, False):
-            chosen = np.flatnonzero(parents.whole == whole)
-            for start in range(0, len(chosen), rows):
-                parts.append(self._families(likelihood, parents.rows(chosen[start : start + rows]), whole))
-        return Pool.joined(parts)
+        rows = max(1, VALUES_AT_ONCE // (3 ** (self.problem.space.size + 1) * beams))
+        starts = range(0, len(parents.run), rows)
+        return Pool.joined([self._families(likelihood, parents.rows(np.arange(k, min(k + rows, len(parents.run))))) for k in starts])
 
-    def _families(self, likelihood: Likelihood, parents: Pool, whole: bool) -> Pool:
-        """The children of cells, all whole or none; those that are not are looked at up to their corners."""
-        size = self.problem.space.size
+    def _families(self, likelihood: Likelihood, parents: Pool) -> Pool:
+        size, problem = self.problem.space.size, self.problem
         signs = corners(size)
-        children = len(signs)
-        half = children // 2
-        step = self.step * 0.5 ** (parents.level[:, None] + 1)  # of the children, (K, n)
-        places = signs if whole else np.concatenate([signs, 2 * CORNER * signs])
-        centre = parents.centre[:, None] + 0.5 * places * step[:, None]
-        log, prior, ranges = evaluate(self.problem, likelihood, parents.run, centre)
-        scales = likelihood.scales[parents.run]
-        targets = likelihood.targets[parents.run]
-        middle = parents.ranges[:, None]
+        children, families = len(signs), len(parents.run)
+        step = 0.5 * parents.step
+        offset = 0.5 * signs * step[:, None]  # of the children from their parent, (K, C, n)
+        centre = parents.centre[:, None] + offset
+        places, mine = _lattice(size)
+        spots = parents.centre[:, None] + places * parents.step[:, None]
+        prior = self._prior(parents, offset, centre, step)
+        at_spots = np.asarray(problem.sensor.expected(spots))
+        flat, beams = families * children, at_spots.shape[-1]
+        ranges, slopes = model_about(problem, centre.reshape(flat, size), prior.anchor)
+        at_corners = at_spots[:, mine].reshape(flat, children, beams)
+        away = (spots[:, mine] - centre[:, :, None]).reshape(flat, children, size)
+        model = RangeModel(ranges, slopes, bends(ranges, slopes, away, at_corners))
+        run, size_of = np.repeat(parents.run, children), np.repeat(step, children, axis=0)
+        bound = np.repeat(parents.bound, children)
+        return self.pool(likelihood, run, centre.reshape(flat, size), size_of, model, prior, bound, at_corners)
+
+    def _prior(self, parents: Pool, offset: Array, centre: Array, step: Array) -> PriorModel:
+        """The prior in the children: the parents' quadratic where it fits, else asked anew."""
+        families, children, size = offset.shape
+        every = np.repeat(np.arange(families), children)
+        whole = PriorModel(*(part[every] for part in parents.prior))
+        found = moved_prior(whole, offset.reshape(-1, size))
+        anew = np.flatnonzero(whole.off > QUADRATIC_NATS)
+        if len(anew):
+            asked = prior_model(self.problem, centre.reshape(-1, size)[anew], step[every][anew])
+            for mine, theirs in zip(found, asked, strict=True):
+                mine[anew] = theirs
+        return found
+
+    def pool(
+        self, likelihood: Likelihood, run: IntArray, centre: Array, step: Array, model: RangeModel,
+        prior: PriorModel, bound: Array, at_corners: Array | None = None,
+    ) -> Pool:  # fmt: skip
+        """Cells with bounds, and with the share of each that may be displaced.
+
+        Args:
+            likelihood: The readings.
+            run, centre, step, model, prior: The cells.
+            bound: Of log prior times likelihood, known before, (N,).
+            at_corners: Ranges cast at the corners, (N, C, B), where the bound may be brought down by them.
+        """
+        scales = likelihood.scales[run]
         with np.errstate(invalid="ignore"):
-            bend = np.zeros_like(parents.ranges)
-            for first in range(0, len(places), children):
-                pairs = ranges[:, first : first + half] + ranges[:, first + half : first + children][:, ::-1]
-                bend = np.fmax(bend, np.abs(pairs - 2 * middle).max(axis=1))
-            returned = np.isfinite(np.concatenate([ranges, middle], axis=1))
-            bend = np.where(returned.all(axis=1), bend, np.where(returned.any(axis=1), np.inf, 0.0))
-            across = np.tensordot(ranges[:, :children], signs, (1, 0)) / half  # (K, B, n): from side to side
-            across = np.where(returned.all(axis=1)[..., None], np.abs(across), 0.0)
-            bent = np.where(np.isfinite(scales), bend / scales, 0.0)
-        straight = bent <= BENT_SCALES
+            bent = np.where(np.isfinite(scales), model.bend / scales, 0.0)
+        straight = (bent <= BENT_SCALES).all(axis=1)
+        uneven = prior.off > QUADRATIC_NATS
+        level = np.where(uneven, prior.most, prior.level)
+        flat, bound = ~uneven[:, None], np.where(prior.most > -np.inf, bound, -np.inf)
+        slope, curve = prior.slope * flat, prior.curve * flat[:, None]
+        boxes = Boxes(run, step, model.ranges, model.slopes, level, slope, curve, bound.copy(), bound)
+        log = np.empty(len(run))
+        survey(boxes, likelihood.terms, straight, log, bound)
+        if at_corners is not None and not straight.all():
+            rows = np.flatnonzero(~straight)
+            near = self._nearest(likelihood, run[rows], step[rows], RangeModel(*(part[rows] for part in model)), bent[rows], at_corners[rows])
+            bound[rows] = np.minimum(bound[rows], likelihood.log_density(run[rows], near) + prior.most[rows])
+        bound = np.maximum(bound, log)
         with np.errstate(invalid="ignore", over="ignore"):
-            reach = np.where(straight, 0.5 * across.sum(-1) + 0.5 * bend, 0.0)
-            width = scales
-            if self.problem.sensor.gaussian_stds is None:
-                apart = np.abs(parents.ranges - targets) - 2 * reach
-                width = np.fmax(scales, TAIL_SHARE * np.where(np.isfinite(apart), apart, 0.0))
-            steep = np.where(straight, (across**2).sum(-1) / width**2, 0.0).sum(axis=1)
-        with np.errstate(invalid="ignore"):
-            nearest = np.clip(
-                targets[:, None], ranges[:, :children] - reach[:, None], ranges[:, :children] + reach[:, None]
-            )
-        family, beam = np.nonzero(~straight)
-        if len(family):
-            seen = np.concatenate([ranges, middle], axis=1)[family, :, beam]
-            steps = step[family]
-            slopes = self._steepest(centre[:, :children], np.unique(family), steps, family, beam)
-            nearest[family, :, beam] = self._nearest_seen(targets[family, beam], seen, slopes)[:, None]
-        nearest = np.where(np.isnan(nearest), 1.0, nearest)
-        prior_bound, ends, prior_wide = self._prior_of(prior, parents.prior)
-        bound = likelihood.log_density(parents.run, nearest) + prior_bound[:, None]
-        broken = np.minimum(1.0, 0.5 * np.maximum(bent - BENT_SCALES, 0.0).sum(axis=1) + ends)
-        with np.errstate(invalid="ignore"):
-            varies = np.maximum(bound, log[:, :children]).max(axis=1) - np.minimum(
-                log.min(axis=1), parents.log
-            )
-        broken = np.minimum(broken, np.where(np.isfinite(varies), -np.expm1(-varies), 1.0))
-        log, prior, ranges, centre = (
-            log[:, :children],
-            prior[:, :children],
-            ranges[:, :children],
-            centre[:, :children],
-        )
+            ends = np.where(uneven, np.minimum(prior.off, 1.0), 0.0)
+            broken = np.minimum(1.0, 0.5 * np.maximum(bent - BENT_SCALES, 0.0).sum(axis=1) + ends)
+        return Pool.of(run, centre, step, model, prior, bound, broken, log)
 
-        even = (prior_wide == 0) & (ends == 0) & (prior.max(axis=1) == prior.min(axis=1))
-        return Pool(
-            np.repeat(parents.run, children), centre.reshape(-1, size),
-            np.repeat(parents.level + 1, children), log.ravel(),
-            np.maximum(bound, log).ravel(), prior.ravel(), np.repeat(steep + prior_wide, children),
-            np.repeat(broken, children), np.repeat(even, children),
-            np.repeat(straight.all(axis=1) & (ends == 0), children), ranges.reshape(-1, ranges.shape[-1]),
-        )  # fmt: skip
-
-    def _steepest(
-        self, centre: Array, bent: IntArray, step: Array, family: IntArray, beam: IntArray
+    def _nearest(
+        self, likelihood: Likelihood, run: IntArray, step: Array, model: RangeModel, bent: Array, at_corners: Array
     ) -> Array:
-        """By how much ranges may vary over a child at its steepest, for families and their beams, m, (P,)."""
-        slopes = np.abs(np.asarray(self.problem.sensor.jacobian(centre[bent]))).max(axis=1)  # (F, B, n)
-        mine = slopes[np.searchsorted(bent, family), beam]
-        return np.asarray((np.maximum(mine, self._least_slope) * step).sum(axis=1))
+        """The range of each beam that suits a run best among those that a cell may hold, (N, B)."""
+        terms = likelihood.terms
+        beams = model.ranges.shape[1]
+        aim = terms.aim[run].reshape(len(run), -1, beams)
+        precision = terms.precision[run].reshape(aim.shape)
+        first = precision.argmax(axis=1)[:, None]
+        target = np.take_along_axis(aim, first, axis=1)[:, 0]
+        seen = np.concatenate([at_corners, model.ranges[:, None]], axis=1)  # (N, S, B)
+        low, high = seen.min(axis=1), seen.max(axis=1)
+        with np.errstate(invalid="ignore"):
+            near = np.clip(target, low, high)  # beams that stay on one wall
+            cell, beam = np.nonzero(bent > BENT_SCALES)
+            steep = np.maximum(np.abs(model.slopes[cell, beam]), self._least_slope)
+            reach = (steep * step[cell]).sum(axis=1)
+            near[cell, beam] = _nearest_seen(target[cell, beam], seen[cell, :, beam], reach)
+        return np.where(np.isnan(near), 1.0, near)
 
     @property
     def _least_slope(self) -> Array:
         """Of a range by each component where nothing steeper was seen, (n,)."""
         return np.where(self.problem.space.is_angle, 0.0, LEAST_SLOPE)
 
-    @staticmethod
-    def _nearest_seen(target: Array, seen: Array, reach: Array) -> Array:
-        """What is nearest to a target among ranges that were seen or lie about them: (P,), (P, S) -> (P,).
 
-        Nothing lies beyond all that was seen by more than a half of their spread.
-        """
-        finite = np.isfinite(seen)
-        low = np.where(finite, seen, np.inf).min(axis=1, keepdims=True)
-        high = np.where(finite, seen, -np.inf).max(axis=1, keepdims=True)
-        least = reach[:, None]
-        with np.errstate(invalid="ignore"):
-            slack = np.minimum(least, 0.5 * (high - low) + least * 0.5)
-            fits = np.clip(
-                target[:, None], seen - np.where(finite, least, 0.0), seen + np.where(finite, least, 0.0)
-            )
-            fits = np.where(finite, np.clip(fits, low - slack, high + slack), fits)
-            suits = np.where(np.isposinf(target)[:, None], fits, -np.abs(fits - target[:, None]))
-        best = np.where(np.isnan(suits), -np.inf, suits).argmax(axis=1)
-        return np.asarray(np.take_along_axis(fits, best[:, None], 1)[:, 0])
+def _nearest_seen(target: Array, seen: Array, reach: Array) -> Array:
+    """What is nearest to a target among ranges that were seen or lie about them: (P,), (P, S) -> (P,).
 
-    @staticmethod
-    def _prior_of(prior: Array, middle: Array) -> tuple[Array, Array, Array]:
-        """A bound on the log prior of a family's cells, whether it ends among them, and its curvature."""
-        most = np.maximum(prior.max(axis=1), middle)
-        least = np.minimum(prior.min(axis=1), middle)
-        ends = least == -np.inf
-        with np.errstate(invalid="ignore"):
-            varies = np.where(ends, 0.0, most - least)
-            curved = np.where(ends, 0.0, 2 * middle - 2 * prior.mean(axis=1))
-        return most + varies, np.where(ends, 1.0, 0.0), 4 * np.maximum(curved, 0.0)
+    Nothing lies beyond all that was seen by more than a half of their spread.
+    """
+    finite = np.isfinite(seen)
+    low = np.where(finite, seen, np.inf).min(axis=1, keepdims=True)
+    high = np.where(finite, seen, -np.inf).max(axis=1, keepdims=True)
+    least = reach[:, None]
+    with np.errstate(invalid="ignore"):
+        slack = np.minimum(least, 0.5 * (high - low) + least * 0.5)
+        about = np.where(finite, least, 0.0)
+        fits = np.clip(target[:, None], seen - about, seen + about)
+        fits = np.where(finite, np.clip(fits, low - slack, high + slack), fits)
+        suits = np.where(np.isposinf(target)[:, None], fits, -np.abs(fits - target[:, None]))
+    best = np.where(np.isnan(suits), -np.inf, suits).argmax(axis=1)
+    return np.asarray(np.take_along_axis(fits, best[:, None], 1)[:, 0])
