@@ -8,17 +8,27 @@ reading in the gap fits neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Problem
-from .range_model import CORNER, PriorModel, RangeModel, bends, corners, model_about, prior_model
+from .range_model import (
+    INSET_SHARE,
+    PriorModel,
+    RangeModel,
+    bends,
+    corner_reach,
+    corners,
+    model_about,
+    prior_model,
+)
 
-CELLS = {2: 20_000, 3: 4_000}  # about how many there are, by the number of components
-PLACES_A_SIDE = {2: 4, 3: 3}  # asked for their ranges in each cell
-CUT_SIDE = 5  # the same in cells of which a part is no free space
+CELLS = {2: 10_000, 3: 4_000}  # about how many there are, by the number of components
+PLACES_A_SIDE = {2: 5, 3: 3}  # asked for their ranges in each cell
+CUT_SIDE = 6  # the same in cells of which a part is no free space
 SEARCH_BEAMS = 16  # by which cells are told apart; all beams count when they are refined
 TYPICAL_RANGE = 2.5  # m; a cell is as long as it is wide to a beam that turns about its place
 RANGES_AT_ONCE = 1 << 22
@@ -49,7 +59,12 @@ class CoarseCells:
     log_integral: float
     models: RangeModel | None
 
-    @property
+    @cached_property
+    def log_volumes(self) -> Array:
+        """Of the cells, (G,)."""
+        return np.asarray(np.log(self.steps).sum(axis=1))
+
+    @cached_property
     def farthest(self) -> float:
         """Beyond which no wall is, m."""
         ends = self.bands[..., [1, 3]]
@@ -92,8 +107,7 @@ def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
 
 def models_at(problem: Problem, centres: Array, steps: Array, anchor: Array) -> RangeModel:
     """Models of the ranges in cells, held against what is cast at their corners."""
-    signs = 0.5 * CORNER * corners(problem.space.size)
-    offsets = signs * steps[:, None]
+    offsets = corners(problem.space.size) * corner_reach(steps)[:, None]
     ranges, slopes = model_about(problem, centres, anchor)
     seen = np.asarray(problem.sensor.expected(centres[:, None] + offsets))
     return RangeModel(ranges, slopes, bends(ranges, slopes, offsets, seen))
@@ -120,7 +134,7 @@ def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:
 def _asked(
     problem: Problem, centres: Array, steps: Array, beams: IntArray, side: int, rng: Generator
 ) -> tuple[Array, ...]:
-    """What places spread over some cells say: the columns of `CoarseCells`, of cells in which any is possible."""
+    """What places spread over some cells say: columns of `CoarseCells`, of cells in which any is possible."""
     sensor, size = problem.sensor, problem.space.size
     places = _places(centres, steps, side, rng)
     logs = problem.prior.log_density(problem.space.wrap(places))
@@ -152,15 +166,15 @@ def _places(centres: Array, steps: Array, side: int, rng: Generator) -> Array:
     size = centres.shape[1]
     parts = np.stack(np.unravel_index(np.arange(side**size), (side,) * size), -1)
     within = (parts + rng.random((len(centres), *parts.shape))) / side - 0.5
-    ends = np.broadcast_to(0.5 * CORNER * corners(size), (len(centres), 2**size, size))
-    within = np.concatenate([within, ends], axis=1)
-    return np.asarray(centres[:, None] + steps[:, None] * within)
+    ends = corners(size) * corner_reach(steps)[:, None]
+    places = np.concatenate([steps[:, None] * within, ends], axis=1)
+    return np.asarray(centres[:, None] + places)
 
 
 def _whole_bands(ranges: Array, slopes: Array, seen: Array, steps: Array) -> Array:
     """Intervals of ranges of one wall each: those at the corners, less what turning bends, (G, B, 4)."""
     low, high = np.minimum(seen.min(axis=1), ranges), np.maximum(seen.max(axis=1), ranges)
-    slack = (1 / CORNER - 1) * 0.5 * (high - low)
+    slack = INSET_SHARE * (high - low)
     if steps.shape[1] == 3:
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = np.where(ranges > 0, slopes[..., 2] / ranges, 0.0)

@@ -49,10 +49,10 @@ class RefinedBelief:
 class RefinedPointMassFilter(BriefRepr):
     """The exact posterior, up to an accuracy, of an object that stays where it is: cells follow the readings.
 
-    The prior is covered once with coarse cells, and each keeps between which ranges its beams' lie. For each
-    measurement those that can hold it are halved, with ranges cast anew, until no cell that counts is wider
-    than what the readings tell there, nor crossed by a jump of a range that matters. Within the cells
-    Gauss-Legendre rules integrate (docs/decisions/0033-cells-that-follow-the-readings.md).
+    The prior is covered once with coarse cells, and each keeps the wall that every beam meets in it. For each
+    measurement those that can hold it are integrated, in boxes that are halved until none is wider than what
+    the readings tell there. Cells that a jump of a range crosses are halved too, with ranges cast anew, until
+    what they may err by does not matter (docs/decisions/0033-cells-that-follow-the-readings.md).
 
     Args:
         problem: The problem; its motion must be `Stationary`, its space x1, x2 or x1, x2, heading.

@@ -14,11 +14,11 @@ from .likelihood import Likelihood
 from .pool import Pool
 from .quadrature import Boxes, survey
 from .range_model import (
-    CORNER,
     QUADRATIC_NATS,
     PriorModel,
     RangeModel,
     bends,
+    corner_reach,
     corners,
     model_about,
     moved_prior,
@@ -32,13 +32,12 @@ LEAST_SLOPE = 0.5  # of a range that jumps, where nothing steeper was seen
 
 @cache
 def _lattice(size: int) -> tuple[Array, IntArray]:
-    """Corners of the halves of a cell in units of its size, (3^n, n), and which are whose, (2^n, 2^n)."""
+    """Signs of the corners of a cell's halves, (3^n, n), and which are whose, (2^n, 2^n)."""
     grid = np.array(list(itertools.product((-1, 0, 1), repeat=size)))
-    places = 0.5 * CORNER * grid
     number = {tuple(place): at for at, place in enumerate(grid.tolist())}
     signs = corners(size).astype(int)
     mine = [[number[tuple((child + sign) // 2)] for sign in signs] for child in signs]
-    return places, np.array(mine, dtype=np.int64)
+    return grid.astype(float), np.array(mine, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,12 @@ class Halving:
         beams = parents.ranges.shape[1]
         rows = max(1, VALUES_AT_ONCE // (3 ** (self.problem.space.size + 1) * beams))
         starts = range(0, len(parents.run), rows)
-        return Pool.joined([self._families(likelihood, parents.rows(np.arange(k, min(k + rows, len(parents.run))))) for k in starts])
+        return Pool.joined(
+            [
+                self._families(likelihood, parents.rows(np.arange(k, min(k + rows, len(parents.run)))))
+                for k in starts
+            ]
+        )
 
     def _families(self, likelihood: Likelihood, parents: Pool) -> Pool:
         size, problem = self.problem.space.size, self.problem
@@ -66,7 +70,7 @@ class Halving:
         offset = 0.5 * signs * step[:, None]  # of the children from their parent, (K, C, n)
         centre = parents.centre[:, None] + offset
         places, mine = _lattice(size)
-        spots = parents.centre[:, None] + places * parents.step[:, None]
+        spots = parents.centre[:, None] + places * corner_reach(parents.step)[:, None]
         prior = self._prior(parents, offset, centre, step)
         at_spots = np.asarray(problem.sensor.expected(spots))
         flat, beams = families * children, at_spots.shape[-1]
@@ -76,7 +80,10 @@ class Halving:
         model = RangeModel(ranges, slopes, bends(ranges, slopes, away, at_corners))
         run, size_of = np.repeat(parents.run, children), np.repeat(step, children, axis=0)
         bound = np.repeat(parents.bound, children)
-        return self.pool(likelihood, run, centre.reshape(flat, size), size_of, model, prior, bound, at_corners)
+        family = np.concatenate([at_spots, ranges.reshape(families, children, beams)], axis=1)
+        pool = self.pool(likelihood, run, centre.reshape(flat, size), size_of, model, prior, bound)
+        self._bound_by(likelihood, pool, family)
+        return pool
 
     def _prior(self, parents: Pool, offset: Array, centre: Array, step: Array) -> PriorModel:
         """The prior in the children: the parents' quadratic where it fits, else asked anew."""
@@ -93,7 +100,7 @@ class Halving:
 
     def pool(
         self, likelihood: Likelihood, run: IntArray, centre: Array, step: Array, model: RangeModel,
-        prior: PriorModel, bound: Array, at_corners: Array | None = None,
+        prior: PriorModel, bound: Array,
     ) -> Pool:  # fmt: skip
         """Cells with bounds, and with the share of each that may be displaced.
 
@@ -101,53 +108,66 @@ class Halving:
             likelihood: The readings.
             run, centre, step, model, prior: The cells.
             bound: Of log prior times likelihood, known before, (N,).
-            at_corners: Ranges cast at the corners, (N, C, B), where the bound may be brought down by them.
         """
-        scales = likelihood.scales[run]
-        with np.errstate(invalid="ignore"):
-            bent = np.where(np.isfinite(scales), model.bend / scales, 0.0)
-        straight = (bent <= BENT_SCALES).all(axis=1)
+        bent = likelihood.in_scales(run, model.bend)
+        straight = np.asarray((bent <= BENT_SCALES).all(axis=1))
         uneven = prior.off > QUADRATIC_NATS
         level = np.where(uneven, prior.most, prior.level)
         flat, bound = ~uneven[:, None], np.where(prior.most > -np.inf, bound, -np.inf)
         slope, curve = prior.slope * flat, prior.curve * flat[:, None]
-        boxes = Boxes(run, step, model.ranges, model.slopes, level, slope, curve, bound.copy(), bound)
+        none = np.full(len(run), np.inf)
+        boxes = Boxes(run, step, model.ranges, model.slopes, level, slope, curve, none, none, none)
         log = np.empty(len(run))
         survey(boxes, likelihood.terms, straight, log, bound)
-        if at_corners is not None and not straight.all():
-            rows = np.flatnonzero(~straight)
-            near = self._nearest(likelihood, run[rows], step[rows], RangeModel(*(part[rows] for part in model)), bent[rows], at_corners[rows])
-            bound[rows] = np.minimum(bound[rows], likelihood.log_density(run[rows], near) + prior.most[rows])
-        bound = np.maximum(bound, log)
-        with np.errstate(invalid="ignore", over="ignore"):
-            ends = np.where(uneven, np.minimum(prior.off, 1.0), 0.0)
-            broken = np.minimum(1.0, 0.5 * np.maximum(bent - BENT_SCALES, 0.0).sum(axis=1) + ends)
-        return Pool.of(run, centre, step, model, prior, bound, broken, log)
+        ends = np.where(uneven, np.minimum(prior.off, 1.0), 0.0)
+        broken = np.minimum(1.0, 0.5 * np.maximum(bent - BENT_SCALES, 0.0).sum(axis=1) + ends)
+        return Pool.of(run, centre, step, model, prior, np.maximum(bound, log), broken, log)
 
-    def _nearest(
-        self, likelihood: Likelihood, run: IntArray, step: Array, model: RangeModel, bent: Array, at_corners: Array
-    ) -> Array:
-        """The range of each beam that suits a run best among those that a cell may hold, (N, B)."""
-        terms = likelihood.terms
-        beams = model.ranges.shape[1]
-        aim = terms.aim[run].reshape(len(run), -1, beams)
-        precision = terms.precision[run].reshape(aim.shape)
-        first = precision.argmax(axis=1)[:, None]
-        target = np.take_along_axis(aim, first, axis=1)[:, 0]
-        seen = np.concatenate([at_corners, model.ranges[:, None]], axis=1)  # (N, S, B)
-        low, high = seen.min(axis=1), seen.max(axis=1)
-        with np.errstate(invalid="ignore"):
-            near = np.clip(target, low, high)  # beams that stay on one wall
-            cell, beam = np.nonzero(bent > BENT_SCALES)
-            steep = np.maximum(np.abs(model.slopes[cell, beam]), self._least_slope)
-            reach = (steep * step[cell]).sum(axis=1)
-            near[cell, beam] = _nearest_seen(target[cell, beam], seen[cell, :, beam], reach)
-        return np.where(np.isnan(near), 1.0, near)
+    def _bound_by(self, likelihood: Likelihood, pool: Pool, family: Array) -> None:
+        """Bring down the bounds of cells in which a beam jumps: to what ranges seen among all halves allow.
+
+        Args:
+            likelihood: The readings.
+            pool: Halves of cells, written to.
+            family: Ranges cast in the cells that were halved, (K, S, B).
+        """
+        bent = likelihood.in_scales(pool.run, pool.bend) > BENT_SCALES
+        rows = np.flatnonzero(bent.any(axis=1))
+        if not len(rows):
+            return
+        run, step, bent = pool.run[rows], pool.step[rows], bent[rows]
+        parent = rows // (len(pool.run) // len(family))
+        cell, beam = np.nonzero(bent)
+        seen = family[parent[cell], :, beam]
+        steepest = np.abs(pool.slopes.reshape(len(family), -1, *pool.slopes.shape[1:])).max(axis=1)
+        reach = (np.maximum(steepest[parent[cell], beam], self._least_slope) * step[cell]).sum(axis=1)
+        spread = _spread(pool.ranges[rows], pool.slopes[rows], step)
+        low, high = pool.ranges[rows] - spread, pool.ranges[rows] + spread
+        bound = pool.most[rows] + likelihood.terms.common[run]
+        for time, aim in enumerate(likelihood.aims(run)):
+            with np.errstate(invalid="ignore"):
+                near = np.clip(aim, low, high)  # beams that stay on one wall
+                near[cell, beam] = _nearest_seen(aim[cell, beam], seen, reach)
+            bound += likelihood.at_time(time, run, np.where(np.isnan(near), 1.0, near))
+        pool.bound[rows] = np.maximum(bound, pool.log_at_centre[rows])
 
     @property
     def _least_slope(self) -> Array:
         """Of a range by each component where nothing steeper was seen, (n,)."""
         return np.where(self.problem.space.is_angle, 0.0, LEAST_SLOPE)
+
+
+def _spread(ranges: Array, slopes: Array, step: Array) -> Array:
+    """By how much the range of a wall can differ in cells from that at their centres, (N, B)."""
+    spread = 0.5 * (np.abs(slopes) * step[:, None])
+    if step.shape[1] == 2:
+        return np.asarray(spread.sum(axis=2))
+    half = 0.5 * step[:, 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.where((ranges > 0) & np.isfinite(ranges), np.abs(slopes[..., 2]) / ranges, 0.0)
+        bent = 0.5 * half**2 * ranges * (1 + 2 * turn**2)
+    skew = half * turn * spread[..., :2].sum(axis=2)
+    return np.asarray(spread.sum(axis=2) + skew + np.nan_to_num(bent, posinf=0.0))
 
 
 def _nearest_seen(target: Array, seen: Array, reach: Array) -> Array:

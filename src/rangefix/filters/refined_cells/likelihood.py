@@ -59,7 +59,7 @@ def term_at(terms: Terms, run: int, term: int, expected: float) -> float:
         aim = terms.aim[run, term]
         if np.isinf(expected) or np.isinf(aim):
             return 0.0 if expected == aim else -np.inf
-        return -0.5 * precision * (expected - aim) ** 2
+        return float(-0.5 * precision * (expected - aim) ** 2)
     if np.isinf(expected):
         return float(terms.beyond[run, term])
     away = (expected - terms.centre[run, term]) * np.sqrt(precision)
@@ -75,17 +75,17 @@ def term_at(terms: Terms, run: int, term: int, expected: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def best_in(terms: Terms, run: int, term: int, low: float, high: float) -> float:
     """The most that one term can be between two ranges."""
-    return term_at(terms, run, term, min(max(terms.aim[run, term], low), high))
+    return float(term_at(terms, run, term, min(max(terms.aim[run, term], low), high)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_terms(terms: Terms, runs: IntArray, expected: Array, out: Array) -> None:
-    """Log density of all readings at expected ranges: (N,), (N, B) -> out (N,)."""
+def add_terms(terms: Terms, runs: IntArray, expected: Array, first: int, last: int, out: Array) -> None:
+    """Add up some terms at expected ranges: (N,), (N, B) -> out (N,)."""
     for row in range(runs.size):
-        total = terms.common[runs[row]]
-        for term in range(terms.beam.size):
+        total = 0.0
+        for term in range(first, last):
             total += term_at(terms, runs[row], term, expected[row, terms.beam[term]])
-        out[row] = total if total > IMPOSSIBLE_NATS else -np.inf
+        out[row] = total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -157,13 +157,30 @@ class Likelihood:
         """The most that each term can be anywhere, (M, K)."""
         if self.terms.gaussian:
             return np.zeros(self.terms.aim.shape)
-        return np.maximum(self.terms.tables.max(axis=2), self.terms.beyond)
+        return np.asarray(np.maximum(self.terms.tables.max(axis=2), self.terms.beyond))
+
+    def in_scales(self, run: IntArray, lengths: Array) -> Array:
+        """Lengths of each beam as shares of the runs' scales, (N, B); 0 where a beam says nothing."""
+        scales = self.scales[run]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.where(np.isfinite(scales), lengths / scales, 0.0))
+
+    def aims(self, run: IntArray) -> Array:
+        """The ranges that suit some runs best: (N,) -> (T, N, B); T = 1 where noise is Gaussian."""
+        return np.moveaxis(self.terms.aim[run].reshape(len(run), -1, self.readings.shape[2]), 1, 0)
+
+    def at_time(self, time: int, runs: IntArray, expected: Array) -> Array:
+        """Log density of one measurement, less `Terms.common`: (N,), (N, B) -> (N,); see `aims`."""
+        out, beams = np.empty(len(runs)), self.readings.shape[2]
+        add_terms(self.terms, runs, np.ascontiguousarray(expected), time * beams, (time + 1) * beams, out)
+        return out
 
     def log_density(self, runs: IntArray, expected: Array) -> Array:
         """Log density of all readings of some runs: (N,), (N, B) -> (N,)."""
         out = np.empty(len(runs))
-        add_terms(self.terms, runs, np.ascontiguousarray(expected), out)
-        return out
+        add_terms(self.terms, runs, np.ascontiguousarray(expected), 0, len(self.terms.beam), out)
+        out += self.terms.common[runs]
+        return np.where(out > IMPOSSIBLE_NATS, out, -np.inf)
 
     def _gaussian_terms(self) -> Terms:
         """Readings of a beam count through their number and mean alone."""
@@ -195,7 +212,9 @@ class Likelihood:
         if not self.sensor.min_range:
             measured &= ~np.isneginf(reading)
         finite = np.isfinite(reading)
-        centre = np.where(finite, np.clip(np.nan_to_num(reading), -LIKELY_M, LIKELY_M), self._steepest(reading))
+        centre = np.where(
+            finite, np.clip(np.nan_to_num(reading), -LIKELY_M, LIKELY_M), self._steepest(reading)
+        )
         scale = self._widths(centre, measured)
         precision = np.where(measured, 1 / scale**2, 0.0)
         first, last = (np.arcsinh((end - centre) / scale) for end in (0.0, self.farthest))

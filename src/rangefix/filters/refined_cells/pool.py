@@ -57,7 +57,13 @@ class Pool:
 
     @staticmethod
     def of(
-        run: IntArray, centre: Array, step: Array, model: RangeModel, prior: PriorModel, bound: Array, broken: Array,
+        run: IntArray,
+        centre: Array,
+        step: Array,
+        model: RangeModel,
+        prior: PriorModel,
+        bound: Array,
+        broken: Array,
         log: Array,
     ) -> Pool:
         """Cells that are not integrated yet, with the log of prior times likelihood at their centres."""
@@ -86,15 +92,21 @@ class Pool:
     @property
     def boxes(self) -> Boxes:
         """What compiled loops need of the cells."""
+        cap = np.where(self.broken > 0, self.bound, np.inf)
         return Boxes(
             self.run, self.step, self.ranges, self.slopes, self.level, self.slope, self.curve, self.bound,
-            self.weigh,
+            cap, self.weigh,
         )  # fmt: skip
 
     @property
     def sums(self) -> Sums:
         """What compiled loops write of the cells."""
         return Sums(self.log_mass, self.mean, self.second, self.coarse)
+
+    @property
+    def log_at_centre(self) -> Array:
+        """Log of prior times likelihood at the centres of cells that are still rough, (N,)."""
+        return np.asarray(self.log_mass - self.log_volume)
 
     @property
     def log_volume(self) -> Array:

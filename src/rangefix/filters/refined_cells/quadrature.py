@@ -13,7 +13,7 @@ from ..compiled import njit
 from .likelihood import IMPOSSIBLE_NATS, TAIL_SHARE, Terms, best_in, term_at
 from .range_model import LEAST_COSINE
 
-WIDE_BOX = 4.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
+WIDE_BOX = 3.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
 NEGLIGIBLE_NATS = float(np.log(1e-7))  # of a belief: boxes that hold less are not halved
 NODES = 3  # along each axis of a box
 STACK = 512  # boxes that wait; halving them one after the other takes no more than their depth
@@ -31,6 +31,7 @@ class Boxes(NamedTuple):
         slope: Of the log prior, (N, n).
         curve: Of the log prior, (N, n, n).
         bound: A bound on log prior times likelihood, (N,).
+        cap: What log prior times likelihood is cut off at, (N,): inf where one wall is met all over a cell.
         weigh: How much more than its mass a cell counts: its squared distance from the mean, (N,).
     """
 
@@ -42,6 +43,7 @@ class Boxes(NamedTuple):
     slope: Array
     curve: Array
     bound: Array
+    cap: Array
     weigh: Array
 
 
@@ -70,7 +72,13 @@ def nodes(count: int, size: int) -> tuple[Array, Array]:
 
 
 def integrate(
-    boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums, keep: bool = False
+    boxes: Boxes,
+    terms: Terms,
+    order: IntArray,
+    log_total: Array,
+    left: IntArray,
+    found: Sums,
+    keep: bool = False,
 ) -> tuple[IntArray, Array, Array]:
     """Integrate prior times likelihood over some cells.
 
@@ -125,7 +133,9 @@ def _integrate(
                 if wide > WIDE_BOX:
                     if left[run] > 0 and waiting + 2 <= STACK:
                         left[run] -= 1
-                        _wait(boxes, terms, cell, at, step, axis, walls, wait_at, wait_step, wait_bound, waiting)
+                        _wait(
+                            boxes, terms, cell, at, step, axis, walls, wait_at, wait_step, wait_bound, waiting
+                        )
                         waiting += 2
                         continue
                     coarse = np.logaddexp(coarse, bound)
@@ -218,13 +228,11 @@ def _reach(r: float, a: float, b: float, turn: float, step: Array) -> float:
     half = 0.5 * step[2]
     if half > 0:
         reach += half * abs(turn) * (r + reach) + 0.5 * half * half * r * (1.0 + 2.0 * turn * turn)
-    return reach
+    return float(reach)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _widest(
-    boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array
-) -> tuple[int, float]:
+def _widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> tuple[int, float]:
     """Along which axis the log density bends most over a box, and by how much."""
     size, run = boxes.step.shape[1], boxes.run[cell]
     sine, cosine = np.sin(at[2]), np.cos(at[2])
@@ -282,7 +290,7 @@ def _most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, wall
         turn = (sine + walls[beam, 3] * cosine) * shrink if size == 3 else 0.0
         reach = _reach(here, walls[beam, 1] * shrink, walls[beam, 2] * shrink, turn, step)
         most += best_in(terms, run, term, here - reach, here + reach)
-    return most
+    return float(most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -324,10 +332,10 @@ def _at_nodes(
                     here = max(r + a * places[node, 0] + b * places[node, 1], 0.0)
                     logs[node] += term_at(terms, run, term, here)
     highest = -np.inf
-    for node in range(count):  # a wall met at a slant ends before it can exceed the bound
-        logs[node] = min(logs[node], boxes.bound[cell])
+    for node in range(count):  # a wall met at a slant ends before it can exceed its cap
+        logs[node] = min(logs[node], boxes.cap[cell])
         highest = max(highest, logs[node])
-    return highest
+    return float(highest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -345,4 +353,4 @@ def survey(boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds:
         _at_nodes(boxes, terms, cell, at, step, walls, places, one)
         logs[cell] = one[0] if one[0] > IMPOSSIBLE_NATS else -np.inf
         if straight[cell]:
-            bounds[cell] = min(bounds[cell], _most_in(boxes, terms, cell, at, step, walls) - volume)
+            bounds[cell] = _most_in(boxes, terms, cell, at, step, walls) - volume

@@ -12,7 +12,8 @@ from ...arrays import Array
 from ..compiled import njit
 from ..problem import Problem
 
-CORNER = 0.99  # of the way from a cell's centre to its corners: there a wall may begin
+INSET_SHARE = 0.005  # of a cell's size: its corners are asked within, for at an edge a wall may begin
+INSET_M = 5e-5  # m or rad: the most of it, five times as far as a map is sure of the side of a wall
 LEAST_COSINE = 0.02  # of how a wall is met against how it is met at the centre: beyond it the model ends
 LEAST_RANGE = 1e-6  # m; of a model that begins in a wall
 QUADRATIC_NATS = 1e-3  # by which a log prior may be off a quadratic before it counts as uneven
@@ -24,11 +25,16 @@ def corners(size: int) -> Array:
     return np.array(list(itertools.product((-1.0, 1.0), repeat=size)))
 
 
+def corner_reach(step: Array) -> Array:
+    """From the centres of cells to the corners that are asked, along each axis, (N, n) -> (N, n)."""
+    return np.asarray(0.5 * step - np.minimum(INSET_SHARE * step, INSET_M))
+
+
 class RangeModel(NamedTuple):
     """Ranges about the centres of cells.
 
-    A wall is a line, so a beam's range is (r + g.d) / (cos t - (s / r) sin t) where the place differs by d and
-    the heading by t, with the range r, its slopes g by the place and s by the heading, all at the centre.
+    A wall is a line, so a beam's range is (r + g.d) / (cos t - (s / r) sin t) where the place differs by d
+    and the heading by t, with the range r, its slopes g by the place and s by the heading at the centre.
 
     Attributes:
         ranges: At the centre, m, (N, B).
@@ -97,23 +103,26 @@ def bends(ranges: Array, slopes: Array, offsets: Array, seen: Array) -> Array:
 def prior_model(problem: Problem, centre: Array, step: Array) -> PriorModel:
     """A prior's log density in cells: centres (N, n) and sizes (N, n)."""
     space, size = problem.space, problem.space.size
-    signs = CORNER * corners(size)
-    faces = CORNER * np.concatenate([np.eye(size), -np.eye(size)])
-    places = 0.5 * np.concatenate([np.zeros((1, size)), faces, signs]) * step[:, None]  # (N, S, n)
+    signs, faces = corners(size), np.concatenate([np.eye(size), -np.eye(size)])
+    reach = corner_reach(step)
+    places = np.concatenate([np.zeros((1, size)), faces, signs]) * reach[:, None]  # (N, S, n)
     logs = np.asarray(problem.prior.log_density(space.wrap(centre[:, None] + places)))
     ends = (logs == -np.inf).any(axis=1)
     free = places[np.arange(len(logs)), (logs > -np.inf).argmax(axis=1)] * ~space.is_angle
     level = np.where(ends, logs.max(axis=1), logs[:, 0])
     inside = np.where(level > -np.inf, level, 0.0)
     finite = np.where(np.isfinite(logs), logs, inside[:, None])
-    reach = 0.5 * CORNER * step
-    ahead, behind, at_corners = finite[:, 1 : size + 1], finite[:, size + 1 : 2 * size + 1], finite[:, 2 * size + 1 :]
+    ahead, behind, at_corners = (
+        finite[:, 1 : size + 1],
+        finite[:, size + 1 : 2 * size + 1],
+        finite[:, 2 * size + 1 :],
+    )
     slope = 0.5 * (ahead - behind) / reach
     curve = np.zeros((len(centre), size, size))
     for i in range(size):
         curve[:, i, i] = (ahead[:, i] + behind[:, i] - 2 * finite[:, 0]) / reach[:, i] ** 2
         for j in range(i):
-            mixed = at_corners @ (np.sign(signs[:, i]) * np.sign(signs[:, j])) / len(signs)
+            mixed = at_corners @ (signs[:, i] * signs[:, j]) / len(signs)
             curve[:, i, j] = curve[:, j, i] = mixed / (reach[:, i] * reach[:, j])
     slope[ends], curve[ends] = 0.0, 0.0
     fitted = finite[:, :1] + np.einsum("nsi,ni->ns", places, slope)
@@ -134,7 +143,7 @@ def moved_prior(prior: PriorModel, offset: Array) -> PriorModel:
 
 
 def model_about(problem: Problem, centre: Array, anchor: Array) -> tuple[Array, Array]:
-    """Ranges (N, B) and slopes (N, B, n) about centres, cast from places nearby where centres are in walls."""
+    """Ranges (N, B) and slopes (N, B, n) about centres, cast from nearby where centres are in walls."""
     ranges = np.asarray(problem.sensor.expected(centre + anchor))
     slopes = np.asarray(problem.sensor.jacobian(centre + anchor))
     moved = np.flatnonzero(anchor.any(axis=1))

@@ -1,14 +1,13 @@
 """Which cells of a prior a run's readings ask for, and what they come to.
 
-Coarse cells that can hold the readings are integrated with the ranges of one wall for each beam. Where a jump,
-a bend or the prior's end crosses a cell that may hold more than is allowed to err, it is halved along every
-axis, with ranges cast anew.
+Coarse cells that can hold the readings are integrated with the ranges of one wall for each beam. Where a
+jump, a bend or the prior's end crosses a cell that may hold more than is allowed to err, it is halved along
+every axis, with ranges cast anew.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -20,16 +19,17 @@ from .halving import BENT_SCALES, Halving
 from .likelihood import IMPOSSIBLE_NATS, Likelihood, add_best
 from .pool import Pool, weighted_moments
 from .quadrature import NODES, Sums, integrate, nodes
-from .range_model import CORNER, PriorModel, QUADRATIC_NATS, RangeModel, bends, corners
+from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners
 
 SEARCH_NATS = 40.0  # below the best bound: coarse cells worse than that are looked at only if need be
 REST_SHARE = 1e-6  # of a belief: what all cells that were not looked at may hold
 WORTH_HALVING = 1e-3  # of the worst cell's error: the others may prove to hold less
 DROPPED_SHARE = 1e-9  # of a belief: cells that hold less are left out
 LOOKED_AT_SHARE = 1e-5  # of a belief: in cells that hold less nothing is looked for between their corners
-JUMP_SHARE = {2: 0.1, 3: 0.02}  # of a cell's greatest mass: what a jump across it may make the sum err by
+JUMP_SHARE = {2: 0.1, 3: 0.01}  # of the greatest mass of cells that jumps cross: the least they may err by
+MOST_DISPLACED = 0.3  # the same, of a single cell
 CALM_SHARE = 0.5  # of the accuracy: what cells that are halved no more may err by together
-RULE_ERROR = 1e-3  # of mean and covariance, in deviations: what rules of three nodes may err by
+RULE_ERROR = 2e-3  # of mean and covariance, in deviations: what rules of three nodes may err by
 HALVED_AT_ONCE = 4000  # cells of a run in one round, those that may err most
 MAX_ROUNDS = 40
 NEGLIGIBLE_SHARE = 1e-7  # of a belief: cells that may err by less are not halved
@@ -79,7 +79,7 @@ class Refinement:
         bounds = self._bounds(likelihood)
         floor = bounds.max(axis=1) - SEARCH_NATS
         found = self._refined(likelihood, bounds, floor)
-        lower = found.log_integral + np.log(REST_SHARE / np.exp(self._log_volumes).sum())
+        lower = found.log_integral + np.log(REST_SHARE / np.exp(self.coarse.log_volumes).sum())
         lower = np.where(found.log_integral > -np.inf, lower, -np.inf)
         rest = np.where(bounds < floor[:, None], bounds, -np.inf).max(axis=1)
         again = np.flatnonzero((lower < floor) & (rest >= lower) & (rest > IMPOSSIBLE_NATS))
@@ -94,13 +94,15 @@ class Refinement:
         return Refined(found.mean, found.covariance, found.log_integral, found.error, pool)
 
     def boxes(self, likelihood: Likelihood, found: Refined) -> tuple[Array, Array, Array]:
-        """The cells of one run in boxes about the nodes of its rules: centres, sizes (N, n) and log masses (N,)."""
+        """One run's cells in boxes about the nodes of rules: centres, sizes (N, n) and log masses (N,)."""
         pool = found.pool
         size = self.problem.space.size
         order = np.flatnonzero(pool.log_mass > -np.inf)
         left = np.full(1, self.most_cells)
         found_again = Sums(*(part.copy() for part in pool.sums))
-        cell, away, step = integrate(pool.boxes, likelihood.terms, order, found.log_integral.copy(), left, found_again, True)
+        cell, away, step = integrate(
+            pool.boxes, likelihood.terms, order, found.log_integral.copy(), left, found_again, True
+        )
         places, shares = nodes(NODES, size)
         ends = np.concatenate([[0.0], np.cumsum(nodes(NODES, 1)[1])]) - 0.5
         box = np.stack(np.unravel_index(np.arange(len(places)), (NODES,) * size), -1)
@@ -114,14 +116,9 @@ class Refinement:
         logs = logs + (np.log(shares) + np.log(step).sum(axis=1)[:, None]).ravel()
         return flat, (width * step[:, None]).reshape(-1, size), logs
 
-    @cached_property
+    @property
     def _halving(self) -> Halving:
         return Halving(self.problem)
-
-    @cached_property
-    def _log_volumes(self) -> Array:
-        """Of the coarse cells, (G,)."""
-        return np.asarray(np.log(self.coarse.steps).sum(axis=1))
 
     def _bounds(self, likelihood: Likelihood) -> Array:
         """The most that prior times likelihood may be in each coarse cell, (M, G)."""
@@ -129,7 +126,9 @@ class Refinement:
         column[self.coarse.beams] = np.arange(len(self.coarse.beams))
         bounds = np.empty((len(likelihood.readings), len(self.coarse.centres)))
         terms = likelihood.terms
-        add_best(terms, column[terms.beam], likelihood.tops, self.coarse.bands, self.coarse.prior.most, bounds)
+        add_best(
+            terms, column[terms.beam], likelihood.tops, self.coarse.bands, self.coarse.prior.most, bounds
+        )
         return bounds
 
     def _refined(self, likelihood: Likelihood, bounds: Array, floor: Array) -> Refined:
@@ -181,9 +180,21 @@ class Refinement:
             pool.weigh = np.where(fresh, 1.5 * counts, pool.weigh)
         surprised = self._look(likelihood, pool, share * counts)
         most[surprised] = np.maximum(most[surprised], 1.0)
-        errors = np.maximum(coarse, most * JUMP_SHARE[self.problem.space.size] * pool.broken)
+        errors = np.maximum(coarse, self._displaced(pool, most * pool.broken, runs))
         kept = most > DROPPED_SHARE
         return pool.rows(kept), errors[kept]
+
+    def _displaced(self, pool: Pool, broken: Array, runs: int) -> Array:
+        """What jumps may make mean and covariance err by in cells of which so much is broken, (N,).
+
+        A jump displaces a share of a cell's mass to either side at random, so that many cells err less: by
+        one over the square root of their number. Some of it has one sign where jumps run along the cells.
+        """
+        sums = np.bincount(pool.run, broken, runs)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            alone = np.sqrt(np.bincount(pool.run, broken**2, runs)) / sums
+        share = np.clip(np.nan_to_num(alone, nan=1.0), JUMP_SHARE[self.problem.space.size], MOST_DISPLACED)
+        return np.asarray(broken * share[pool.run])
 
     def _counts(self, pool: Pool, log_total: Array, runs: int) -> tuple[Array, Array]:
         """How much more than its mass each cell counts, (N,), and its share of the belief, (N,)."""
@@ -207,14 +218,11 @@ class Refinement:
         spread = pool.second[rows].diagonal(axis1=1, axis2=2) - pool.mean[rows] ** 2
         signs = np.concatenate([np.zeros((1, size)), corners(size)])
         places = pool.mean[rows][:, None] + signs * np.sqrt(np.maximum(spread, 0.0))[:, None]
-        reach = 0.5 * CORNER * pool.step[rows][:, None]
+        reach = corner_reach(pool.step[rows])[:, None]
         places = np.clip(places, -reach, reach)
         seen = np.asarray(self.problem.sensor.expected(pool.centre[rows][:, None] + places))
         bend = bends(pool.ranges[rows], pool.slopes[rows], places, seen)
-        scales = likelihood.scales[pool.run[rows]]
-        with np.errstate(invalid="ignore"):
-            bent = np.where(np.isfinite(scales), bend / scales, 0.0)
-        bad = (bent > BENT_SCALES).any(axis=1)
+        bad = (likelihood.in_scales(pool.run[rows], bend) > BENT_SCALES).any(axis=1)
         pool.broken[rows[bad]] = 1.0
         pool.bound[rows[bad]] += UNSEEN_NATS
         surprised[rows[bad]] = True
