@@ -27,6 +27,8 @@ from .range_model import (
 
 VALUES_AT_ONCE = 1 << 21  # ranges
 BENT_SCALES = 0.05  # by which ranges may be off their model before something is taken to jump or bend
+NEAR_SIZES = 2.0  # of a cell: nearer walls are met at all slants in it
+GAP_SHARE = 0.6  # of the spread of ranges that were seen: a wider gap parts two clusters
 LEAST_SLOPE = 0.5  # of a range that jumps, where nothing steeper was seen
 
 
@@ -141,13 +143,14 @@ class Halving:
         seen = family[parent[cell], :, beam]
         steepest = np.abs(pool.slopes.reshape(len(family), -1, *pool.slopes.shape[1:])).max(axis=1)
         reach = (np.maximum(steepest[parent[cell], beam], self._least_slope) * step[cell]).sum(axis=1)
+        near_m = NEAR_SIZES * step[cell][:, :2].max(axis=1)
         spread = _spread(pool.ranges[rows], pool.slopes[rows], step)
         low, high = pool.ranges[rows] - spread, pool.ranges[rows] + spread
         bound = pool.most[rows] + likelihood.terms.common[run]
         for time, aim in enumerate(likelihood.aims(run)):
             with np.errstate(invalid="ignore"):
                 near = np.clip(aim, low, high)  # beams that stay on one wall
-                near[cell, beam] = _nearest_seen(aim[cell, beam], seen, reach)
+                near[cell, beam] = _nearest_seen(aim[cell, beam], seen, reach, near_m)
             bound += likelihood.at_time(time, run, np.where(np.isnan(near), 1.0, near))
         pool.bound[rows] = np.maximum(bound, pool.log_at_centre[rows])
 
@@ -170,20 +173,28 @@ def _spread(ranges: Array, slopes: Array, step: Array) -> Array:
     return np.asarray(spread.sum(axis=2) + skew + np.nan_to_num(bent, posinf=0.0))
 
 
-def _nearest_seen(target: Array, seen: Array, reach: Array) -> Array:
-    """What is nearest to a target among ranges that were seen or lie about them: (P,), (P, S) -> (P,).
+def _nearest_seen(target: Array, seen: Array, reach: Array, near_m: Array) -> Array:
+    """What is nearest to a target among ranges that were seen or lie between: (P,), (P, S) -> (P,).
 
-    Nothing lies beyond all that was seen by more than a half of their spread.
+    Where walls are nearer than `near_m` ranges take all values; elsewhere a gap that is wider than most of
+    the others parts two clusters. Nothing lies beyond all that was seen by more than a half of their spread.
     """
     finite = np.isfinite(seen)
-    low = np.where(finite, seen, np.inf).min(axis=1, keepdims=True)
-    high = np.where(finite, seen, -np.inf).max(axis=1, keepdims=True)
-    least = reach[:, None]
+    low = np.where(finite, seen, np.inf).min(axis=1)
+    high = np.where(finite, seen, -np.inf).max(axis=1)
+    none = ~finite.any(axis=1)
+    low, high = np.where(none, 0.0, low), np.where(none, 0.0, high)
+    ordered = np.sort(np.where(finite, seen, high[:, None]), axis=1)
+    gaps = np.diff(ordered, axis=1)
+    at = gaps.argmax(axis=1)[:, None]
+    below, above = (np.take_along_axis(ordered, at + side, 1)[:, 0] for side in (0, 1))
+    whole = (above - below <= GAP_SHARE * (high - low)) | (low < near_m)
+    below, above = np.where(whole, high, below + reach), np.where(whole, low, above - reach)
+    slack = np.minimum(reach, 0.5 * (high - low) + 0.5 * reach)
+    one = np.clip(target, low - slack, np.minimum(below, high) + np.where(whole, slack, 0.0))
+    other = np.clip(target, np.maximum(above, low) - np.where(whole, slack, 0.0), high + slack)
     with np.errstate(invalid="ignore"):
-        slack = np.minimum(least, 0.5 * (high - low) + least * 0.5)
-        about = np.where(finite, least, 0.0)
-        fits = np.clip(target[:, None], seen - about, seen + about)
-        fits = np.where(finite, np.clip(fits, low - slack, high + slack), fits)
-        suits = np.where(np.isposinf(target)[:, None], fits, -np.abs(fits - target[:, None]))
-    best = np.where(np.isnan(suits), -np.inf, suits).argmax(axis=1)
-    return np.asarray(np.take_along_axis(fits, best[:, None], 1)[:, 0])
+        near = np.where(np.abs(one - target) <= np.abs(other - target), one, other)
+    near = np.where(np.isposinf(target), high + slack, near)
+    silent = none | (np.isposinf(target) & ~finite.all(axis=1))
+    return np.asarray(np.where(silent, np.inf, near))
