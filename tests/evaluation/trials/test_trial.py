@@ -10,7 +10,7 @@ import pytest
 from rangefix.evaluation import STATUSES, stream
 from rangefix.evaluation.trials.batch_size import batch_size, nbytes
 from rangefix.evaluation.trials.built_estimator import BuiltEstimator
-from rangefix.evaluation.trials.timing import seconds_per_update
+from rangefix.evaluation.trials.timing import runs_to_time, seconds_per_update
 from rangefix.evaluation.trials.trial import Trial
 from rangefix.filters import EachRun, Estimate
 
@@ -192,9 +192,11 @@ def test_batches_fit_the_memory():
 def test_timing_is_per_update_and_run():
     """A clock of one second per reading of it: a batch of 8 over 2 steps takes 2 s, 1/8 s each."""
     ticks = iter(range(1000))
-    trial = Trial(make_problem(), np.zeros((1, 1)), seed=3)
-    seconds = seconds_per_update(
-        trial, PriorOnly(make_problem()), np.ones((8, 2, 3)), budget=100.0, clock=lambda: float(next(ticks))
-    )
-    assert seconds == 1 / 8
-    assert np.isnan(seconds_per_update(trial, Faulty(make_problem(), fault="raise"), np.full((4, 2, 3), 5.0)))
+    trial, estimator = Trial(make_problem(), np.zeros((1, 1)), seed=3), PriorOnly(make_problem())
+    clock = lambda: float(next(ticks))  # noqa: E731
+    assert seconds_per_update(trial, estimator, np.ones((8, 2, 3)), clock=clock) == 1 / 8
+    assert runs_to_time(trial, estimator, np.ones((8, 2, 3)), clock=clock) == 4
+    assert runs_to_time(trial, estimator, np.ones((8, 2, 3)), budget=1e3, clock=clock) == 8
+    faulty = Faulty(make_problem(), fault="raise")
+    assert np.isnan(seconds_per_update(trial, faulty, np.full((4, 2, 3), 5.0)))
+    assert runs_to_time(trial, faulty, np.full((4, 2, 3), 5.0)) == 0

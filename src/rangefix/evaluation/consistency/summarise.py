@@ -14,7 +14,7 @@ from ...arrays import Array, BoolArray
 from ..results import STATUSES, Results, Trials, failures_of
 from .averages import AVERAGES, Mean
 from .belief_scores import rank_histogram
-from .intervals import LEVEL, Interval
+from .intervals import LEVEL, UNKNOWN, Interval
 from .metrics import Metric, RunBlock, metrics
 from .null_distribution import NullSums
 from .row import Row
@@ -46,7 +46,8 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
                 accumulators = accumulators or [Accumulator(results.space.names) for _ in blocks]
             for accumulator, block in zip(accumulators, blocks, strict=True):
                 accumulator.add(number, block)
-    seconds = results.timing.get((estimator, beams), np.nan)
+    low, high = results.timing_range.get((estimator, beams), (np.nan, np.nan))
+    seconds = Interval(results.timing.get((estimator, beams), np.nan), low, high)
     for step, accumulator in enumerate(accumulators):
         yield accumulator.row(estimator, beams, step, seconds, results.one_truth)
 
@@ -138,7 +139,7 @@ class Accumulator:
         estimator: str = "",
         beams: str = "",
         step: int = 0,
-        seconds: float = np.nan,
+        seconds: Interval = UNKNOWN,
         one_truth: bool = False,
     ) -> Row:
         """The row after all passes."""
@@ -157,7 +158,8 @@ class Accumulator:
             G=self.squares / runs,
             P=claims,
             figures=figures,
-            seconds=seconds,
+            seconds=seconds.value,
+            seconds_range=(seconds.low, seconds.high),
             p_values=self.p_values(),
             one_truth=one_truth,
             ranks=self.ranks if self.ranks.ndim else None,

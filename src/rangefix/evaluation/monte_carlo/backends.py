@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...errors import one_line
 from ..experiment import Experiment
-from ..isolation import to_pickle
+from ..isolation import Stage, to_pickle
 from ..results import ResultsError
 from .environment import arithmetic, other_bits
 from .keys import code_fingerprint
@@ -69,29 +69,44 @@ class ClusterTls:
     key: Path | str | None = None
 
 
+class ProgressFailed(BaseException):
+    """What is told of progress has raised, in the middle of a trial, which is not to blame for it."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
 def in_process(
     worker: Worker,
     tasks: Sequence[Task],
     world: Callable[[Task], Simulation],
-    begun: Callable[[Task, int], None],
+    watch: Callable[[Task, Stage], None],
 ) -> Iterator[tuple[Task, Part]]:
-    """Do tasks here, one after the other; `begun` is told now and then how many runs of one are done."""
+    """Do tasks here, one after the other; `watch` is told now and then what is about to be done of one."""
     last = monotonic()
     for task in tasks:
 
-        def note(place: int, count: int, task: Task = task) -> None:
+        def note(stage: Stage, task: Task = task) -> None:
             nonlocal last
             if monotonic() - last > PROGRESS_INTERVAL_S:
                 last = monotonic()
-                begun(task, place)
+                try:
+                    watch(task, stage)
+                except Exception as error:
+                    raise ProgressFailed(error) from None
 
-        yield task, worker.work(task, world(task), note)
+        try:
+            part = worker.work(task, world(task), note)
+        except ProgressFailed as failed:
+            raise failed.error from None
+        yield task, part
 
 
 def on_workers(
-    experiment: Experiment, tasks: Sequence[Task], world: Callable[[Task], Simulation], workers: int
+    worker: Worker, tasks: Sequence[Task], world: Callable[[Task], Simulation], workers: int
 ) -> Iterator[tuple[Task, Part]]:
-    """Tasks and their parts as a pool of processes finishes them.
+    """Tasks and their parts as a pool of processes, each with a worker like the one given, finishes them.
 
     Raises:
         ResultsError: If the workers keep dying.
@@ -102,7 +117,10 @@ def on_workers(
     left, breaks = dict.fromkeys(tasks), 0
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
-        start = {"initializer": _start_worker, "initargs": (to_pickle(experiment), os.getpid())}
+        start = {
+            "initializer": _start_worker,
+            "initargs": (to_pickle((worker.experiment, worker.unfinished)), os.getpid()),
+        }
         while left:
             pool = Parallel(
                 n_jobs=workers,
@@ -245,7 +263,7 @@ def _start_worker(content: bytes, caller: int) -> None:
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
-    _here[:] = [Worker(pickle.loads(content))]
+    _here[:] = [Worker(*pickle.loads(content))]
 
 
 def _work_here(task: Task, world: Simulation) -> tuple[Task, Part]:

@@ -213,8 +213,9 @@ def _orphans(folder: Path, plan: FolderLayout) -> list[Path]:
 
     def belongs(part: Path) -> bool:
         first, end = map(int, part.stem.split("-"))
-        fits = first % plan.block == 0 and first < plan.runs and end == min(first + plan.block, plan.runs)
-        return fits and part.parent in places
+        whole = min(first + plan.block, plan.runs)
+        begun = end < whole and not part.with_name(f"{first:08d}-{whole:08d}.npz").exists()
+        return first % plan.block == 0 and (end == whole or begun) and part.parent in places
 
     return [part for part in _parts(folder) if not belongs(part)]
 

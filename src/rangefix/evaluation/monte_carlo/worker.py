@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,14 +12,16 @@ from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Lost, Raised, begin_piece, undisturbed
-from ..results import failed_outcome, part_arrays
+from ..isolation import Lost, Raised, Watch, counted_from, undisturbed
+from ..results import Outcome, concatenate, failed_outcome, outcome_of, part_arrays
 from ..trials.batch_size import batch_size
 from ..trials.built_estimator import BuiltEstimator
 from ..trials.evidence_floor import evidence_floor
 from ..trials.guard import GuardedEstimator
+from ..trials.saving import Pace, Saving
 from ..trials.trial import Trial
 from .simulate import Simulation, simulate
+from .unfinished import Place, Unfinished
 
 
 class Task(NamedTuple):
@@ -39,12 +40,16 @@ class Worker:
     Attributes:
         experiment: The experiment.
         built: Label -> the estimator, or why there is none.
+        unfinished: Where the first runs of a part are saved now and then; None to save whole parts only.
         sizes: Label and number of the set of beams -> runs to a batch, of estimators in this process.
+        paces: Label and number of the set of beams -> how long runs take.
     """
 
     experiment: Experiment
+    unfinished: Unfinished | None = None
     built: dict[str, BuiltEstimator | GuardedEstimator | Raised] = field(default_factory=dict)
     sizes: dict[tuple[str, int], int] = field(default_factory=dict)
+    paces: dict[tuple[str, int], Pace] = field(default_factory=dict)
 
     @cached_property
     def trial(self) -> Trial:
@@ -53,13 +58,14 @@ class Worker:
         keep_draws = self.experiment.beliefs is not False
         return Trial(self.experiment.assumed_problem, moves, self.experiment.seed, keep_draws)
 
-    def estimator(self, label: str) -> BuiltEstimator | GuardedEstimator:
+    def estimator(self, label: str, alone: bool = True) -> BuiltEstimator | GuardedEstimator:
         """The estimator, built in this process; where its trials have a time limit, in a separate one.
 
         Raises:
             Raised: What its builder raised; one in a separate process will say so when it is asked.
         """
-        self.close(but=label)
+        if alone:
+            self.close(but=label)
         if label not in self.built:
             builder, limit = self.experiment.estimators[label], self.experiment.timeout_of(label)
             try:
@@ -94,27 +100,42 @@ class Worker:
     def _first_two(self) -> Array:
         return simulate(self.experiment, 0, 2).measurement
 
-    def work(
-        self, task: Task, world: Simulation, note: Callable[[int, int], None] = begin_piece
-    ) -> dict[str, NDArray[Any]]:
-        """Do a task whose runs are given; `note` is told what is about to be done."""
+    def work(self, task: Task, world: Simulation, watch: Watch | None = None) -> dict[str, NDArray[Any]]:
+        """Do a task whose runs are given, or what is left of it; `watch` is told what is about to be done."""
         problem = self.experiment.assumed_problem
-        readings = self.experiment.masked(world.measurement, task.beams)
-        truth = world.truth if self.experiment.beliefs else None
+        all_readings = self.experiment.masked(world.measurement, task.beams)
+        place = Place(task.estimator, self.experiment.beam_labels[task.beams], task.first, task.end)
+        saved = None if self.unfinished is None else self.unfinished.read(place)
+        before = [] if saved is None else [outcome_of(saved)]
+        done = 0 if saved is None else len(saved["status"])
+
+        def arrays(outcome: Outcome) -> dict[str, NDArray[Any]]:
+            whole = concatenate([*before, outcome])
+            return part_arrays(whole, evidence_floor(problem.sensor, all_readings[: len(whole.status)]))
+
+        def save(outcome: Outcome) -> None:
+            if self.unfinished is not None and done + len(outcome.status) < len(all_readings):
+                self.unfinished.write(place, arrays(outcome))
+
+        saving = None
+        if self.unfinished is not None:
+            saving = Saving(save, self.paces.setdefault((task.estimator, task.beams), Pace()))
+        first, readings, watching = task.first + done, all_readings[done:], counted_from(done, watch)
+        truth = world.truth[done:] if self.experiment.beliefs else None
         try:
             with undisturbed(self.trial):
                 built, first_two = self.estimator(task.estimator), self.probe_measurement(task.beams)
                 if isinstance(built, GuardedEstimator):
-                    outcome = built.run(readings, task.first, first_two, truth)
+                    outcome = built.run(readings, first, first_two, truth, watching, saving)
                 else:
                     size = self._batch_size(task.estimator, task.beams, built)
                     limit = self.experiment.limit_here(task.estimator)
-                    outcome = built.run(readings, task.first, size, truth, note, limit)
+                    outcome = built.run(readings, first, size, truth, watching, limit, saving)
         except (Raised, Lost) as error:
             status = error.status if isinstance(error, Lost) else "error"
             reason = self._why_not_built(task.estimator, error)
             outcome = failed_outcome(readings.shape, problem.space.size, status, reason)
-        return part_arrays(outcome, evidence_floor(problem.sensor, readings))
+        return arrays(outcome)
 
     def _batch_size(self, label: str, beams: int, built: BuiltEstimator) -> int:
         if (label, beams) not in self.sizes:
@@ -130,20 +151,31 @@ class Worker:
             return f"{name}: {error}"
         return error.text if error.kind in ("", "ImportError") else f"building {name} failed: {error}"
 
-    def time(self, label: str, beams: int, measurement: Array) -> dict[str, Any]:
-        """Seconds per update and run, None if it fails; and how many of the runs given were timed at once."""
-        row = {"estimator": label, "beams": self.experiment.beam_labels[beams], "seconds": None}
+    def runs_to_time(self, label: str, beams: int, measurement: Array) -> int:
+        """How many of some runs (M, T, B) are to be timed at once; 0 if the estimator fails.
+
+        Its process stays beside those of others, so that estimators can be timed in turns.
+        """
         readings = self.experiment.masked(measurement, beams)
         if not len(readings):
-            return row
+            return 0
         try:
             with undisturbed(self.trial):
-                built = self.estimator(label)
+                built = self.estimator(label, alone=False)
                 if isinstance(built, GuardedEstimator):
                     probe = built.probe(self.probe_measurement(beams))
                     size = 1 if probe is None else probe.size
                 else:
                     size = self._batch_size(label, beams, built)
-                return row | built.time(readings[:size]) | {"runs_at_once": len(readings[:size])}
+                return built.runs_to_time(readings[:size])
         except (Raised, Lost):
-            return row
+            return 0
+
+    def time(self, label: str, beams: int, measurement: Array) -> tuple[float, list[str]]:
+        """Seconds per update and run (NaN if it fails), and which libraries were held to one thread."""
+        readings = self.experiment.masked(measurement, beams)
+        try:
+            with undisturbed(self.trial):
+                return self.estimator(label, alone=False).time(readings)
+        except (Raised, Lost):
+            return float("nan"), []

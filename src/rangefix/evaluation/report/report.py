@@ -103,7 +103,8 @@ def environment() -> Environment:
 def figures(results: Results) -> Iterator[ShownFigure]:
     """All figures of a study, drawn anew from its results."""
     from ..figures.catalogue import study_figures
-    from ..figures.style import styled, to_svg
+    from ..figures.files import to_svg
+    from ..figures.style import styled
 
     with styled():
         for kind, figure in study_figures(results):

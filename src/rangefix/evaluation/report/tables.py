@@ -60,7 +60,7 @@ def overview(rows: Sequence[Row]) -> Table:
             *(Cell(stds if row.ok else "-") for stds in row.pairs_of_stds(row.g, row.p)),
             Cell.of(row.anees),
             Cell.of(row.scores.energy),
-            Cell(row.milliseconds),
+            Cell(row.milliseconds_range),
         ]
 
     return Table.of(columns, rows, cells)

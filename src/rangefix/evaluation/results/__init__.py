@@ -38,6 +38,6 @@ from .outcome import (
     failures_of,
     with_status,
 )
-from .parts import if_valid, part_arrays, read_if_valid, read_trials, read_world
+from .parts import Part, if_valid, outcome_of, part_arrays, read_if_valid, read_trials, read_world
 from .results import MAX_RUNS_IN_MEMORY, Results, load, read_timing
 from .trials import InMemory, Source, Trials

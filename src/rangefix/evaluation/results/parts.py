@@ -14,7 +14,16 @@ from .draws import KEPT_DRAWS
 from .files import ResultsError
 from .folder import FolderLayout, trials_path, world_path
 from .npz import Form, Forms, read_part
-from .outcome import DIAGNOSTICS, PREFIX, STATUSES, BeliefScores, Outcome, Status, is_covariance
+from .outcome import (
+    DIAGNOSTICS,
+    PREFIX,
+    STATUSES,
+    BeliefScores,
+    Outcome,
+    Status,
+    diagnostics_of,
+    is_covariance,
+)
 
 Part = dict[str, NDArray[Any]]
 LONGEST_REASON = 2000  # letters of why a trial is not ok that are kept
@@ -39,6 +48,14 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         **outcome.diagnostics,
         **({} if outcome.draws is None else {"draws": outcome.draws}),
     }
+
+
+def outcome_of(part: Part) -> Outcome:
+    """What a part of trials came to: the inverse of `part_arrays`."""
+    reasons = dict(zip(part["failed"].tolist(), part["reasons"].tolist(), strict=True))
+    beliefs = {name: array for name, array in part.items() if name.startswith(PREFIX)}
+    estimates = part["mean"], part["covariance"], part["log_evidence"], part["status"]
+    return Outcome(*estimates, reasons, beliefs, diagnostics_of(part), part.get("draws"))
 
 
 def read_world(folder: Path, plan: FolderLayout, first: int, end: int) -> Part:

@@ -39,7 +39,8 @@ class Results:
         beam_sets: Labels of the sets of beams, in the study's order.
         runs: Runs planned, M.
         source: Where the arrays come from.
-        timing: (estimator, beams) -> seconds per update and run.
+        timing: (estimator, beams) -> seconds per update and run: the median of several passes.
+        timing_range: (estimator, beams) -> the least and the greatest of the passes, s.
         scene: Walls, free space, prior, beams to draw: see `map_snapshot.py`; empty if it was not saved.
         folder: Where they are saved, if anywhere.
     """
@@ -51,6 +52,7 @@ class Results:
     runs: int
     source: Source
     timing: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    timing_range: Mapping[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     folder: Path | None = None
 
@@ -145,6 +147,7 @@ def load(folder: Path | str) -> Results:
     check_manifest(folder / MANIFEST, manifest)
     plan = FolderLayout.read(manifest)
     check_size(folder, plan, folder / MANIFEST)
+    timed = {(row["estimator"], row["beams"]): row for row in read_timing(folder / TIMING).values()}
     load_pictures(folder)  # damaged ones are told before anything is drawn
     results = Results(
         manifest=manifest,
@@ -153,7 +156,11 @@ def load(folder: Path | str) -> Results:
         beam_sets=plan.beams,
         runs=plan.runs,
         source=InFolder(folder, plan, manifest["state"] == "complete"),
-        timing=_times(folder / TIMING),
+        timing={pair: _seconds(row["seconds"]) for pair, row in timed.items()},
+        timing_range={
+            pair: (_seconds(row.get("seconds_low")), _seconds(row.get("seconds_high")))
+            for pair, row in timed.items()
+        },
         scene=_scene(folder / SCENE, plan.shape[2]),
         folder=folder,
     )
@@ -173,13 +180,9 @@ def read_timing(path: Path) -> dict[str, dict[str, Any]]:
     return rows
 
 
-def _times(path: Path) -> dict[tuple[str, str], float]:
-    """(estimator, beams) -> seconds per update and run; NaN where none could be told."""
-    rows = read_timing(path).values()
-    return {
-        (row["estimator"], row["beams"]): np.nan if row["seconds"] is None else float(row["seconds"])
-        for row in rows
-    }
+def _seconds(told: float | None) -> float:
+    """Seconds as told; NaN where none could be."""
+    return np.nan if told is None else float(told)
 
 
 def _scene(path: Path, beams: int) -> dict[str, NDArray[Any]]:

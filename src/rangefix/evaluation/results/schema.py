@@ -132,6 +132,8 @@ class Timed(_Document):
     estimator: str
     beams: str
     seconds: Annotated[float, Field(ge=0)] | None
+    seconds_low: Annotated[float, Field(ge=0)] | None = None
+    seconds_high: Annotated[float, Field(ge=0)] | None = None
 
 
 class Timings(BaseModel):

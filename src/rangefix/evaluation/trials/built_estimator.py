@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from ...filters.estimator import diagnostics_of, filtered
 from ...filters.plugin_line import plugin_line
 from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator
-from ..isolation import Stage, TookTooLong, begin_piece, begin_stage, deadline, memory_hint
+from ..isolation import Stage, TookTooLong, Watch, begin_piece, begin_stage, deadline, memory_hint
 from ..results import (
     KEPT_DRAWS,
     BeliefScores,
@@ -29,7 +29,8 @@ from ..results import (
 )
 from ..seeds import Streams
 from .batch_size import batch_size
-from .timing import one_thread, seconds_per_update
+from .saving import Saving
+from .timing import one_thread, runs_to_time, seconds_per_update
 from .trial import Trial
 
 RUNS_TO_A_LIMIT = 10  # of a batch, which goes faster than its runs one by one
@@ -74,8 +75,16 @@ class BuiltEstimator(NamedTuple):
         self.run(measurement, 0)
         return Probe(size, perf_counter() - start)
 
-    def attempt(self, measurement: Array, runs: Iterable[int], truth: Array | None = None) -> Outcome:
+    def attempt(
+        self,
+        measurement: Array,
+        runs: Iterable[int],
+        truth: Array | None = None,
+        watch: Watch | None = None,
+    ) -> Outcome:
         """Estimates after each step, all runs at once, all "ok"; beliefs are judged if truths are given.
+
+        `watch` is told which method is called next.
 
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
@@ -91,6 +100,8 @@ class BuiltEstimator(NamedTuple):
             nonlocal stage
             stage = Stage(verb=verb, step=step)
             begin_stage(verb, step)
+            if watch is not None:
+                watch(stage)
 
         try:
             readings = measurement.swapaxes(0, 1)
@@ -141,8 +152,9 @@ class BuiltEstimator(NamedTuple):
         first: int,
         size: int | None = None,
         truth: Array | None = None,
-        note: Callable[[int, int], None] = begin_piece,
+        watch: Watch | None = None,
         limit: float = np.inf,
+        saving: Saving | None = None,
     ) -> Outcome:
         """Runs first, first + 1, ... in batches; where a batch fails, run by run.
 
@@ -153,38 +165,59 @@ class BuiltEstimator(NamedTuple):
             first: Number of the first run.
             size: Runs to a batch; all at once unless given.
             truth: True states (M, T, n), if beliefs are to be judged.
-            note: Told the place of the first run, and how many are done at once, before each piece of work.
+            watch: Told before each piece of work and each method which runs are done at once, and what.
             limit: Longest that a run may take, s, where this process can end it; ten runs of a batch may each
                 take a tenth.
+            saving: Where finished runs go every few seconds; batches are as small as that needs.
         """
         measurement = measurement.copy()
         measurement.setflags(write=False)  # an estimator that writes into it is told so
         runs = len(measurement)
         size = 1 if isinstance(self.estimator, EachRun) else size or runs
         todo = [(start, min(start + size, runs)) for start in range(0, runs, size)][::-1]
-        outcomes = []
+        outcomes: list[Outcome] = []
         while todo:
             start, end = todo.pop()
-            note(start, end - start)
+            if saving is not None and (most := saving.begin(end - start)) < end - start:
+                todo.append((start + most, end))
+                end = start + most
+            begin_piece(start, end - start)
+
+            def note(stage: Stage, start: int = start, end: int = end) -> None:
+                if watch is not None:
+                    watch(stage._replace(place=start, at_once=end - start))
+
+            note(Stage())
             readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
                 numbers = range(first + start, first + end)
                 with deadline(limit * -(-len(readings) // RUNS_TO_A_LIMIT)):
-                    outcomes.append(self.attempt(readings, numbers, true))
+                    outcomes.append(self.attempt(readings, numbers, true, note))
             except TrialError as error:
                 if end - start > 1:  # whose fault it is will show
                     todo += [(place, place + 1) for place in range(start, end)][::-1]
                 else:
                     shape, components = readings.shape, self.trial.problem.space.size
                     outcomes.append(failed_outcome(shape, components, error.status, str(error)))
-        tried = concatenate(outcomes)
-        outcome = with_status(*tried[:3])
-        outcome.reasons.update(tried.reasons)
-        outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
-        return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics, draws=tried.draws)
+            if saving is not None:
+                saving.end(end - start, lambda: _judged(outcomes) if outcomes else None)
+        return _judged(outcomes)
 
-    def time(self, measurement: Array) -> dict[str, Any]:
-        """Seconds per update and run with one thread, None if it fails; and whose threads could be held."""
+    def runs_to_time(self, measurement: Array) -> int:
+        """How many of some runs (M, T, B) are to be timed at once, with one thread; 0 if it fails."""
+        with one_thread():
+            return runs_to_time(self.trial, self.estimator, measurement)
+
+    def time(self, measurement: Array) -> tuple[float, list[str]]:
+        """Seconds per update and run with one thread, NaN if it fails; and whose threads could be held."""
         with one_thread() as held:
-            seconds = seconds_per_update(self.trial, self.estimator, measurement)
-        return {"seconds": seconds if seconds == seconds else None, "one_thread": held}
+            return seconds_per_update(self.trial, self.estimator, measurement), held
+
+
+def _judged(batches: list[Outcome]) -> Outcome:
+    """Batches that follow each other as one, with the status of each run."""
+    tried = concatenate(batches)
+    outcome = with_status(*tried[:3])
+    outcome.reasons.update(tried.reasons)
+    outcome.status[list(tried.reasons)] = tried.status[list(tried.reasons)]
+    return outcome._replace(beliefs=tried.beliefs, diagnostics=tried.diagnostics, draws=tried.draws)

@@ -9,10 +9,11 @@ from typing import Any
 
 from ...arrays import Array
 from ..experiment import Builder, NamedEstimator
-from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle, undisturbed
+from ..isolation import IsolatedProcess, Limit, Lost, Raised, Watch, counted_from, to_pickle, undisturbed
 from ..isolation.look import add_folder
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
+from .saving import Saving
 from .trial import Trial
 
 BUILD_EXTRA_S = 60.0  # for building an estimator, beyond the time of a trial
@@ -94,12 +95,18 @@ class GuardedEstimator:
             self._child.kill()
             self._child = None
 
-    def _ask(self, method: str, arguments: tuple[Any, ...], limit: Limit) -> Any:
-        """What a method of the estimator there gives."""
+    def _ask(
+        self,
+        method: str,
+        arguments: tuple[Any, ...],
+        limit: Limit,
+        watch: Watch | None = None,
+    ) -> Any:
+        """What a method of the estimator there gives; `watch` is told now and then where it is."""
         self.start()
         assert self._child is not None
         try:
-            return self._child.ask(_call, (method, *arguments), limit)
+            return self._child.ask(_call, (method, *arguments), limit, watch=watch)
         except Lost:
             self._child = None
             raise
@@ -120,21 +127,47 @@ class GuardedEstimator:
             self._fresh = False
         return self._probes[known]
 
-    def time(self, measurement: Array) -> dict[str, Any]:
-        """What `BuiltEstimator.time` gives, or seconds None if that takes too long."""
+    def runs_to_time(self, measurement: Array) -> int:
+        """What `BuiltEstimator.runs_to_time` gives, or 0 if that takes too long."""
         try:
-            limit = Limit(FIRST_RUNS_EXTRA_S + 20 * self.timeout)
-            answer: dict[str, Any] = self._ask("time", (measurement,), limit)
+            return int(self._ask("runs_to_time", (measurement,), self._timing_limit))
         except (Lost, Raised):
-            return {"seconds": None}
-        return answer
+            return 0
 
-    def run(self, measurement: Array, first: int, first_two: Array, truth: Array | None = None) -> Outcome:
+    def time(self, measurement: Array) -> tuple[float, list[str]]:
+        """What `BuiltEstimator.time` gives, or NaN if that takes too long."""
+        try:
+            seconds, held = self._ask("time", (measurement,), self._timing_limit)
+        except (Lost, Raised):
+            return float("nan"), []
+        return float(seconds), held
+
+    @property
+    def _timing_limit(self) -> Limit:
+        return Limit(FIRST_RUNS_EXTRA_S + 20 * self.timeout)
+
+    def run(
+        self,
+        measurement: Array,
+        first: int,
+        first_two: Array,
+        truth: Array | None = None,
+        watch: Watch | None = None,
+        saving: Saving | None = None,
+    ) -> Outcome:
         """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
 
         A batch may last as long as a trial, or BATCH_TIME_FACTOR times what two runs took for each of its
         runs. A batch that hangs is done again run by run; one that ended the process is first done again as
         it was, for the process may have been killed from outside.
+
+        Args:
+            measurement: (M, T, B), m.
+            first: Number of the first run.
+            first_two: Measurements of runs 0 and 1, (2, T, B).
+            truth: True states (M, T, n), if beliefs are to be judged.
+            saving: Where finished runs go every few seconds; batches are as small as that needs. The last of
+                them was not lost, so that those lost in a row are counted alike when the rest is done later.
 
         Raises:
             Raised, Lost: If the estimator cannot be built.
@@ -150,13 +183,29 @@ class GuardedEstimator:
         def give_up(start: int, end: int, status: str, reason: str) -> None:
             done[start] = failed_outcome(measurement[start:end].shape, self.size, status, reason)
 
+        def so_far() -> Outcome | None:
+            whole, end = list[Outcome](), 0
+            for place in sorted(done):
+                if place != end:
+                    break
+                whole.append(done[place])
+                end += len(done[place].status)
+            while whole and end - 1 in lost:
+                end -= len(whole.pop().status)
+            return concatenate(whole) if whole else None
+
         while todo:
             start, end, at_once = todo.pop()
-            true = None if truth is None else truth[start:end]
             try:
                 probe = self.probe(first_two)
+                if saving is not None and (most := saving.begin(end - start)) < end - start:
+                    todo.append((start + most, end, at_once))
+                    end = start + most
+                true = None if truth is None else truth[start:end]
                 piece = (measurement[start:end], first + start, at_once, true)
-                done[start] = self._ask("run", piece, self._limit(probe))
+                done[start] = self._ask("run", piece, self._limit(probe), counted_from(start, watch))
+                if saving is not None:
+                    saving.end(end - start, so_far)
                 continue
             except Raised as error:  # not by the estimator's verbs: by something in our own way to it
                 give_up(start, end, "error", str(error))

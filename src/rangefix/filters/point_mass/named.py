@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from ..option_units import option_units
 from ..problem import Problem
 from ..refined_cells import RefinedPointMassFilter
 from .filter import PointMassFilter
@@ -14,6 +15,7 @@ GRID_CELLS = 20_000_000
 MEMORY_GB = 4.0
 
 
+@option_units(cell="m", heading_cell="rad")
 def point_mass(
     problem: Problem,
     cell: ArrayLike | None = None,
@@ -27,9 +29,10 @@ def point_mass(
 
     Args:
         problem: The problem; its motion must be `Stationary`.
-        cell: Largest cell size, one number or one for each component; m, or rad for a heading. Without it the
-            cells follow the readings, and are as small as `accuracy` asks for.
-        heading_cell: With `cell`: that of an unknown heading, rad, where `cell` is one number for the others.
+        cell: Largest size of a cell, one number or one for each component. In m, and in rad for a heading;
+            without it the cells follow the readings, and are as small as `accuracy` asks for.
+        heading_cell: With `cell`: the largest size in an unknown heading. In rad, where `cell` is one number
+            for the others.
         cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
             what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
         accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
