@@ -48,7 +48,7 @@ def test_more_beams_than_a_fix_may_look_at_are_refused() -> None:
     room, space = RectangularRoom(width=4.0, length=6.0), pose_space()
     sensor = Rangefinder(room, np.linspace(-np.pi, np.pi, 10_000), Gaussian(0.05), space)
     problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
-    with pytest.raises(ValueError, match="take at most 1494 beams"):
+    with pytest.raises(ValueError, match="take at most 1621 beams"):
         build("adaptive-point-mass", problem)
     with pytest.raises(ValueError, match=r"of two shifted grids .* need 24\.6 GB, more than 0\.6 GB"):
         build("point-mass", problem, cell=0.1, heading_cell=np.deg2rad(3.0))

@@ -25,7 +25,7 @@ from .range_bounds import SearchTable, build_table, shortfall_bounds
 from .target import STATE_COST, WORK, Target, TooManyCells, Work
 
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
-LEAST_STATES = 2000  # that a fix looks at: guesses, climbs, a mode and its neighbour
+USUAL_STATES = 15_000  # that a fix looks at: guesses, climbs, a mode and its neighbour
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
 MAX_BOXES = 20_000  # that a search may leave
@@ -105,10 +105,10 @@ class AdaptivePointMassFilter(BriefRepr):
         if not expects_map_ranges(self.problem.sensor, states):
             raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
         check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
-        beams, most = len(self.problem.sensor.bearings), int(WORK / LEAST_STATES - STATE_COST)
+        beams, most = len(self.problem.sensor.bearings), int(WORK / USUAL_STATES - STATE_COST)
         if beams > most:
             raise ValueError(
-                f"a fix asks {LEAST_STATES} states or more for {beams} ranges each, more than {WORK:.0e} "
+                f"a fix asks some {USUAL_STATES} states for {beams} ranges each, more than {WORK:.2g} "
                 f"rays: take at most {most} beams"
             )
         self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)

@@ -11,8 +11,8 @@ from ...arrays import Array, IntArray
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
-WORK = 3e6  # rays that a fix may take: 1 to 3 s
-STATE_COST = 6.0  # of a state among others, whatever its density takes, in rays
+WORK = 2.5e7  # rays that a fix may take: about 5 s of CPU time, at 0.2 us a ray
+STATE_COST = 45.0  # of a state among others, whatever its density takes, in rays: about 9 us
 CAP = 12.5  # nats; the most that one beam counts against a guess: a reading 5 standard deviations off
 
 
