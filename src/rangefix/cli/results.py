@@ -23,17 +23,24 @@ def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder of results.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR", help="Folder of results; of several, of one study, in this order."),
+    ],
     out: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="PATH", help="The page; DIR/report.html unless given."),
+        typer.Option(
+            parser=named,
+            metavar="PATH",
+            help="The page; DIR/report.html unless given, or comparison.html for several folders.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write one self-contained page about a folder of results."""
-    from ..evaluation import write_report
+    """Write one self-contained page about a folder of results, or about several of the same study."""
+    from ..evaluation import write_comparison, write_report
 
-    path = write_report(folder, out)
+    path = write_report(folders[0], out) if len(folders) == 1 else write_comparison(folders, out)
     if as_json:
         print_json({"report": str(path)})
     else:
