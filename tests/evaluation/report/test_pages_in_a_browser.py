@@ -52,7 +52,8 @@ def test_a_page_in_a_browser(
     assert width < TABLE_WIDTH or window.run(OUT_OF_LINE) == []
     assert (window.run("return document.querySelectorAll('thead button').length") > 0) == scripts
     assert window.console() == []
-    assert [each for each in window.requests() if not each.startswith("data:")] == [file.resolve().as_uri()]
+    asked = [each for each in window.requests() if not each.startswith("data:")]
+    assert asked == [file.resolve().as_uri()]
 
 
 @pytest.mark.parametrize("folders", [1, 3])
@@ -66,7 +67,10 @@ const table = document.querySelector('#worst table'), column = arguments[0];
 const button = table.tHead.rows[0].cells[column].querySelector('button');
 const shown = () => [...table.tBodies[0].rows].map(row => row.cells[column].textContent);
 const found = [shown()];
-for (let k = 0; k < 3; k++) { button.click(); found.push(shown(), button.parentElement.getAttribute('aria-sort')); }
+for (let k = 0; k < 3; k++) {
+  button.click();
+  found.push(shown(), button.parentElement.getAttribute('aria-sort'));
+}
 return found;
 """
 

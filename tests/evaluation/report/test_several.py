@@ -13,7 +13,7 @@ import pytest
 
 from rangefix.evaluation import Interval, ResultsError, load, summarise, write_comparison
 from rangefix.evaluation.comparison.compare import Difference, compare
-from rangefix.evaluation.figures.history import MOST_TICKS, history_figure, round_ticks
+from rangefix.evaluation.figures.embedded.history import MOST_TICKS, history_figure, round_ticks
 from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.report.changes import change
 from rangefix.evaluation.report.folders import load_folders

@@ -11,8 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from rangefix.evaluation import Results, load, nees, worst_runs
-from rangefix.evaluation.figures.places import Places
-from rangefix.evaluation.figures.worst import worst_figure
+from rangefix.evaluation.figures.embedded.places import Places
+from rangefix.evaluation.figures.embedded.worst import worst_figure
 from rangefix.evaluation.report.tables import Line
 from rangefix.evaluation.report.worst import MAP, WhereItFails, repeat_command, where_it_fails
 

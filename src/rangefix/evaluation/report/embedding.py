@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..results import Results
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from ..figures.embedded.places import Drawing
 
 DPI = 96.0  # at which a figure has its natural width on a screen
 NARROWEST = 6.4  # inches
@@ -43,15 +43,10 @@ class ShownFigure(NamedTuple):
         return self.width > WIDE
 
     @classmethod
-    def of(cls, figure: Figure, title: str, caption: str) -> ShownFigure:
-        """A figure as it is embedded; it is laid out by that. Draw it under `styled()`."""
-        from ..figures.places import drawn_letters
-        from ..figures.style import to_svg
-
-        width, height = (round(float(size) * DPI) for size in figure.get_size_inches())
-        with drawn_letters():
-            address = f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure)).decode()}"
-        return cls(title, caption, address, width, height)
+    def of(cls, drawing: Drawing, title: str, caption: str) -> ShownFigure:
+        """A drawing with what is said of it."""
+        address = f"data:image/svg+xml;base64,{base64.b64encode(drawing.svg).decode()}"
+        return cls(title, caption, address, round(drawing.width * DPI), round(drawing.height * DPI))
 
 
 class Mark(NamedTuple):
@@ -64,7 +59,7 @@ class Mark(NamedTuple):
 
 def marks_of(labels: Iterable[str]) -> list[Mark]:
     """The marks of estimators in their order."""
-    from ..figures.places import colour_of, shape_of
+    from ..figures.embedded.places import colour_of, shape_of
 
     return [Mark(label, colour_of(number), shape_of(number)) for number, label in enumerate(labels)]
 
@@ -72,10 +67,11 @@ def marks_of(labels: Iterable[str]) -> list[Mark]:
 def figures(results: Results) -> Iterator[ShownFigure]:
     """All figures of a study, drawn anew from its results."""
     from ..figures.catalogue import study_figures
+    from ..figures.embedded.places import Drawing
     from ..figures.style import styled
 
     with styled():
         for kind, figure in study_figures(results):
             if figure.get_figwidth() < NARROWEST:
                 figure.set_figwidth(NARROWEST)  # room for the title
-            yield ShownFigure.of(figure, kind.title, kind.caption)
+            yield ShownFigure.of(Drawing.of(figure), kind.title, kind.caption)

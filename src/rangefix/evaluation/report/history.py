@@ -49,7 +49,7 @@ def histories(
 def _history(
     folders: Sequence[Folder], labels: Sequence[str], drawn: Sequence[str], beams: str, number: int
 ) -> History:
-    from ..figures.history import shown
+    from ..figures.embedded.history import shown
 
     names = folders[0].results.space.names
     panels = ["ANEES / n", *(f"true std of {name}, {unit(name)}" for name in names)]
@@ -81,14 +81,15 @@ def _drawing(
     folders: Sequence[Folder], rows: Rows, panels: Sequence[str], beams: str, id: str
 ) -> tuple[ShownFigure, dict[Place, Spot]]:
     """The figure, and where in it each number stands."""
-    from ..figures.history import history_figure, is_drawn, place_of, shown
+    from ..figures.embedded.history import history_figure, is_drawn, place_of, shown
+    from ..figures.embedded.places import Drawing
     from ..figures.style import styled
 
     title = f"History with {beams_in_words(beams)}"
     caption = "ANEES / n and true standard deviations, folder by folder, with 95 % intervals"
     with styled():
         made, places = history_figure([folder.tick for folder in folders], rows)
-        figure = ShownFigure.of(made, title, caption)
+        figure = ShownFigure.of(Drawing.of(made), title, caption)
     spots = {}
     for estimator, label in enumerate(rows):
         for panel, what in enumerate(panels):

@@ -104,8 +104,9 @@ def _map(
 ) -> tuple[ShownFigure | None, list[Mark], dict[Key, Spot]]:
     """The runs in the map, the marks of estimators, and where each run stands: its truth and its estimate."""
     from ..figures.data import MAX_ESTIMATORS_DRAWN
+    from ..figures.embedded.places import Drawing
+    from ..figures.embedded.worst import worst_figure
     from ..figures.style import styled
-    from ..figures.worst import worst_figure
 
     labels, where = results.estimators[:MAX_ESTIMATORS_DRAWN], list(results.space.position_indices)
     drawn = [run for run in runs if run.estimator in labels]
@@ -114,7 +115,7 @@ def _map(
     with styled():
         figure, places = worst_figure(replace(results, estimators=labels), drawn)
         caption = "true positions, and lines from there to the estimates"
-        shown = ShownFigure.of(figure, "The worst runs", caption)
+        shown = ShownFigure.of(Drawing.of(figure), "The worst runs", caption)
     truths, estimates = (
         places.of([state[where] for state in states])
         for states in ([run.truth for run in drawn], [run.estimate for run in drawn])

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from ..consistency.formatting import factor, scaled, unit
-from ..consistency.intervals import UNKNOWN, Interval
-from ..consistency.row import Row
+from ...consistency.formatting import factor, scaled, unit
+from ...consistency.intervals import UNKNOWN, Interval
+from ...consistency.row import Row
+from ..style import symbol
 from .places import Places, colour_of, marker_of
-from .style import symbol
 
 PANEL = 1.9  # inches high
 LEFT, RIM, GAP, ABOVE = 0.75, 0.15, 0.42, 0.3  # inches

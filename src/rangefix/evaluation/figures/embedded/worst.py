@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from ...arrays import Array
-from ..comparison.worst_runs import WorstRun
-from ..results import Results, Scene
-from .maps import FREE, SOLID
+from ....arrays import Array
+from ...comparison.worst_runs import WorstRun
+from ...results import Results, Scene
+from ..maps import FREE, SOLID
+from ..room import draw_walls
+from ..style import label_positions
 from .places import Places, colour_of, marker_of
-from .room import draw_walls
-from .style import label_positions
 
 LONGEST, SHORTEST = 4.6, 1.5  # inches: the sides of the map
 LEFT, BELOW, RIM = 0.62, 0.5, 0.12  # inches around it, for labels

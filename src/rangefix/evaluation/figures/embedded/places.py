@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import NamedTuple
 
 import matplotlib
@@ -12,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from ...arrays import Array
-from .style import COLOURS
+from ....arrays import Array
+from ..style import COLOURS, to_svg
 
 SHAPES = ("o", "s", "^", "D")  # that a page can draw, too: disc, square, triangle, diamond
 
@@ -55,8 +53,16 @@ class Places(NamedTuple):
         return np.stack([shares[:, 0], 1 - shares[:, 1]], axis=1)
 
 
-@contextmanager
-def drawn_letters() -> Iterator[None]:
-    """Letters of SVGs as outlines: what a page embeds looks the same where our font is missing."""
-    with matplotlib.rc_context({"svg.fonttype": "path"}):
-        yield
+class Drawing(NamedTuple):
+    """A figure as a page embeds it: an SVG, and its natural width and height in inches."""
+
+    svg: bytes
+    width: float
+    height: float
+
+    @classmethod
+    def of(cls, figure: Figure) -> Drawing:
+        """Write a figure, which lays it out; its letters are outlines, alike where our font is missing."""
+        width, height = figure.get_size_inches()
+        with matplotlib.rc_context({"svg.fonttype": "path"}):
+            return cls(to_svg(figure), float(width), float(height))
