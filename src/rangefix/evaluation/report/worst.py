@@ -79,7 +79,7 @@ def where_it_fails(results: Results, runs: Sequence[WorstRun], steps: int) -> Wh
         Line(run.estimator, [Cell(str(run.run)), *_cells(run, moving)], spots.get(_key(run))) for run in worst
     ]
     every = [
-        (label, [Line(str(run.run), _cells(run, moving), spots.get(_key(run))) for run in own])
+        (label, [Line(f"run {run.run}", _cells(run, moving), spots.get(_key(run))) for run in own])
         for label, own in by_estimator.items()
     ]
     rare = chdtri(len(names), -np.expm1(np.log1p(-RARE) / (results.runs * steps))) / len(names)
