@@ -11,6 +11,9 @@
 
 PYTHON ?= python3
 VENV := .venv
+ifeq ($(origin PYTHON),command line)  # make test PYTHON=python3.12: an environment of its own, .venv-3.12
+VENV := .venv-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+endif
 BIN := $(VENV)/bin
 BENCH := $(VENV)/bench
 OUT ?= results
@@ -78,7 +81,7 @@ $(VENV)/.base: pyproject.toml | $(BIN)/python
 	@touch $@
 
 $(VENV)/.test: pyproject.toml | $(BIN)/python
-	$(PIP) --editable ".[test]" hatchling  # the packaging test builds offline
+	$(PIP) --editable ".[test]"
 	@touch $@ $(VENV)/.base
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python

@@ -114,7 +114,7 @@ filters.adaptive
 filters.point_mass filters.exact filters.particle filters.kalman filters.registry
 filters.refined_cells
 filters.models filters.images
-filters.estimator filters.sampling filters.compiled filters.plugin_line
+filters.estimator filters.sampling filters.compiled filters.plugin_line filters.option_units
 filters.measurement
 filters.problem
 filters.space
@@ -167,3 +167,14 @@ def test_the_command_line_loads_nothing_heavy() -> None:
     code = f"import sys, rangefix.cli; print([name for name in {HEAVY!r} if name in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == "[]"
+
+
+def test_help_loads_nothing_heavy() -> None:
+    """`rangefix --help` loads rich, for its panels, and none of the others."""
+    code = (
+        "import sys, contextlib, io\nfrom rangefix.cli import main\n"
+        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main(['--help'])\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "['rich']"

@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 import tarfile
+from email import message_from_bytes
+from email.message import Message
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -14,6 +16,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+import rangefix
 from rangefix.evaluation.paper.table1 import example
 from rangefix.filters import build
 
@@ -92,6 +95,40 @@ def test_the_contributed_estimator_runs(tmp_path: Path) -> None:
     mean, covariance, _ = estimator.estimate(estimator.update(belief, np.ones((3, 3)), rngs))
     np.testing.assert_allclose(mean, [[2.0, 3.0]] * 3)
     np.testing.assert_allclose(covariance[0], problem.prior.covariance)
+
+
+def metadata(built: Path) -> Message:
+    """What the index will know of the package."""
+    (wheel,) = built.glob("*.whl")
+    archive = ZipFile(wheel)
+    (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+    return message_from_bytes(archive.read(name))
+
+
+def test_the_page_of_the_index_leads_somewhere(built: Path) -> None:
+    """Every link and picture of the README is absolute there, and is a file of this repository."""
+    text = metadata(built).get_payload()
+    targets = re.findall(r"\]\(([^)]+)\)", text)
+    assert len(targets) > 20
+    for target in targets:
+        address = re.fullmatch(
+            r"https://(?:raw\.githubusercontent|github)\.com/rangefix/rangefix/(.*)", target
+        )
+        assert address, target
+        assert (ROOT / address[1].removeprefix("blob/").removeprefix("main/")).is_file(), target
+
+
+def test_one_version_everywhere(built: Path) -> None:
+    """It stands in the package; metadata, citation and changelog follow."""
+    about = metadata(built)
+    assert about["Version"] == rangefix.__version__
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {rangefix.__version__}\n" in citation
+    assert f"\n## {rangefix.__version__} " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    kinds = about.get_all("Classifier", [])
+    assert any(kind.startswith("Development Status ::") for kind in kinds)
+    here = f"Programming Language :: Python :: {sys.version_info.major}.{sys.version_info.minor}"
+    assert here in kinds
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "docs/conventions.md", "docs/figures.md"])

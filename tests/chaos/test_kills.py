@@ -48,7 +48,7 @@ std_m = 0.05
 name = "ekf"
 [[estimators]]
 name = "point-mass"
-options.cell = 0.2
+options.cell_m = 0.2
 [[estimators]]
 name = "slow.py:Slow"
 """

@@ -95,7 +95,7 @@ def test_every_built_in_estimator_is_told(name):
 @pytest.mark.parametrize(
     ("name", "options", "least"),
     [
-        ("point-mass", {"cell": 1e-3, "most_cells": 10**12}, 1e9),
+        ("point-mass", {"cell": 1e-3, "most_cells": 10**12, "memory_gb": 1e3}, 1e9),
         ("particle", {"particles": 10**10}, 1e11),
         ("enkf", {"members": 10**9}, 1e10),
     ],

@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from rangefix.arrays import wrap
 from rangefix.filters import StateSpace, pose_space, position_space, velocity_space
+from rangefix.filters.space import is_definite
 
 POSE = pose_space()
 angles = st.floats(-50, 50)
@@ -96,3 +97,17 @@ def test_moments_in_batches_equal_one_by_one() -> None:
 def test_bad_spaces_are_refused(names: tuple[str, ...], heading: float | None, match: str) -> None:
     with pytest.raises(ValueError, match=match):
         StateSpace(names, heading)
+
+
+def test_few_covariances_are_judged_like_many() -> None:
+    """Regular, nearly singular, not finite and negative ones, of one to four components: alike."""
+    rng = np.random.default_rng(0)
+    for size in (1, 2, 3, 4):
+        roots = rng.normal(size=(300, size, size)) * 10.0 ** rng.integers(-9, 3, (300, 1, 1))
+        roots[::3, :, 0] = roots[::3, :, -1] * (1 + 10.0 ** rng.integers(-17, -3, (100, 1)))
+        covariances = roots @ np.swapaxes(roots, 1, 2)
+        covariances[::7, size - 1, 0] = rng.choice([np.nan, np.inf, -1.0, 0.0], len(covariances[::7]))
+        many = is_definite(covariances)
+        assert 0 < many.sum() < 300
+        assert [bool(is_definite(covariance)) for covariance in covariances] == many.tolist()
+        assert is_definite(covariances[:2]).tolist() == many[:2].tolist()

@@ -17,6 +17,9 @@ WAIT_S = 120.0  # for an answer, on a machine that others use too; what takes so
 FINE, BAD_INPUT = 0, 2
 
 
+SAID = ("rangefix: ", "Usage: rangefix ", "Try 'rangefix ", "Error: ")  # how a line of a mistake begins
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What came of a call: see `child.answer`."""
@@ -37,7 +40,7 @@ class Outcome:
             return f"exit code {self.code}: {self.said[-2000:]}"
         if self.code == BAD_INPUT and not lines:
             return "exit code 2 without a word"
-        if stray := [line for line in lines if not line.startswith("rangefix: ")]:
+        if stray := [line for line in lines if line and not line.startswith(SAID)]:
             return f"said: {stray[:5]}"
         if self.code == BAD_INPUT and (len(lines) > MAX_LINES or max(map(len, lines)) > MAX_LINE):
             return f"{len(lines)} lines of up to {max(map(len, lines))} letters"

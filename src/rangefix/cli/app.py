@@ -5,22 +5,82 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from ..errors import printable
+from ..errors import printable, suggestion
 
+HELP = """How far an indoor position estimate can be trusted: what estimators claim against what is true."""
+EPILOG = """Examples:
+
+  rangefix run paper -n 20         a study that comes along
+  rangefix report results/paper    one page about what came out
+
+Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
+3 nothing ran; 4 a gate did not hold; 130 stopped.
+
+Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
+Each command has -h."""
+MAX_LISTED = 8  # folders
 app = typer.Typer(
     name="rangefix",
-    add_completion=False,
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    help=HELP,
+    epilog=EPILOG.replace("[", "\\["),
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
+
+class Command(TyperCommand):
+    """A command that refuses an option given twice, of which typer would take the last."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments.
+
+        Raises:
+            typer.BadParameter: If an option that takes one value is given more than once.
+        """
+        given: list[Any] = self.make_parser(ctx).parse_args(args=[*args])[2]
+        for option in given:
+            several = option.multiple or option.nargs == -1
+            if option.param_type_name == "option" and not several and given.count(option) > 1:
+                raise typer.BadParameter("given more than once: which one counts?", ctx=ctx, param=option)
+        return super().parse_args(ctx, args)
+
+
+def names_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """What completes a parameter: those of some names that begin as it was typed."""
+    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
+
+
+def results_folder(text: str) -> Path:
+    """A folder of results that was given.
+
+    Raises:
+        FileNotFoundError: If there are none in it, with what was meant.
+        typer.BadParameter: If its name is empty.
+    """
+    path = named(text)
+    if _holds_results(path):
+        return path
+    if path.is_dir() and (inner := [str(each) for each in sorted(path.iterdir()) if _holds_results(each)]):
+        raise FileNotFoundError(f"{path} holds no results; there are {', '.join(inner[:MAX_LISTED])}")
+    places = [place for place in (path.parent, Path("results")) if place.is_dir()]
+    near = [str(each) for place in places for each in place.iterdir() if _holds_results(each)]
+    hint = suggestion(str(path), near) if near else ""
+    if not hint.startswith("did you mean"):
+        hint = "make some with rangefix run STUDY --out DIR"
+    raise FileNotFoundError(f"{path} holds no results: {hint}")
+
+
+def _holds_results(path: Path) -> bool:
+    return any((path / name).exists() for name in ("manifest.json", "table1.json", "parts"))
 
 
 def named(text: str) -> Path:
@@ -32,6 +92,18 @@ def named(text: str) -> Path:
     if not text.strip():
         raise typer.BadParameter("it is empty: name a file or folder")
     return Path(text)
+
+
+def one_of(name: str, known: Iterable[str], what: str) -> str:
+    """A name that is known.
+
+    Raises:
+        ValueError: If it is not, with what was meant.
+    """
+    names = list(known)
+    if name not in names:
+        raise ValueError(f"no {what} {name!r}; {suggestion(name, names)}")
+    return name
 
 
 class ExitCode(IntEnum):

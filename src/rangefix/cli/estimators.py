@@ -1,113 +1,123 @@
-"""The commands `estimators` and `check`, and how options are read."""
+"""The command `estimators`, and what an estimator says of its options."""
 
 from __future__ import annotations
 
-import re
-import tomllib
-from collections.abc import Iterable
-from typing import Annotated, Any
+import math
+from collections.abc import Iterator
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, print_json, say
+from .app import Json, names_from, one_of, print_json, say
+
+if TYPE_CHECKING:
+    from ..evaluation.isolation import PluginInfo
+
+MAX_WIDTH = 110  # of lines of text
+WRITTEN_UNITS = {"m": "m", "rad": "deg"}  # in Python -> as options are written
 
 
-def check(
-    target: Annotated[str, typer.Argument(help="A name, module:function, or path/file.py:function.")],
-    option: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="An option, as in a study: cell_m=0.05; may be repeated."),
-    ] = None,
-    expect_failure: Annotated[
-        list[str] | None,
-        typer.Option(metavar="CHECK=REASON", help="A check that must fail, and why; may be repeated."),
-    ] = None,
-    timeout: Annotated[
-        float, typer.Option(min=0.1, metavar="SECONDS", help="Longest that a check may take.")
-    ] = 60.0,
-    as_json: Json = False,
-) -> None:
-    """Whether an estimator does what every estimator must; exit code 1 if not."""
-    from ..evaluation.isolation.checks import run_checks_isolated
-    from ..filters.checks import conforms, lines_of, sum_up
+def names() -> tuple[str, ...]:
+    """Names of the estimators that there are."""
+    from ..filters.registry import available
 
-    options, reasons = read_options(option or ()), read_reasons(expect_failure or ())
-    results = []
-    for result in run_checks_isolated(target, options, reasons, timeout):
-        results.append(result)
-        for line in () if as_json else lines_of(result):
-            say(line)
-    if as_json:
-        checks = [vars(result) for result in results]
-        print_json({"target": target, "conforms": conforms(results), "checks": checks})
-    else:
-        say(sum_up(results))
-    if not conforms(results):
-        raise typer.Exit(ExitCode.SOME_FAILED)
+    return available()
+
+
+def inspect_estimator(name: str) -> PluginInfo:
+    """What an estimator says of its options; a plug-in is imported in a process of its own."""
+    from ..evaluation.isolation import signature_of
+    from ..evaluation.isolation.look import inspect_plugin
+    from ..filters.registry import BUILT_IN, resolve
+
+    return signature_of(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
 
 
 def estimators(
+    name: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME",
+            help="Only these; module:function or path/file.py:function, too.",
+            autocompletion=names_from(names),
+        ),
+    ] = None,
     no_plugins: Annotated[
         bool, typer.Option("--no-plugins", help="Leave out those of other packages, which are imported here.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """The estimators that there are, with their options."""
-    from ..evaluation.isolation import signature_of
-    from ..evaluation.isolation.look import inspect_plugin
-    from ..filters import available
-    from ..filters.registry import BUILT_IN, resolve
+    """The estimators that there are, with their options, as a study and --option write them."""
+    from ..filters.registry import BUILT_IN
+    from .screen import console
 
-    described = []
-    for name in BUILT_IN if no_plugins else available():  # plug-ins are imported in processes of their own
-        plugin = signature_of(name, resolve(name)) if name in BUILT_IN else inspect_plugin(name)
-        options = dict(plugin.parameters)
-        row: dict[str, Any] = {"name": name, "summary": plugin.summary, "options": options}
-        described.append(row | ({"fault": plugin.fault} if plugin.fault else {}))
+    known = BUILT_IN if no_plugins else names()
+    chosen = [each if ":" in each else one_of(each, known, "estimator") for each in name or known]
+    described = {each: inspect_estimator(each) for each in chosen}
+    if missing := [info.fault for each, info in described.items() if ":" in each and info.missing]:
+        raise ValueError(missing[0])
     if as_json:
-        print_json({"estimators": described})
+        print_json({"estimators": [_as_json(each, info) for each, info in described.items()]})
         return
-    for row in described:
-        if "fault" in row:
-            say(f"{row['name']:<12} cannot be used: {row['fault']}")
+    width = min(console().width, MAX_WIDTH)
+    say("Options as they are written, the value unless given (- for none), and what they are.")
+    for each, info in described.items():
+        say("")
+        if info.fault:
+            say(f"{each}   cannot be used: {info.fault}")
             continue
-        listed = ", ".join(f"{name}={value}" for name, value in row["options"].items())
-        say(f"{row['name']:<12} {row['summary']}")
-        say(f"{'':<12} options: {listed or 'none'}")
+        for line in (
+            *wrap(f"{each}   {info.summary}", width, subsequent_indent="    "),
+            *_options(info, width),
+        ):
+            say(line)
+    say("")
+    say("In a study: options = { NAME = VALUE }; for a check: rangefix check ESTIMATOR --option NAME=VALUE")
 
 
-def read_options(given: Iterable[str]) -> dict[str, Any]:
-    """Options written as in a study, NAME=VALUE, in m and rad.
+def _options(info: PluginInfo, width: int) -> Iterator[str]:
+    """A line for each option: as it is written, the value unless given, its unit, and what it is."""
+    from ..filters.option_units import written_name
 
-    Raises:
-        ValueError: If one has no value, or one that a study would not take.
-    """
-    from ..evaluation.study import EstimatorSection
-
-    options: dict[str, Any] = {}
-    for text in given:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        try:
-            options[name] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            if not equals or not re.fullmatch(r"[A-Za-z][\w.-]*", value):
-                raise ValueError(
-                    f"--option {text!r}: write NAME=VALUE as in a study, such as cell_m=0.05"
-                ) from None
-            options[name] = value  # a word without quotation marks
-    return EstimatorSection(name="-", options=options).converted()
+    if not info.parameters:
+        yield "    no options"
+    for option, default in info.parameters.items():
+        unit = WRITTEN_UNITS.get((info.units or {}).get(option, ""), "")
+        value = f"{_shown(_default(option, default, info))} {unit}"
+        line = f"{written_name(option, info.units):<17} {value:<11} {info.about.get(option, '')}".rstrip()
+        yield from wrap(line, width, initial_indent="    ", subsequent_indent=" " * 34)
 
 
-def read_reasons(given: Iterable[str]) -> dict[str, str]:
-    """Checks that are expected to fail, CHECK=REASON.
+def _default(option: str, default: Any, info: PluginInfo) -> Any:
+    """The value unless given, in the unit in which it is written."""
+    if (info.units or {}).get(option) == "rad" and isinstance(default, int | float):
+        return math.degrees(default)
+    return default
 
-    Raises:
-        ValueError: If one has no reason.
-    """
-    reasons = {}
-    for text in given:
-        name, _, reason = (part.strip() for part in text.partition("="))
-        if not reason:
-            raise ValueError(f"--expect-failure {text!r}: write CHECK=REASON, the reason in quotation marks")
-        reasons[name] = reason
-    return reasons
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    return (
+        str(value).lower()
+        if isinstance(value, bool)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
+
+
+def _as_json(name: str, info: PluginInfo) -> dict[str, Any]:
+    from ..filters.option_units import written_name
+
+    options = {
+        written_name(option, info.units): {
+            "default": _default(option, default, info),
+            "unit": WRITTEN_UNITS.get((info.units or {}).get(option, "")),
+            "about": info.about.get(option, ""),
+        }
+        for option, default in info.parameters.items()
+    }
+    fault = {"fault": info.fault} if info.fault else {}
+    return {"name": name, "summary": info.summary, "options": options} | fault

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import traceback
 from _thread import interrupt_main
+from collections.abc import Callable
 from signal import SIGTERM, default_int_handler, signal
 from threading import Timer, current_thread, main_thread
 from types import TracebackType
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from .. import __version__
 from ..errors import printable
-from .app import ExitCode, Stopped, app, say, warn
-from .estimators import check, estimators
-from .maps import ranges
-from .results import compare, paper, plot, report
-from .run import new, run, validate
+from .app import Command, ExitCode, Stopped, app, say, warn
+from .check import check
+from .estimators import estimators
+from .maps import RangesCommand, ranges
+from .results import compare, paper, plot, report, table
+from .run import run
+from .studies import new, studies, validate
 
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
+GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Studies": (studies, new, validate, run),
+    "Results": (report, plot, table, compare),
+    "Estimators and maps": (estimators, check, ranges),
+    "The paper": (paper,),
+}
 
-for command in (new, validate, run, check, estimators, plot, report, compare, paper, ranges):
-    app.command()(command)
+for group, commands in GROUPS.items():
+    for command in commands:
+        app.command(cls=RangesCommand if command is ranges else Command, rich_help_panel=group)(command)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
@@ -33,13 +44,16 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         signal(SIGTERM, default_int_handler)  # like Ctrl-C
         sys.unraisablehook = _stop_all_the_same
     try:
-        code = app(gather_bearings(arguments), prog_name="rangefix", standalone_mode=False)
+        code = app(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
     except (Stopped, typer.Abort) as stopped:
         warn(str(stopped) or "stopped")
         code = ExitCode.INTERRUPTED
     except Exception as error:
+        if hasattr(error, "format_message"):  # a wrong command, option or argument: in typer's own form
+            _show_usage(error)
+            sys.exit(ExitCode.BAD_INPUT)
         mistakes = explain(error)
         if mistakes is None:
             sys.excepthook = _print_traceback
@@ -48,6 +62,13 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             warn(line)
         code = ExitCode.BAD_INPUT
     sys.exit(code if isinstance(code, int) else ExitCode.FINE)
+
+
+def _show_usage(error: Any) -> None:
+    """How a command is used and what is wrong, as typer says it, but for what a terminal would obey."""
+    text = io.StringIO()
+    error.show(text)
+    print(printable(text.getvalue(), keep="\n"), end="", file=sys.stderr)
 
 
 def _print_traceback(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
@@ -73,43 +94,18 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+        bool, typer.Option("--version", "-V", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """How far an indoor position estimate can be trusted."""
+    """What holds for all commands."""
 
 
 def explain(error: Exception) -> list[str] | None:
     """Mistakes of the user, one line each; None for an error that is ours."""
-    if hasattr(error, "format_message"):  # a wrong option or argument
-        lines = [error.format_message()]
-    elif hasattr(error, "mistakes"):  # a study file
+    if hasattr(error, "mistakes"):  # a study file
         lines = list(error.mistakes)
     elif isinstance(error, KeyError | ValueError | OSError):
         lines = [str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)]
     else:
         return None
     return [" ".join(line.split()) for line in lines]
-
-
-def gather_bearings(arguments: list[str]) -> list[str]:
-    """Join the numbers after --bearings-deg by commas, so that they may also stand apart."""
-    joined: list[str] = []
-    gathering = False
-    for argument in arguments:
-        if gathering and _are_numbers(argument):
-            joined[-1] += ("," if joined[-1] else "") + argument.strip(",")
-            continue
-        gathering = False
-        joined.append(argument)
-        if argument == "--bearings-deg":
-            gathering = True
-            joined.append("")
-    return [each for each in joined if each] if "--bearings-deg" in arguments else joined
-
-
-def _are_numbers(text: str) -> bool:
-    try:
-        return bool([float(part) for part in text.strip(",").split(",")])
-    except ValueError:
-        return False

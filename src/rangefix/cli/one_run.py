@@ -16,7 +16,7 @@ from ..evaluation.drawing import draw_run
 from ..evaluation.monte_carlo import OneRun
 from ..evaluation.results import STATUSES, Trials
 from .app import print_json
-from .tables import console, new_table
+from .screen import console, new_table
 
 
 def show_run(study: Study, number: int, folder: Path, as_json: bool) -> bool:

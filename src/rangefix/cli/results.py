@@ -1,4 +1,4 @@
-"""The commands that show what came out: plot, report, compare, paper."""
+"""The commands that show what came out: plot, table, report, compare, paper."""
 
 from __future__ import annotations
 
@@ -7,14 +7,70 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, named, print_json, say
+from .app import Json, named, print_json, results_folder, say
+
+Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
+
+FIGURE_NAMES = "map, claims (covariance), anees, errors, runs, posterior, steps, ways, ranks, time"  # ours
 
 
-def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_json: Json = False) -> None:
-    """Draw the figures of a folder of results anew."""
-    from ..evaluation.drawing import draw
+def _complete_figures(begun: str) -> list[str]:
+    """The names of figures that go on after what was typed."""
+    from ..evaluation.figures.catalogue import figure_kinds
 
-    paths = draw(folder)
+    before, comma, name = begun.rpartition(",")
+    names = [known for kind in figure_kinds() for known in (kind.name, *kind.other_names)]
+    return [before + comma + known for known in names if known.startswith(name)]
+
+
+def plot(
+    folder: Folder,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAMES",
+            autocompletion=_complete_figures,
+            help="Figures to draw, joined by commas; all that there are unless given. Of a study: "
+            f"{FIGURE_NAMES}.",
+        ),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format", metavar="FORMATS", help="png, svg, pdf, joined by commas; png,svg unless given."
+        ),
+    ] = None,
+    width_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--width-mm",
+            metavar="MM",
+            help="Width of every figure, 70 to 400: 88 for a column, 180 for two; as wide as its panels need "
+            "unless given.",
+        ),
+    ] = None,
+    dpi: Annotated[
+        float | None,
+        typer.Option("--dpi", metavar="N", help="Pixels per inch, 50 to 1200; 160 unless given."),
+    ] = None,
+    titles: Annotated[bool, typer.Option("--titles/--no-titles", help="Titles above the figures.")] = True,
+    font_size: Annotated[
+        float | None,
+        typer.Option(
+            "--font-size",
+            metavar="PT",
+            help="Letters of the axes' labels, 5 to 20 points; 8 with --width-mm, else 9. The smallest are a "
+            "ninth smaller.",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Draw the figures of a folder of results anew, for the screen or for a paper."""
+    from ..evaluation.drawing import USUAL, draw
+    from ..evaluation.figures import Layout
+
+    layout = Layout.in_mm(width_mm, font_size, titles=titles)
+    paths = draw(folder, _parts(only), _parts(formats, USUAL), layout, dpi)
     if as_json:
         print_json({"figures": [str(path) for path in paths]})
         return
@@ -22,16 +78,62 @@ def plot(folder: Annotated[Path, typer.Argument(help="Folder of results.")], as_
         say(path)
 
 
+def _parts(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """What was given, joined by commas or one by one; what is usual unless anything was."""
+    if given is None:
+        return usual
+    return tuple(part.strip() for text in given for part in text.split(","))
+
+
+def table(
+    folder: Folder,
+    form: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="latex, markdown or csv; what the name of the file ends with unless given, else markdown.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", parser=named, metavar="FILE", help="The file to write; printed unless given."
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Print the comparison of a study as a table for a paper: LaTeX, Markdown or CSV."""
+    from ..evaluation import comparison_table, load
+    from ..evaluation.comparison.table import SUFFIXES
+    from ..evaluation.results import write_bytes
+
+    form = form or SUFFIXES.get(out.suffix.lower() if out else "", "markdown")
+    text = comparison_table(load(folder), form)
+    if out is not None:
+        write_bytes(out, text.encode("utf-8"))
+    if as_json:
+        print_json({"format": form, "file": str(out) if out else None, "table": text})
+    else:
+        typer.echo(text.rstrip("\n") if out is None else str(out))
+
+
 def report(
     folders: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR", help="Folder of results; of several, of one study, in this order."),
+        typer.Argument(
+            parser=results_folder,
+            metavar="DIR...",
+            help="Folder of results; or several of one study, in this order, on one page.",
+        ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
+            "--out",
+            "-o",
             parser=named,
-            metavar="PATH",
+            metavar="FILE",
             help="The page; DIR/report.html unless given, or comparison.html for several folders.",
         ),
     ] = None,
@@ -48,9 +150,12 @@ def report(
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
+    a: Annotated[Path, typer.Argument(parser=results_folder, metavar="A", help="Folder of results.")],
     b: Annotated[
-        Path | None, typer.Argument(metavar="B", help="Another one; without it, the estimators of A.")
+        Path | None,
+        typer.Argument(
+            parser=results_folder, metavar="B", help="Another one; without it, the estimators of A."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -65,7 +170,8 @@ def compare(
     if as_json:
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
         return
-    from .tables import console, differences, preamble
+    from .screen import console
+    from .tables import differences, preamble
 
     screen = console()
     for line in preamble(comparison, str(a), str(b)):
@@ -80,20 +186,31 @@ def _compare_estimators(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json({"folder": str(folder), "pairs": [vars(pair) | {"words": pair.words} for pair in pairs]})
         return
-    from .tables import accuracy, console
+    from .screen import console
+    from .tables import accuracy, accuracy_in_words
 
     screen = console()
     screen.print(accuracy(pairs))
+    for line in accuracy_in_words(pairs):
+        screen.say(line)
 
 
 def paper(
     out: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="PATH", help="Folder for the table, the posteriors and figures."),
+        typer.Option(
+            "--out",
+            "-o",
+            parser=named,
+            metavar="DIR",
+            help="Folder for the table, the posteriors and figures.",
+        ),
     ] = None,
     as_json: Json = False,
-    draws: Annotated[int, typer.Option(min=20, help="Noise draws for the bands.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise draws.")] = 0,
+    draws: Annotated[int, typer.Option(min=20, metavar="N", help="Noise draws for the bands.")] = 1000,
+    seed: Annotated[
+        int, typer.Option("--seed", "-s", min=0, metavar="N", help="Seed of the noise draws.")
+    ] = 0,
 ) -> None:
     """The table and figures of the paper of Stepanov and Mansour."""
     from ..evaluation.paper import save, solve
@@ -107,7 +224,8 @@ def paper(
     if as_json:
         print_json(solved.to_json())
         return
-    from .tables import console, table1, table1_notes
+    from .screen import console
+    from .tables import table1, table1_notes
 
     screen = console()
     screen.print(table1(solved))

@@ -1,78 +1,29 @@
-"""The commands `new`, `validate` and `run`."""
+"""The command `run`."""
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, Stopped, named, print_json, say, warn
+from .app import ExitCode, Json, Stopped, named, names_from, print_json, warn
+from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
     from ..evaluation import ClusterTls
 
-EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
-OURS = ", ".join(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
-StudyFile = Annotated[str, typer.Argument(metavar="STUDY", help=f"A study file, or one of ours: {OURS}.")]
-Runs = Annotated[int | None, typer.Option(help="Monte Carlo runs, instead of the study's.")]
-Seed = Annotated[int | None, typer.Option(help="Seed, instead of the study's.")]
-Map = Annotated[
-    str | None,
-    typer.Option("--map", metavar="MAP", help="A map file or room:4x6 (m), instead of the study's map."),
-]
-NoPlugins = Annotated[
-    bool,
-    typer.Option("--no-plugins", help="Refuse a study that names estimators which are not built in."),
-]
+WHERE_PANEL = "Where it runs"
+KEPT_PANEL = "What is kept"
 
 
-def new(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The file to write.")], as_json: Json = False
-) -> None:
-    """Write a commented study to begin with."""
-    path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
-    text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
-    name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
-    text = text.replace("STUDY.toml", path.name.replace("\n", "_")).replace("NAME", name)
-    made = False
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            made = True
-            file.write(text)
-    except FileExistsError:
-        raise ValueError(f"{path} is there already: choose another name, or remove it") from None
-    except OSError as error:
-        if made:
-            path.unlink(missing_ok=True)
-        raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
-    if as_json:
-        print_json({"study": str(path)})
-    else:
-        say(f"{path}   Run it: rangefix run {path}")
+def figures() -> list[str]:
+    """Names of figures that gates may ask for, of a pose."""
+    from ..evaluation.consistency.gates import figures as all_figures
 
-
-def validate(
-    study: StudyFile,
-    runs: Runs = None,
-    seed: Seed = None,
-    map_path: Map = None,
-    no_plugins: NoPlugins = False,
-    as_json: Json = False,
-) -> None:
-    """Check a study, but for the code of plug-ins, and say what would run; nothing is run or written."""
-    from ..evaluation import load_study
-    from ..evaluation.study.outline import outline
-
-    told = outline(load_study(study, runs=runs, seed=seed, map_path=map_path, plugins=not no_plugins))
-    if as_json:
-        print_json(told.as_json())
-        return
-    for line in told.lines():
-        say(line)
+    names = all_figures(("x1", "x2", "heading"), beliefs=True)
+    return [f"{name}=" for name in names if not name.endswith(("_low", "_high"))]
 
 
 def run(
@@ -81,12 +32,30 @@ def run(
     seed: Seed = None,
     out: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="PATH", help="Folder of results; results/STUDY unless given."),
+        typer.Option(
+            "--out",
+            "-o",
+            parser=named,
+            metavar="DIR",
+            help="Folder of results; results/STUDY unless given.",
+            rich_help_panel=KEPT_PANEL,
+        ),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes; they change no number.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            "-w",
+            min=1,
+            metavar="N",
+            help="Processes, 1 unless given; they change no number.",
+            rich_help_panel=WHERE_PANEL,
+        ),
+    ] = None,
     cluster: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=WHERE_PANEL,
             metavar="ADDRESS",
             help="Workers of a dask scheduler, such as tcp://HOST:8786, instead. Dask asks nobody who it is: "
             "whoever reaches the scheduler can run code on its workers and in this process. Over a network "
@@ -95,28 +64,49 @@ def run(
     ] = None,
     cluster_tls_ca: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="FILE", help="PEM: who signed the certificates of the cluster."),
+        typer.Option(
+            parser=named,
+            metavar="FILE",
+            help="PEM: who signed the certificates of the cluster.",
+            rich_help_panel=WHERE_PANEL,
+        ),
     ] = None,
     cluster_tls_cert: Annotated[
-        Path | None, typer.Option(parser=named, metavar="FILE", help="PEM: your certificate.")
+        Path | None,
+        typer.Option(
+            parser=named, metavar="FILE", help="PEM: your certificate.", rich_help_panel=WHERE_PANEL
+        ),
     ] = None,
     cluster_tls_key: Annotated[
         Path | None,
-        typer.Option(parser=named, metavar="FILE", help="PEM: its key, if not in the same file."),
+        typer.Option(
+            parser=named,
+            metavar="FILE",
+            help="PEM: its key, if not in the same file.",
+            rich_help_panel=WHERE_PANEL,
+        ),
     ] = None,
-    resume: Annotated[bool, typer.Option(help="Take parts that are there and whole.")] = True,
+    resume: Annotated[
+        bool, typer.Option(help="Take parts that are there and whole.", rich_help_panel=KEPT_PANEL)
+    ] = True,
     map_path: Map = None,
     no_plugins: NoPlugins = False,
     gate: Annotated[
         list[str] | None,
         typer.Option(
+            "--gate",
+            "-g",
             metavar="GATE",
+            autocompletion=names_from(figures),
             help="Exit with 4 unless this holds: ESTIMATOR (not overconfident), FIGURE=LOW:HIGH or "
             "ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25; may be repeated.",
         ),
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Remove the results of another study from the folder.")
+        bool,
+        typer.Option(
+            "--force", help="Remove the results of another study from the folder.", rich_help_panel=KEPT_PANEL
+        ),
     ] = False,
     only_run: Annotated[
         int | None,
@@ -127,6 +117,7 @@ def run(
         typer.Option(
             "--memory-gb",
             metavar="GB",
+            rich_help_panel=WHERE_PANEL,
             help="Memory that the arrays may take; half of the machine's unless given. Beyond it the study "
             "is refused before it begins; it changes no number.",
         ),
@@ -134,14 +125,17 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
-    from ..evaluation import check_gates, decide, load_study, parse_gates, summarise
+    from ..evaluation import check_gates, decide, parse_gates, summarise
     from ..evaluation import run as run_study
     from ..evaluation.consistency.gates import need_sound
-    from .progress import bars
 
     gates = parse_gates(gate or ())
     tls = _tls(cluster, cluster_tls_ca, cluster_tls_cert, cluster_tls_key)
-    described = load_study(study, runs=runs, seed=seed, map_path=map_path, plugins=not no_plugins)
+    if cluster is not None and workers is not None:
+        raise ValueError("--workers has no effect with --cluster: its workers are those of the cluster")
+    if memory_gb is not None and not memory_gb > 0:
+        raise ValueError(f"--memory-gb must be above 0, got {memory_gb:g}")
+    described = read_study(study, runs, seed, map_path, not no_plugins)
     experiment = described.experiment()
     names = experiment.assumed_problem.space.names
     need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs))
@@ -149,26 +143,26 @@ def run(
     if only_run is not None:
         from .one_run import show_run
 
-        if workers > 1 or cluster is not None or gates or force or not resume:
+        others = workers, cluster, memory_gb, *(gates or ())
+        if any(other is not None for other in others) or force or not resume:
             raise ValueError("--only-run goes with --runs, --seed, --out, --map, --no-plugins, --json alone")
         answered = show_run(described, only_run, folder, as_json)
         raise typer.Exit(ExitCode.FINE if answered else ExitCode.SOME_FAILED)
     try:
-        with bars() as progress:
-            results = run_study(
-                described,
-                folder,
-                workers=workers,
-                cluster=cluster,
-                cluster_tls=tls,
-                plugins=not no_plugins,
-                progress=progress,
-                command_line=["rangefix", *sys.argv[1:]],
-                resume=resume,
-                force=force,
-                memory_gb=memory_gb,
-                say=warn,
-            )
+        results = run_study(
+            described,
+            folder,
+            workers=workers or 1,
+            cluster=cluster,
+            cluster_tls=tls,
+            plugins=not no_plugins,
+            progress=True,
+            command_line=["rangefix", *sys.argv[1:]],
+            resume=resume,
+            force=force,
+            memory_gb=memory_gb,
+            say=warn,
+        )
     except KeyboardInterrupt:
         begun = f"stopped; what was finished is in {folder}: run again to go on"
         raise Stopped(begun if folder.exists() else "stopped") from None
@@ -188,15 +182,16 @@ def run(
             }
         )
     else:
-        from .tables import beliefs, collapsed, comparison, console, failures, improbable, inaccurate
+        from .screen import console
+        from .tables import beliefs, comparison, failures, remarks, verdicts
 
         screen = console()
-        screen.print(
-            comparison(rows, f"{described.title or described.name}: {results.runs} runs", screen.width)
-        )
+        title = f"{described.title or described.name}: {results.runs} runs"
+        for table in comparison(rows, title, screen.width):
+            screen.print(table)
         if (sampled := beliefs(rows)) is not None:
             screen.print(sampled)
-        for text in (*collapsed(rows), *inaccurate(rows), *improbable(rows), *failures(results)):
+        for text in (*verdicts(rows), *remarks(rows), *failures(results)):
             screen.say(text)
         for line in lines:
             screen.say(line.text)

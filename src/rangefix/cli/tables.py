@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
-from typing import Any
+from typing import NamedTuple
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
-from ..errors import printable
 from ..evaluation import PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
@@ -22,36 +17,9 @@ from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
+from .screen import WIDTH, least_width, new_table
 
-NARROW = 130  # columns; below, the table of a study has fewer
-WIDTH = 150  # where the output is not a terminal
 SHOWN = 40  # lines of a config's diff
-
-
-class Screen(Console):
-    """A console on which no text of ours, a file or a plug-in is obeyed: escapes of a terminal are shown."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        """Any text that is printed, alone or in a table."""
-        return super().render_str(printable(text, keep="\n"), **options)
-
-    def say(self, text: str) -> None:
-        """Print one line, however long."""
-        self.print(printable(text), soft_wrap=True)
-
-
-def console() -> Screen:
-    """Standard output; as wide as the terminal, or WIDTH. Labels and titles are shown as they are."""
-    width = None if sys.stdout.isatty() else WIDTH
-    return Screen(width=width, highlight=False, markup=False, emoji=False)
-
-
-def new_table(title: str, columns: Iterable[str], left: int = 1) -> Table:
-    """An empty table whose first `left` columns stand left and the others right."""
-    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold", padding=(0, 1))
-    for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i < left else "right", no_wrap=i >= left)
-    return table
 
 
 def table1(paper: Paper) -> Table:
@@ -96,51 +64,95 @@ def table1_notes(paper: Paper) -> list[str]:
     ]
 
 
-def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> Table:
+def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> list[Table]:
     """The comparison of a study: true and claimed standard deviations, ANEES / n, time, and the verdict.
 
-    Of many measurements it shows the last. On a narrow screen the verdict stands below the figures, and
-    intervals, energy scores and times are left out: they are in `summary.csv`.
+    Of many measurements it shows the last. What a screen has no room for is left out in turn: energy scores
+    and times, then intervals; verdicts and deviations may stand in two tables. All is in `summary.csv`.
     """
-    narrow = width < NARROW
+    tables: list[Table] = []
+    for layout in LAYOUTS:
+        parts = ("verdicts", "deviations") if layout.apart else ("all",)
+        tables = [_comparison(rows, title, layout, part) for part in parts]
+        if all(least_width(table) <= width for table in tables):
+            break
+    return tables
+
+
+class Layout(NamedTuple):
+    """What is shown of a study: times and figures without an honest value, intervals; in one table or two."""
+
+    extras: bool
+    intervals: bool
+    apart: bool
+
+
+LAYOUTS = (
+    Layout(True, True, False),
+    Layout(False, True, False),
+    Layout(False, False, False),
+    Layout(False, True, True),
+    Layout(False, False, True),
+)
+
+
+def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: str) -> Table:
+    """One table of a study in a layout: verdicts, standard deviations, or all."""
+    names = rows[0].names if part != "verdicts" else ()
     shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
-    figures = [figure for figure in shown if figure[0].honest is not None or not narrow]
-    columns = ["\nestimator", f"ok of\n{rows[0].planned}", *_std_headings(rows[0].names, "true / claimed")]
-    columns += [_heading(metric, component, narrow) for metric, component in figures]
-    table = new_table(title, columns if narrow else [*columns, "ms per\nupdate"])
-    if not narrow:
-        table.add_column("\nverdict", justify="left", min_width=24)
+    figures = [figure for figure in shown if figure[0].honest is not None or layout.extras]
+    figures = [] if part == "deviations" else figures
+    columns = ["\nestimator"]
+    columns += [] if part == "deviations" else [f"ok of\n{rows[0].planned}"]
+    columns += _std_headings(names, "true / claimed")
+    columns += [_heading(metric, component, layout) for metric, component in figures]
+    columns += ["ms per\nupdate"] * layout.extras
+    table = new_table("" if part == "deviations" else title, columns)
+    if part != "deviations":
+        table.add_column("\nverdict", justify="left", no_wrap=True)
+        table.add_column("by a\nfactor", justify="right", no_wrap=True)
     end = max(row.step for row in rows)
     for beams in dict.fromkeys(row.beams for row in rows if row.step == end):
         last = f", after the last of {end + 1} measurements" if end else ""
         table.add_row(f"{beams_in_words(beams)}{last}", style="bold")
         for row in (row for row in rows if (row.beams, row.step) == (beams, end)):
             verdict = decide(row)
-            style = "bold red" if verdict.overconfident else ""
-            cells = [f"  {row.estimator}", str(row.ok), *row.pairs_of_stds(row.g, row.p)]
-            cells += [_cell(row, metric, component, narrow) for metric, component in figures]
-            if not narrow:
-                cells += [row.milliseconds, verdict.words]
-            table.add_row(*cells, style=style)
-            if narrow:
-                table.add_row(f"  {verdict.words}", style=style)
+            cells = [f"  {row.estimator}"] + [str(row.ok)] * (part != "deviations")
+            cells += row.pairs_of_stds(row.g, row.p) if names else []
+            cells += [_cell(row, metric, component, layout) for metric, component in figures]
+            cells += [row.milliseconds] * layout.extras
+            cells += [] if part == "deviations" else [verdict.short, verdict.by]
+            table.add_row(*cells, style="bold red" if verdict.overconfident else "")
         table.add_section()
     return table
 
 
-def _heading(metric: Metric, component: str, narrow: bool) -> str:
+def verdicts(rows: Sequence[Row]) -> list[str]:
+    """The verdicts after the last measurement in words, but for the honest ones; equal words share a line."""
+    end = max(row.step for row in rows)
+    told: dict[str, list[str]] = {}
+    for row in rows:
+        verdict = decide(row)
+        if row.step == end and verdict.kind != "honest":
+            told.setdefault(verdict.words, []).append(f"{row.estimator}, {beams_in_words(row.beams)}")
+    return [
+        f"{where[0]}: {words}" if len(where) == 1 else f"{words}: {'; '.join(where)}"
+        for words, where in told.items()
+    ]
+
+
+def _heading(metric: Metric, component: str, layout: Layout) -> str:
     """On two lines. What has an honest value is shown with its interval, to be compared with it."""
     if metric.honest is not None:
-        return f"\n{metric.short_label(component)}" if narrow else f"{metric.short_label(component)}\n[95 %]"
+        label = metric.short_label(component)
+        return f"{label}\n[95 %]" if layout.intervals else f"\n{label}"
     first, _, rest = metric.full_label(component).partition(" (")[0].partition(" ")
     return f"{first}\n{rest}"
 
 
-def _cell(row: Row, metric: Metric, component: str, narrow: bool) -> str:
+def _cell(row: Row, metric: Metric, component: str, layout: Layout) -> str:
     interval = metric.in_shown_unit(row.figures.get(metric.column(component), UNKNOWN), component)
-    if metric.honest is None:
-        return "-" if math.isnan(interval.value) else format_number(interval.value)
-    if narrow or not math.isfinite(interval.value):
+    if metric.honest is None or not layout.intervals or not math.isfinite(interval.value):
         return format_number(interval.value)
     return f"{format_number(interval.value)} [{format_number(interval.low)}, {format_number(interval.high)}]"
 
@@ -173,41 +185,24 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
     return table
 
 
-def improbable(rows: Sequence[Row]) -> list[str]:
-    """A line for each estimator and set of beams whose own model all but excludes many measurements."""
-    end = max(row.step for row in rows)
-    return [
-        f"{row.estimator}, {beams_in_words(row.beams)}: improbable in {100 * row.improbable.value:.3g} % "
-        "of the runs; its own model all but excludes what was measured"
-        for row in rows
-        if row.step == end and row.improbable.value > MENTION_SHARE
-    ]
+REMARKS = {  # share of a row -> what is said of it where it is large
+    "collapsed": ("collapsed", f"; fewer than {MIN_EFFECTIVE} effective particles"),
+    "inaccurate": ("inaccurate", f"; numerical error above {MAX_ERROR:g} deviations"),
+    "undirected": ("no mean heading", ""),
+    "improbable": ("improbable", "; its own model all but excludes what was measured"),
+}
 
 
-def collapsed(rows: Sequence[Row]) -> list[str]:
-    """A line for each estimator and set of beams with few effective particles in many runs."""
-    end = max(row.step for row in rows)
-    return [
-        f"{row.estimator}, {beams_in_words(row.beams)}: collapsed in {100 * row.collapsed.value:.3g} % of "
-        f"the runs; fewer than {MIN_EFFECTIVE} effective particles"
-        for row in rows
-        if row.step == end and row.collapsed.value > MENTION_SHARE
-    ]
-
-
-def inaccurate(rows: Sequence[Row]) -> list[str]:
-    """A line for each estimator and set of beams with large numerical errors or no mean heading."""
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """A line for each estimator and set of beams with a fault in many runs, after the last measurement."""
     end = max(row.step for row in rows)
     lines = []
-    for row in rows:
-        where = f"{row.estimator}, {beams_in_words(row.beams)}"
-        if row.step == end and row.inaccurate.value > MENTION_SHARE:
-            lines.append(
-                f"{where}: inaccurate in {100 * row.inaccurate.value:.3g} % of the runs; numerical error "
-                f"above {MAX_ERROR:g} deviations"
-            )
-        if row.step == end and row.undirected.value > MENTION_SHARE:
-            lines.append(f"{where}: no mean heading in {100 * row.undirected.value:.3g} % of the runs")
+    for name, (words, why) in REMARKS.items():
+        for row in (row for row in rows if row.step == end):
+            share: float = getattr(row, name).value
+            if share > MENTION_SHARE:
+                where = f"{row.estimator}, {beams_in_words(row.beams)}"
+                lines.append(f"{where}: {words} in {100 * share:.3g} % of the runs{why}")
     return lines
 
 
@@ -246,37 +241,43 @@ def preamble(comparison: Comparison, a: str, b: str) -> list[str]:
 
 def differences(comparison: Comparison) -> Table:
     """A line for each figure; standard deviations are roots of mean squares."""
-    columns = ("estimator", "beams", "figure", "runs", "A", "B", "B / A", "p (Holm)")
-    table = new_table("", columns, left=3)
+    table = new_table("", ("figure", "runs", "A", "B", "B / A", "p (Holm)"))
     table.add_column("", justify="left")
     last = max((difference.step for difference in comparison.differences), default=0)
-    for difference in comparison.differences:
-        if difference.step in (-1, last):
-            table.add_row(*_difference_cells(difference), style="bold" if difference.significant else "")
+    shown = [each for each in comparison.differences if each.step in (-1, last)]
+    for estimator, beams in dict.fromkeys((each.estimator, each.beams) for each in shown):
+        table.add_row(f"{estimator}, {beams_in_words(beams)}", style="bold")
+        for each in (each for each in shown if (each.estimator, each.beams) == (estimator, beams)):
+            table.add_row(*_difference_cells(each), style="bold" if each.significant else "")
+        table.add_section()
     return table
 
 
 def accuracy(pairs: Sequence[PairedComparison]) -> Table:
     """Each estimator beside the most accurate one on the same truths."""
-    columns = ["\nestimator", "runs of\nboth", "rms error of the\nposition, m", "that of\nthe best"]
+    columns = ["\nestimator", "runs of\nboth", "rms error,\nposition, m", "that of\nthe best"]
     columns += ["closer than\nthe best in", "\np"]
     table = new_table("Who is more accurate on the same truths, after the last measurement", columns)
-    table.add_column("", justify="left")
-    for beams, best in dict.fromkeys((pair.beams, pair.best) for pair in pairs):
-        table.add_row(f"{beams_in_words(beams)}; the most accurate is {best}", style="bold")
-        for pair in (pair for pair in pairs if (pair.beams, pair.best) == (beams, best)):
+    for beams in dict.fromkeys(pair.beams for pair in pairs):
+        table.add_row(beams_in_words(beams), style="bold")
+        for pair in (pair for pair in pairs if pair.beams == beams):
             p = "-" if pair.p != pair.p else f"{pair.p:.2g}"
             closer = "-" if not pair.runs else format_percent(pair.closer)
             rms = format_number(pair.rmse), format_number(pair.best_rmse)
             style = "bold" if pair.significant else ""
-            table.add_row(f"  {pair.estimator}", str(pair.runs), *rms, closer, p, pair.words, style=style)
+            table.add_row(f"  {pair.estimator}", str(pair.runs), *rms, closer, p, style=style)
         table.add_section()
     return table
 
 
+def accuracy_in_words(pairs: Sequence[PairedComparison]) -> list[str]:
+    """A line for each pair: whether one is more accurate, and by how much."""
+    return [f"{pair.estimator}, {beams_in_words(pair.beams)}: {pair.words}" for pair in pairs]
+
+
 def _difference_cells(each: Difference) -> Iterator[str]:
     a, b = (math.sqrt(value) if each.is_variance and value >= 0 else value for value in (each.a, each.b))
-    yield from (each.estimator, each.beams, each.label, str(each.runs), format_number(a), format_number(b))
+    yield from (f"  {each.label}", str(each.runs), format_number(a), format_number(b))
     yield f"{b / a:.3g}" if a and math.isfinite(a) and math.isfinite(b) else "-"
     yield "-" if each.adjusted != each.adjusted else f"{each.adjusted:.2g}"
     if each.change.value == 0 and each.p == 1.0:

@@ -1,6 +1,7 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
 from .comparison.paired import PairedComparison, compare_estimators
+from .comparison.table import comparison_table
 from .comparison.worst_runs import WorstRun, worst_runs
 from .consistency.averages import ratio_interval
 from .consistency.from_arrays import coverage, credibility, noncredibility
@@ -42,6 +43,7 @@ __all__ = [
     "anees_band",
     "check_gates",
     "compare_estimators",
+    "comparison_table",
     "coverage",
     "credibility",
     "decide",

@@ -2,53 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .figures import FigureData, FigureKind
-from .figures.beliefs import beliefs_figure
-from .figures.catalogue import drawn, figure_kinds
-from .figures.style import styled, to_png, to_svg
+from ..errors import suggestion
+from .figures import FigureData, FigureKind, Layout
+from .figures.beliefs import draw_posterior
+from .figures.catalogue import alone, chosen, figure_kinds
+from .figures.files import FORMATS, encoded
+from .figures.style import styled
 from .monte_carlo.one_run import OneRun
 from .paper import table1
-from .paper.figures import PAPER_FIGURES
+from .paper.figures import PAPER_FIGURES, PaperData
 from .results import FIGURES, MANIFEST, ResultsError, load, remove, write_bytes
 
+USUAL = ("png", "svg")  # formats, unless others are asked for
 
-def draw(folder: Path) -> list[Path]:
-    """Draw all figures of a results folder into its folder `figures`, as PNG and SVG: all, or none.
+
+def draw(
+    folder: Path,
+    only: Sequence[str] = (),
+    formats: Sequence[str] = USUAL,
+    layout: Layout | None = None,
+    dpi: float | None = None,
+) -> list[Path]:
+    """Draw figures of a results folder into its folder `figures`: all that are asked for, or none.
 
     The same results give the same bytes with the same version of matplotlib.
 
     Args:
         folder: What `rangefix paper --out` or `rangefix run --out` wrote.
+        only: Names of figures; all that the results have unless given.
+        formats: Of "png", "svg" and "pdf".
+        layout: How wide they are, and how large their letters.
+        dpi: Pixels per inch.
 
     Returns:
         The files written.
 
     Raises:
-        ResultsError: If the folder holds no results, or damaged ones.
+        ResultsError: If the folder holds no results, or damaged ones, or not what a figure that is asked for
+            shows; if there is no such figure; if it would have too many pixels; if it cannot be written.
     """
+    for suffix in formats:
+        if suffix not in FORMATS:
+            raise ResultsError(f"there is no format {suffix!r}; {suggestion(suffix, FORMATS)}")
     kinds: Sequence[FigureKind[Any]]
+    data: Callable[[], Any]  # of the kinds of figures
     if (folder / "table1.json").exists():
-        kinds, figures = PAPER_FIGURES, drawn(PAPER_FIGURES, table1.load(folder))
+        kinds, data = PAPER_FIGURES, lambda: PaperData(table1.load(folder), layout or Layout())
     elif (folder / MANIFEST).exists():
-        kinds = figure_kinds()
-        figures = drawn(kinds, FigureData.of(load(folder)))
+        kinds, data = figure_kinds(), lambda: FigureData.of(load(folder), layout)
     else:
         raise ResultsError(
             f"{folder} holds no results: make some with rangefix paper or rangefix run, and --out"
         )
-    with styled():
-        contents = {
-            folder / FIGURES / f"{kind.name}.{suffix}": to_bytes(figure)
-            for kind, figure in figures
-            for suffix, to_bytes in (("png", to_png), ("svg", to_svg))
-        }
-    known = {folder / FIGURES / f"{kind.name}.{suffix}" for kind in kinds for suffix in ("png", "svg")}
-    for older in known - contents.keys():
-        remove(older)
+    if only:
+        kinds = chosen(kinds, only)
+    contents: dict[Path, bytes] = {}
+    with styled(layout):
+        shown: Any = data()
+        if only and (absent := [kind for kind in kinds if not kind.needs(shown)]):
+            raise ResultsError(f"{folder} has no figure {absent[0].name!r}: {absent[0].lacking}")
+        for kind in kinds:
+            if kind.needs(shown):
+                made = encoded(kind.draw(shown), formats, dpi)
+                contents |= _by_path(folder, kind.name, made)
+    for older in {folder / FIGURES / f"{kind.name}.{suffix}" for kind in kinds for suffix in formats}:
+        if older not in contents:
+            remove(older)
     try:
         for path, content in contents.items():
             write_bytes(path, content)
@@ -59,6 +82,11 @@ def draw(folder: Path) -> list[Path]:
     return list(contents)
 
 
+def _by_path(folder: Path, name: str, made: Mapping[str, bytes]) -> dict[Path, bytes]:
+    """Path -> content of the files of a figure."""
+    return {folder / FIGURES / f"{name}.{suffix}": content for suffix, content in made.items()}
+
+
 def draw_run(run: OneRun, folder: Path) -> list[Path]:
     """Draw what is believed in a run that was repeated, into the folder `figures` of a folder of results.
 
@@ -67,7 +95,7 @@ def draw_run(run: OneRun, folder: Path) -> list[Path]:
         folder: The folder of results, made if need be.
 
     Returns:
-        The files written, PNG and SVG; none where the map does not tell its walls.
+        The files written, PNG and SVG; none where the map does not tell its walls, or no estimator answered.
 
     Raises:
         ResultsError: If they cannot be written.
@@ -75,11 +103,10 @@ def draw_run(run: OneRun, folder: Path) -> list[Path]:
     if not run.results.scene:
         return []
     with styled():
-        figure = beliefs_figure(FigureData(run.results, run.number, run.pictures))
-        contents = {
-            folder / FIGURES / f"run-{run.number}.{suffix}": to_bytes(figure)
-            for suffix, to_bytes in (("png", to_png), ("svg", to_svg))
-        }
+        data = FigureData(run.results, run.number, run.pictures)
+        if not data.has_answers():
+            return []
+        contents = _by_path(folder, f"run-{run.number}", encoded(alone(draw_posterior)(data), USUAL))
     for path, content in contents.items():
         write_bytes(path, content)
     return list(contents)

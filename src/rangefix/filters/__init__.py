@@ -12,6 +12,7 @@ from .models.odometry import Odometry
 from .models.product_prior import WithHeading, WithVelocity
 from .models.rangefinder import Rangefinder, sweep
 from .models.uniform_prior import Uniform
+from .option_units import option_units
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .registry import available, build
 from .space import StateSpace, pose_space, position_space, velocity_space
@@ -52,6 +53,7 @@ __all__ = [
     "check_reading",
     "in_line_of_sight",
     "is_clear",
+    "option_units",
     "pose_space",
     "position_space",
     "sample_runs",

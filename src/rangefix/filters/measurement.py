@@ -93,9 +93,9 @@ def readings_of_shape(values: object, shape: tuple[int | None, ...], axes: str) 
 def _as_measured(sensor: Sensor, values: Array) -> Array:
     """Readings with NaN where nothing was measured."""
     blind = sensor.blind
-    if blind.any():
+    if np.count_nonzero(blind):
         values = np.where(blind, np.nan, values)
     if sensor.min_range > 0:
         return values
     close = values == -np.inf
-    return np.where(close, np.nan, values) if close.any() else values
+    return np.where(close, np.nan, values) if np.count_nonzero(close) else values

@@ -12,8 +12,8 @@ from .adaptive.choice import MOST_PIECES
 from .adaptive.range_bounds import table_shape
 from .exact.partition import MAX_CORNERS
 from .models.motion import Stationary
-from .point_mass.cell_ranges import CASTS_AT_ONCE
-from .point_mass.filter import DENSITIES_AT_ONCE
+from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
+from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
 from .point_mass.grid import count_cells
 from .point_mass.named import GRID_CELLS, REFINED_CELLS
 from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
@@ -93,6 +93,8 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
         kinds, period = shared.angles.shape
         ranges = min(ranges, 1.5 * FLOAT * free / turns * kinds * (period + HEADINGS_PER_BLOCK))
         cast = min(DENSITIES_AT_ONCE, cast)
+    if TABLES * ranges > 1e9 * (MEMORY_GB if options["memory_gb"] is None else options["memory_gb"]):
+        raise ValueError("the filter itself says so")
     order = (12.0 * size + 16.0) * box / turns  # the cells sorted by tiles
     cells = FLOAT * (2 + size) * box
     masses = 0.0

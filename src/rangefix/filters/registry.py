@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from ..errors import suggestion
 from .estimator import EachRun, Estimator
 from .plugin_line import plugin_line
 from .problem import Problem
@@ -213,7 +214,7 @@ def _target(name: str) -> str:
     where, _, attribute = name.rpartition(":")
     if where and attribute:
         return name
-    raise KeyError(f"no estimator {name!r}; there are {', '.join(available())}")
+    raise KeyError(f"no estimator {name!r}; {suggestion(name, available())}")
 
 
 def _file_module(path: Path) -> ModuleType:

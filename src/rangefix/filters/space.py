@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from ..arrays import Array, BoolArray, wrap
 
 NO_DIRECTION = 0.01  # length of a mean resultant vector below which angles have no mean direction
+FEW_NUMBERS = 50  # in covariances: numpy takes longer to begin with so few than plain numbers take
 LEAST_VARIANCE = 1e-20  # m^2 or rad^2: of places in a room no more than that is left by rounding
 
 
@@ -126,9 +128,12 @@ def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
         rounding: A variance given the other components that is no more than this share of the whole is zero.
 
     Returns:
-        (...). Worked out for all at once, without a call for each.
+        (...). Worked out for all at once, or in plain numbers where there are few.
     """
     size = covariance.shape[-1]
+    if covariance.size <= FEW_NUMBERS:
+        few = covariance.reshape(-1, size, size).tolist()
+        return np.array([_is_definite(each, rounding) for each in few], bool).reshape(covariance.shape[:-2])
     rows = np.moveaxis(covariance, (-2, -1), (0, 1)).copy()
     fine = np.asarray(np.isfinite(rows).all((0, 1)))
     rows[..., ~fine] = 0.0
@@ -139,6 +144,22 @@ def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
             slope = rows[j + 1 :, j] / np.where(fine, left, 1.0)
             rows[j + 1 :, j + 1 :] -= slope[:, None] * rows[j, j + 1 :]
     return fine
+
+
+def _is_definite(rows: list[list[float]], rounding: float) -> bool:
+    """The same for one covariance (n, n), step by step as for many; it is changed."""
+    if not all(isfinite(value) for row in rows for value in row):
+        return False
+    least = [max(LEAST_VARIANCE, rounding * row[place]) for place, row in enumerate(rows)]
+    for j, pivot in enumerate(rows):
+        left = pivot[j]  # what is left of the variance, given the components before
+        if not left > least[j]:
+            return False
+        for row in rows[j + 1 :]:
+            slope = row[j] / left
+            for k in range(j + 1, len(pivot)):
+                row[k] -= slope * pivot[k]
+    return True
 
 
 def position_space(heading: float = 0.0) -> StateSpace:

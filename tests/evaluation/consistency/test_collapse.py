@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.cli.tables import collapsed
+from rangefix.cli.tables import remarks
 from rangefix.evaluation import Experiment, decide, load, run, summarise, to_csv
 from rangefix.evaluation.consistency.metrics import MIN_EFFECTIVE
 from rangefix.filters import EachRun, build
@@ -52,7 +52,7 @@ def test_tables_and_verdict_tell_a_collapse(results):
     assert np.isnan(rows["none"].collapsed.value)
     told = {label: any("collapsed" in note for note in decide(row).notes) for label, row in rows.items()}
     assert told == {"plain": True, "default": False, "none": False}
-    assert collapsed(list(rows.values())) == [
+    assert [line for line in remarks(list(rows.values())) if "collapsed" in line] == [
         "plain, all beams: collapsed in 100 % of the runs; fewer than 50 effective particles"
     ]
     columns = {row["estimator"]: row for row in csv.DictReader(io.StringIO(to_csv(list(rows.values()))))}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -14,7 +16,7 @@ from PIL import Image
 
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, run
 from rangefix.evaluation.drawing import draw
-from rangefix.evaluation.figures import FigureData, FigureKind
+from rangefix.evaluation.figures import FigureData, FigureKind, Layout
 from rangefix.evaluation.figures.catalogue import FIGURES
 from rangefix.evaluation.figures.style import COLOURS, INK, styled
 from rangefix.evaluation.paper import table1
@@ -58,10 +60,68 @@ def test_figures_are_reproducible(
         assert digests(draw(moved)) == digests(first)
 
 
+def test_figures_for_print_are_reproducible(study: Path) -> None:
+    """In all formats, at a width, with other pixels: the same bytes again."""
+    wanted = {
+        "only": ("claims", "time"),
+        "formats": ("pdf", "svg", "png"),
+        "layout": Layout.in_mm(88),
+        "dpi": 300,
+    }
+    first = digests(draw(study, **wanted))
+    assert first.keys() == {
+        f"{name}.{end}" for name in ("covariance", "time") for end in ("pdf", "svg", "png")
+    }
+    assert digests(draw(study, **wanted)) == first
+    with Image.open(study / "figures/time.png") as picture:
+        assert picture.size[0] == pytest.approx(88 / 25.4 * 300, abs=1)
+
+
+def test_a_part_of_the_figures_leaves_the_others(study: Path, tmp_path: Path) -> None:
+    """What was not asked for stays as it was; what the results no longer hold goes."""
+    folder = tmp_path / "copy"
+    shutil.copytree(study, folder, ignore=shutil.ignore_patterns("figures"))
+    (folder / "figures").mkdir()
+    for name in ("map.png", "steps.png", "steps.pdf"):
+        (folder / "figures" / name).write_bytes(b"before")
+    draw(folder, ["anees"])
+    assert (folder / "figures/map.png").read_bytes() == b"before"
+    draw(folder, formats=["png"])
+    assert (folder / "figures/map.png").read_bytes() != b"before"
+    assert not (folder / "figures/steps.png").exists()
+    assert (folder / "figures/steps.pdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "told"),
+    [
+        ({"only": ["aness"]}, "there is no figure 'aness'; did you mean anees?"),
+        ({"only": ["volume"]}, "there is no figure 'volume'; there are map, covariance, claims, anees"),
+        ({"only": ["map", "steps"]}, "has no figure 'steps': each run has one measurement"),
+        ({"formats": ["pgn"]}, "there is no format 'pgn'; did you mean png?"),
+        ({"dpi": 0.0}, "50 to 1200 pixels per inch (dpi), not 0"),
+        ({"dpi": float("nan")}, "not nan"),
+        ({"layout": Layout(15.0), "dpi": 1200.0, "formats": ["png"], "only": ["covariance"], "most": 10_000},
+         "would have 18000 x"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_refused(
+    wanted: dict[str, Any], told: str, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each in one line, before anything is written."""
+    if most := wanted.pop("most", None):
+        monkeypatch.setattr("rangefix.evaluation.figures.files.MOST_PIXELS", most)
+    folder = tmp_path / "copy"
+    shutil.copytree(study, folder, ignore=shutil.ignore_patterns("figures"))
+    with pytest.raises(ResultsError, match=re.escape(told)):
+        draw(folder, **wanted)
+    assert not (folder / "figures").exists()
+
+
 def test_no_time_and_no_machine_in_the_files(study: Path) -> None:
     """A figure tells neither when nor where nor with which version it was drawn."""
-    words = (b"matplotlib v", b"Matplotlib version", b"dc:date", b"/tmp/")
-    for path in draw(study):
+    words = (b"matplotlib v", b"Matplotlib version", b"dc:date", b"CreationDate", b"/tmp/")
+    for path in draw(study, formats=("png", "svg", "pdf"), only=("map", "anees")):
         content = path.read_bytes()
         assert not [word for word in words if word in content]
 

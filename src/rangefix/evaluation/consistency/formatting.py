@@ -39,7 +39,9 @@ def beams_in_words(label: str) -> str:
 
 
 def format_number(value: float) -> str:
-    """Three digits, and no powers of ten below a million."""
+    """Three digits, and no powers of ten below a million; "-" for what is not a number."""
+    if math.isnan(value):
+        return "-"
     return f"{value:.0f}" if 100 <= abs(value) < 1e6 else f"{value:.3g}"
 
 

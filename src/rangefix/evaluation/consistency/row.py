@@ -218,10 +218,11 @@ class Row:
 
     def pairs_of_stds(self, *variances: Sequence[Interval]) -> list[str]:
         """The roots of two variances of each component beside each other, as tables show them."""
-        return [
-            " / ".join(format_number(factor(name) * variance.sqrt().value) for variance in pair)
+        pairs = [
+            [format_number(factor(name) * variance.sqrt().value) for variance in pair]
             for name, *pair in zip(self.names, *variances, strict=True)
         ]
+        return ["-" if {*pair} == {"-"} else " / ".join(pair) for pair in pairs]
 
     def _title(self) -> str:
         return f"{self.where}: {self.ok} of {self.planned} runs ok"

@@ -30,6 +30,12 @@ WORST_FIRST: tuple[Kind, ...] = (
 )  # fmt: skip
 
 
+SHORT_WORDS: dict[Kind, str] = {
+    "honest": "honest", "overconfident": "overconfident", "cautious": "cautious", "uneven": "uneven",
+    "biased": "biased", "shape": "other shape", "unsure": "cannot tell", "failed": "no answer",
+}  # fmt: skip
+
+
 class Levels(NamedTuple):
     """p-values below which figures accuse: one-sided for ANEES, two-sided for all components together."""
 
@@ -66,6 +72,24 @@ class Verdict:
     def severe(self) -> bool:
         """Whether it must not be trusted: much more error than claimed."""
         return self.kind == "uneven" or (self.kind == "overconfident" and self.factor.value > LARGE_FACTOR)
+
+    @property
+    def short(self) -> str:
+        """The verdict in at most two words, or three where it must not be trusted."""
+        return "DO NOT TRUST" if self.severe else SHORT_WORDS[self.kind]
+
+    @property
+    def by(self) -> str:
+        """By which factor squared errors are larger or smaller than claimed, in a few letters.
+
+        One that is known only from below begins with ">"; "-" where the verdict rests on something else.
+        """
+        value, low, _ = _as_factor(self.factor)
+        if not math.isfinite(value) or _factor_words(self.factor) not in self.words:
+            return "-"
+        if low < value / KNOWN:
+            return f"> {format_factor(low)}" if low >= 1.1 else "-"
+        return f"{value:.3g}" if value < 1.1 else format_factor(value)
 
     @property
     def overconfident(self) -> bool:

@@ -2,69 +2,89 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator
 
 from ...arrays import Array
 from ..results import Picture, Results, Scene
 from .data import FigureData
 from .errors import ellipse
 from .room import BEAM, draw_density, draw_truth, draw_walls
-from .style import CLAIMED, finish, label_positions, panel_title
+from .sheet import Sheet
+from .style import CLAIMED, label_positions, symbol
+from .ticks import FittingLocator, even_numbers
 
-MAX_BELIEFS_SHOWN = 6  # estimators side by side
+MAX_BESIDE = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
 BELL = np.linspace(-4, 4, 81)  # standard deviations at which its bell is drawn besides
 
 
-def beliefs_figure(data: FigureData) -> Figure:
-    """A column for each estimator: the room, and the heading where it is estimated; run 0, last measurement.
+def draw_posterior(data: FigureData, sheet: Sheet) -> None:
+    """A block for each estimator: the room, and the heading where it is estimated; run 0, last measurement.
 
     A density where the estimator has one to show; the 95 % ellipse and the Gaussian of what it claims.
     """
-    results, pictures = data.results, data.pictures
-    estimators = results.estimators[:MAX_BELIEFS_SHOWN]
+    results, pictures, estimators = data.results, data.pictures, data.answering
     turning = bool(results.space.is_angle.any())
     scene = dict(results.scene) | {"truth": results.space.poses(results.truth[0, -1])}
     left, right, lower, upper = scene["extent"]
-    height = min(4.6, max(1.6, 2.2 * (upper - lower) / (right - left)))
-    size = (0.7 + 2.25 * len(estimators), 1.3 + height + 1.9 * turning)
-    figure = Figure(figsize=size, layout="constrained")
-    ratios = (height, 1.5) if turning else (height,)
-    panels = figure.subplots(len(ratios), len(estimators), squeeze=False, height_ratios=ratios)
-    for column, estimator in enumerate(estimators):
+    height, scale = min(4.6, max(1.6, 2.2 * (upper - lower) / (right - left))), sheet.layout.scale
+    columns = sheet.layout.columns(len(estimators), MAX_BESIDE, 1.4, beside=0.3)
+    lines = -(-len(estimators) // columns)
+    means = [results.get(estimator, data.beams).mean[0, -1] for estimator in estimators]
+    low, high = _view(scene, [mean[results.space.position_indices] for mean in means])
+    ratio = (high[1] - low[1]) / (high[0] - low[0])
+
+    def room(width: float) -> float:
+        return float(min(height, ratio * width))
+
+    tall, flat = height, 1.5
+    if sheet.layout.width is not None:
+        tall, flat = room((sheet.layout.width - 0.3) / columns - 0.5 * scale), 0.8 * scale
+    panels = sheet.panels(
+        len(estimators),
+        1 + turning,
+        columns=columns,
+        natural=(0.7 + 2.25 * columns, 1.3 + (height + 1.9 * turning) * lines),
+        beside=0.3,
+        inset=0.4 * scale,
+        height=lambda width: room(width) + scale * (0.7 + 1.4 * turning),
+        height_ratios=[tall, *([flat] * turning)] * lines,
+    )
+    for k, (block, estimator) in enumerate(zip(panels, estimators, strict=True)):
         trials = results.get(estimator, data.beams)
         mean, covariance = trials.mean[0, -1], trials.covariance[0, -1]
-        panel_title(panels[0, column], data.labels[estimator])
-        _room(panels[0, column], results, scene, pictures.get(estimator), mean, covariance)
+        sheet.title(block[0], data.labels[estimator])
+        _room(block[0], results, scene, pictures.get(estimator), mean, covariance)
         if turning:
             place = int(np.flatnonzero(results.space.is_angle)[0])
             claim = mean[place], np.sqrt(max(covariance[place, place], 0.0))
-            _heading(panels[1, column], scene, pictures.get(estimator), *claim)
-        for row in range(len(ratios)):
-            if column:
-                panels[row, column].set_ylabel("")
-    limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels[0]])
-    for axes in panels[0]:
-        axes.set_xlim(limits[:, 0, 0].min(), limits[:, 0, 1].max())
-        axes.set_ylim(limits[:, 1, 0].min(), limits[:, 1, 1].max())
+            _heading(block[1], scene, pictures.get(estimator), *claim)
+            block[1].set_xlabel(sheet.broken(block[1].get_xlabel(), "axes.labelsize"))
+        if k % columns:
+            for axes in block:
+                axes.set_ylabel("")
+    for axes in panels[:, 0]:
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
     more: dict[str, Artist] = {
         "posterior density, darkest at its peak": Patch(facecolor="#4f94c4"),
         "true heading": Line2D([], [], color=BEAM, linewidth=1.2, linestyle="--"),
     }
     which = f"run {data.run}" if data.run else "the first run"
     title = data.heading(f"What is believed in {which}", with_beams=True)
-    return finish(figure, title, panels.flat, columns=2, more=more)
+    sheet.finish(title, panels[0], columns=2, more=more, note=data.silent)
 
 
 def _room(
     axes: Axes, results: Results, scene: Scene, picture: Picture | None, mean: Array, covariance: Array
 ) -> None:
-    left, right, lower, upper = scene["extent"]
     if picture is not None and picture.density.max() > 0:
         draw_density(axes, picture.density, picture.extent)
     draw_walls(axes, scene)
@@ -75,19 +95,28 @@ def _room(
         axes.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
         axes.plot(*mean[where], "o", markersize=4.5, markerfacecolor="white", color=CLAIMED, zorder=6,
                   label=label)  # fmt: skip
-    size = max(right - left, upper - lower)
-    heading = scene["truth"][2]
-    tip = scene["truth"][:2] + 0.12 * size * np.array([np.sin(heading), np.cos(heading)])
-    axes.plot(*zip(scene["truth"][:2], tip, strict=True), color=BEAM, linewidth=1.6, zorder=6)
+    axes.plot(*zip(scene["truth"][:2], _tip(scene), strict=True), color=BEAM, linewidth=1.6, zorder=6)
     draw_truth(axes, scene, label="true position, its heading beside it")
     label_positions(axes)
-    low, high = np.array([left, lower]), np.array([right, upper])
-    seen = np.array([low, high, tip, *([mean[where]] if np.isfinite(mean).all() else [])])
-    seen = np.clip(seen, low - 0.25 * size, high + 0.25 * size)  # a mean may be anywhere
-    start, end = seen.min(0) - 0.04 * size, seen.max(0) + 0.04 * size
-    axes.set_xlim(start[0], end[0])
-    axes.set_ylim(start[1], end[1])
     axes.spines[:].set_visible(False)
+
+
+def _view(scene: Scene, means: Iterable[Array]) -> tuple[Array, Array]:
+    """Lower and upper corner of what all rooms show: the map, the true heading, and means that are near."""
+    left, right, lower, upper = scene["extent"]
+    size = max(right - left, upper - lower)
+    low, high = np.array([left, lower]), np.array([right, upper])
+    seen = np.array([low, high, _tip(scene), *(mean for mean in means if np.isfinite(mean).all())])
+    seen = np.clip(seen, low - 0.25 * size, high + 0.25 * size)  # a mean may be anywhere
+    return seen.min(0) - 0.04 * size, seen.max(0) + 0.04 * size
+
+
+def _tip(scene: Scene) -> Array:
+    """Where the line that shows the true heading ends."""
+    left, right, lower, upper = scene["extent"]
+    heading = scene["truth"][2]
+    away = 0.12 * max(right - left, upper - lower) * np.array([np.sin(heading), np.cos(heading)])
+    return np.asarray(scene["truth"][:2] + away)
 
 
 def _heading(axes: Axes, scene: Scene, picture: Picture | None, mean: float, std: float) -> None:
@@ -112,7 +141,9 @@ def _heading(axes: Axes, scene: Scene, picture: Picture | None, mean: float, std
             axes.set_ylim(0, 1.15 * bell.max())
     axes.axvline(np.rad2deg(scene["truth"][2]) % 360, color=BEAM, linewidth=1.2, linestyle="--")
     axes.set_xlim(0, 360)
-    axes.set_xticks(range(0, 361, 90))
-    axes.set_xlabel("heading, deg from $+x_2$")
+    axes.xaxis.set_major_locator(
+        FittingLocator([FixedLocator(range(0, 361, step)) for step in (90, 180, 360)])
+    )
+    axes.set_xlabel(f"heading, deg from +{symbol('x2')}")
     axes.set_ylabel("density, 1/deg")
-    axes.tick_params(axis="y", labelsize=7)
+    even_numbers(axes.yaxis)

@@ -12,17 +12,21 @@ from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
+from ...errors import suggestion
 from ...extensions import extensions
-from ..results import Results
-from .beliefs import beliefs_figure
-from .claims import anees_figure, covariance_figure, time_figure
+from ..results import Results, ResultsError
+from .beliefs import draw_posterior
+from .claims import draw_anees, draw_covariance, draw_time
 from .data import FigureData
-from .drives import steps_figure, ways_figure
-from .errors import ellipses_figure, runs_figure
-from .maps import map_figure
-from .ranks import ranks_figure
+from .drives import draw_steps, draw_ways
+from .errors import draw_errors, draw_runs
+from .layout import Layout
+from .maps import draw_map
+from .ranks import draw_ranks
+from .sheet import Sheet
 
 Data = TypeVar("Data")
+SILENT = "no run went well"
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,8 @@ class FigureKind(Generic[Data]):
         caption: What it shows: a phrase that goes on after the title.
         draw: Draws it.
         needs: Whether the data hold what it shows; any data do unless given.
+        lacking: Why it cannot be drawn where they do not.
+        other_names: That also mean it where figures are asked for by name.
     """
 
     name: str
@@ -42,28 +48,48 @@ class FigureKind(Generic[Data]):
     caption: str
     draw: Callable[[Data], Figure]
     needs: Callable[[Data], bool] = lambda data: True
+    lacking: str = "the results do not hold what it shows"
+    other_names: tuple[str, ...] = ()
+
+
+Draw = Callable[[FigureData, Sheet], None]
+
+
+def alone(draw: Draw) -> Callable[[FigureData], Figure]:
+    """A function that draws a figure of its own."""
+
+    def drawn(data: FigureData) -> Figure:
+        sheet = Sheet(data.layout)
+        draw(data, sheet)
+        return sheet.root
+
+    return drawn
 
 
 FIGURES: tuple[FigureKind[FigureData], ...] = (
     FigureKind("map", "The map", "walls, free space, true positions, and the beams of the first run",
-               map_figure, FigureData.has_map),
+               alone(draw_map), FigureData.has_map, "the map was not saved"),
     FigureKind("covariance", "Standard deviations", "claimed (hollow, root of mean P) and true (filled, root "
-               "of G), with 95 % intervals", covariance_figure),
+               "of G), with 95 % intervals", alone(draw_covariance), FigureData.has_rows, SILENT,
+               other_names=("claims",)),
     FigureKind("anees", "ANEES / n", "squared error over claimed variance, with 95 % intervals; 1 is honest, "
-               "to the right the errors are larger than claimed", anees_figure),
+               "to the right the errors are larger than claimed", alone(draw_anees), FigureData.has_rows,
+               SILENT),
     FigureKind("errors", "Errors in the plane", "with the ellipses of the true covariance G and the mean "
-               "claimed P", ellipses_figure),
+               "claimed P", alone(draw_errors), FigureData.has_answers, SILENT),
     FigureKind("runs", "Errors run by run", "in the band that each run claims, in the order of that claim",
-               runs_figure),
-    FigureKind("posterior", "Beliefs", "what is believed in the first run", beliefs_figure,
-               FigureData.has_pictures),
-    FigureKind("steps", "Along the way", "true and claimed errors after each measurement", steps_figure,
-               FigureData.has_steps),
-    FigureKind("ways", "The way of the first run", "true and estimated", ways_figure, FigureData.has_ways),
+               alone(draw_runs), FigureData.has_answers, SILENT),
+    FigureKind("posterior", "Beliefs", "what is believed in the first run", alone(draw_posterior),
+               FigureData.has_pictures, "no pictures of beliefs were saved, or no run went well"),
+    FigureKind("steps", "Along the way", "true and claimed errors after each measurement", alone(draw_steps),
+               FigureData.has_steps, "each run has one measurement, or none went well"),
+    FigureKind("ways", "The way of the first run", "true and estimated", alone(draw_ways),
+               FigureData.has_ways, "nothing moved, the map was not saved, or no run went well"),
     FigureKind("ranks", "Ranks", "where the truth lies among samples of the belief; flat within the band if "
-               "honest", ranks_figure, FigureData.has_samples),
-    FigureKind("time", "Accuracy against time", "true and claimed error against time per update", time_figure,
-               FigureData.has_times),
+               "honest", alone(draw_ranks), FigureData.has_samples,
+               "beliefs were not sampled: beliefs = true"),
+    FigureKind("time", "Accuracy against time", "true and claimed error against time per update",
+               alone(draw_time), FigureData.has_times, "no estimator that answered was timed"),
 )  # fmt: skip
 
 
@@ -87,6 +113,22 @@ def drawn(kinds: Iterable[FigureKind[Data]], data: Data) -> Iterator[tuple[Figur
     return ((kind, kind.draw(data)) for kind in kinds if kind.needs(data))
 
 
-def study_figures(results: Results) -> Iterator[tuple[FigureKind[Any], Figure]]:
+def study_figures(results: Results, layout: Layout | None = None) -> Iterator[tuple[FigureKind[Any], Figure]]:
     """All figures of a study; those of single runs are for the last set of beams."""
-    return drawn(figure_kinds(), FigureData.of(results))
+    return drawn(figure_kinds(), FigureData.of(results, layout))
+
+
+def chosen(kinds: Iterable[FigureKind[Data]], names: Iterable[str]) -> list[FigureKind[Data]]:
+    """The kinds of these names, in the order of the table, each once.
+
+    Raises:
+        ResultsError: If there is no figure of a name; it says which was meant, or which there are.
+    """
+    kinds, wanted = list(kinds), list(names)
+    by_name = {name: kind for kind in kinds for name in (kind.name, *kind.other_names)}
+    for name in wanted:
+        if name not in by_name:
+            raise ResultsError(f"there is no figure {name!r}; {suggestion(name, by_name)}")
+    if not wanted:
+        raise ResultsError(f"no figure is named; there are {', '.join(by_name)}")
+    return [kind for kind in kinds if any(by_name[name] is kind for name in wanted)]

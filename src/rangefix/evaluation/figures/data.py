@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..consistency.formatting import beams_in_words, visible
 from ..consistency.row import Row
 from ..consistency.summarise import summarise
 from ..results import Picture, Results, load_pictures
+from .layout import Layout
 
 LONGEST_LABEL = 40  # letters of an estimator's label in a figure
 MAX_ESTIMATORS_DRAWN = 24  # of more, panels are too small to be read; tables have them all
@@ -26,20 +27,25 @@ class FigureData:
         run: The number of their first run.
         images: Pictures of beliefs in that run; those of the folder unless given.
         estimators: How many estimators the study has; 0 where all of them are in the results.
+        layout: How wide the figures are, and how large their letters.
+        chosen_beams: The set of beams of figures that show one alone; the last unless given.
     """
 
     results: Results
     run: int = 0
     images: tuple[Picture, ...] | None = None
     estimators: int = 0
+    layout: Layout = field(default_factory=Layout)
+    chosen_beams: str | None = None
 
     @classmethod
-    def of(cls, results: Results) -> FigureData:
+    def of(cls, results: Results, layout: Layout | None = None) -> FigureData:
         """The results of all estimators, or of the first where there are too many to be drawn."""
-        count = len(results.estimators)
+        count, layout = len(results.estimators), layout or Layout()
         if count <= MAX_ESTIMATORS_DRAWN:
-            return cls(results)
-        return cls(replace(results, estimators=results.estimators[:MAX_ESTIMATORS_DRAWN]), estimators=count)
+            return cls(results, layout=layout)
+        few = replace(results, estimators=results.estimators[:MAX_ESTIMATORS_DRAWN])
+        return cls(few, estimators=count, layout=layout)
 
     @cached_property
     def labels(self) -> dict[str, str]:
@@ -67,8 +73,46 @@ class FigureData:
 
     @property
     def beams(self) -> str:
-        """The set of beams of figures that show one alone: the last."""
-        return self.results.beam_sets[-1]
+        """The set of beams of figures that show one alone."""
+        return self.results.beam_sets[-1] if self.chosen_beams is None else self.chosen_beams
+
+    @cached_property
+    def answering(self) -> list[str]:
+        """The estimators, as users call them, of which a run on that set of beams went well."""
+        ok = {row.estimator for row in self.last_rows if row.ok and row.beams == self.beams}
+        return [estimator for estimator in self.results.estimators if self.labels[estimator] in ok]
+
+    @property
+    def silent(self) -> str:
+        """Which estimators a figure of that set of beams leaves out, and why; "" if none."""
+        return _left_out(self.labels[each] for each in self.results.estimators if each not in self.answering)
+
+    @cached_property
+    def drawn_rows(self) -> list[Row]:
+        """The last rows of which a run went well."""
+        return [row for row in self.last_rows if row.ok]
+
+    @cached_property
+    def timed_rows(self) -> list[Row]:
+        """The last rows on the set of beams that is shown, of estimators that were timed and answered."""
+        return [row for row in self.drawn_rows if row.beams == self.beams and np.isfinite(row.seconds)]
+
+    @property
+    def untimed(self) -> str:
+        """Which estimators answered and were not timed; "" if none."""
+        timed = {row.estimator for row in self.timed_rows}
+        told = ", ".join(label for each in self.answering if (label := self.labels[each]) not in timed)
+        return f"Not timed: {told}." if told else ""
+
+    @property
+    def silent_rows(self) -> str:
+        """Which rows a figure of all sets of beams leaves out, and why; "" if none."""
+        several = len(self.results.beam_sets) > 1
+        return _left_out(
+            f"{row.estimator} ({beams_in_words(row.beams)})" if several else row.estimator
+            for row in self.last_rows
+            if not row.ok
+        )
 
     @property
     def study(self) -> str:
@@ -88,25 +132,38 @@ class FigureData:
         """Whether the map was saved."""
         return bool(self.results.scene)
 
+    def has_rows(self) -> bool:
+        """Whether a run of any estimator went well."""
+        return bool(self.drawn_rows)
+
+    def has_answers(self) -> bool:
+        """Whether a run of any estimator on the set of beams that is shown went well."""
+        return bool(self.answering)
+
     def has_pictures(self) -> bool:
         """Whether there are pictures of beliefs, and a map to draw them in."""
-        return self.has_map() and bool(self.pictures)
+        return self.has_map() and bool(self.pictures) and self.has_answers()
 
     def has_steps(self) -> bool:
-        """Whether a run has several measurements."""
-        return any(row.step for row in self.rows)
+        """Whether a run has several measurements, and went well."""
+        return any(row.step for row in self.rows) and self.has_answers()
 
     def has_ways(self) -> bool:
-        """Whether objects moved in a map."""
+        """Whether objects moved in a map, and an estimator has followed them."""
         return self.has_steps() and self.has_map()
 
     def has_samples(self) -> bool:
-        """Whether the beliefs on the last set of beams were sampled."""
-        return any(row.beliefs for row in self.last_rows if row.beams == self.beams)
+        """Whether the beliefs on the set of beams that is shown were sampled."""
+        return any(row.beliefs for row in self.drawn_rows if row.beams == self.beams)
 
     def has_times(self) -> bool:
-        """Whether an estimator that answered was timed."""
-        return any(np.isfinite(row.seconds) and np.isfinite(row.g[0].value) for row in self.last_rows)
+        """Whether an estimator that answered on the set of beams that is shown was timed."""
+        return bool(self.timed_rows)
+
+
+def _left_out(labels: Iterable[str]) -> str:
+    told = ", ".join(labels)
+    return f"Not drawn, as no run went well: {told}." if told else ""
 
 
 def drawable_labels(labels: Iterable[str]) -> dict[str, str]:

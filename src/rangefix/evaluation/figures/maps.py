@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ...arrays import Array
 from ..results import Scene
 from .data import FigureData
 from .room import draw_beams, draw_truth, draw_walls
-from .style import finish, label_positions
+from .sheet import Sheet
+from .style import label_positions
 
 SOLID = "#c9c9c9"
 FREE = ListedColormap([SOLID, "#ffffff"])
@@ -46,7 +49,7 @@ def _ways(axes: Axes, ways: Array) -> None:
     axes.plot(*ways[0].T, color="black", linewidth=1.4, zorder=3, label=label)
 
 
-def map_figure(data: FigureData) -> Figure:
+def draw_map(data: FigureData, sheet: Sheet) -> None:
     """The whole map and, where the prior covers a part of it only, that part beside it."""
     results, scene = data.results, data.results.scene
     corners = scene["segments"].reshape(-1, 2)
@@ -54,17 +57,19 @@ def map_figure(data: FigureData) -> Figure:
     low, high = np.min([limits[0], *corners], axis=0), np.max([limits[1], *corners], axis=0)
     size = high - low
     box = scene["prior_lower"], scene["prior_upper"]
-    part = np.prod(box[1] - box[0]) < 0.6 * size.prod()
-    height = min(7.5, max(4.2, 4.4 * size[1] / size[0]))
-    figure = Figure(figsize=(4.4 + (5.6 if part else 2.0), height), layout="constrained")
-    panels = figure.subplots(1, 2 if part else 1, squeeze=False, width_ratios=(1, 1.35) if part else None)[0]
-    whole, near = panels[0], panels[-1]
-    _frame(whole, low - 0.02 * size.max(), high + 0.02 * size.max())
+    part = bool(np.prod(box[1] - box[0]) < 0.6 * size.prod())
+    corner = 0.02 * size.max()
+    views = [(low - corner, high + corner)]
     if part:
-        whole.set_title("The map: white is free space")
         margin = 0.15 * (box[1] - box[0])
-        _frame(near, box[0] - margin, box[1] + margin)
-        near.set_title("Where the object may be, and the beams of the first run")
+        views.append((box[0] - margin, box[1] + margin))
+    panels = _panels(sheet, size, views)
+    whole, near = panels[0], panels[-1]
+    for axes, view in zip(panels, views, strict=True):
+        _frame(axes, *view)
+    if part:
+        sheet.title(whole, "The map: white is free space")
+        sheet.title(near, "Where the object may be, and the beams of the first run")
     for axes, width in zip(panels, (0.7, 1.5) if part else (1.6,), strict=True):
         axes.imshow(scene["free"], origin="lower", extent=tuple(scene["extent"]), cmap=FREE, vmin=0, vmax=1,
                     interpolation="nearest", zorder=0)  # fmt: skip
@@ -77,4 +82,27 @@ def map_figure(data: FigureData) -> Figure:
         _ways(whole, ways)
     draw_beams(near, scene, range(1, len(scene["bearings"]) + 1), named=len(scene["bearings"]) <= 12)
     draw_truth(near, scene, label="true position and beams of the first run")
-    return finish(figure, data.study, panels, columns=3)
+    sheet.finish(data.study, panels, columns=3)
+
+
+def _panels(sheet: Sheet, size: Array, views: Sequence[tuple[Array, Array]]) -> Sequence[Axes]:
+    """A panel for each view, beside each other, or below each other where the figure is narrow."""
+    count = len(views)
+    columns = sheet.layout.columns(count, count, 2.2, beside=0.4)
+    options: dict[str, Any] = {"width_ratios": (1, 1.35)} if columns > 1 else {}
+    shapes = [float(ratio) for ratio in (np.divide(*(high - low)[::-1]) for low, high in views)]
+    if columns < count:
+        options["height_ratios"] = [min(1.4, shape) for shape in shapes]
+    tallest = sum(min(1.4, shape) for shape in shapes) / count if columns < count else min(1.4, max(shapes))
+    height = min(7.5, max(4.2, 4.4 * size[1] / size[0]))
+    panels = sheet.panels(
+        count,
+        columns=columns,
+        natural=(4.4 + (5.6 if count > 1 else 2.0), height),
+        beside=0.4,
+        height=lambda width: (
+            tallest * min(width, 4.4) * (1.1 if columns > 1 else 1.0) + 0.6 * sheet.layout.scale
+        ),
+        **options,
+    )
+    return list(panels[:, 0])

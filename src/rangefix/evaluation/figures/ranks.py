@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator
 
 from ..consistency.calibration import uniform_band
 from .data import FigureData
+from .sheet import Sheet
 from .style import CLAIMED, symbol
+from .ticks import FittingLocator, even_numbers
 
-MAX_ESTIMATORS_SHOWN = 8  # estimators under each other
-OUTSIDE = "#D55E00"
+# Bars outside the band: in grey their colour is that of the others.
+OUTSIDE: dict[str, Any] = {"facecolor": "#D55E00", "edgecolor": "white", "hatch": "/////", "linewidth": 0}
 
 
-def ranks_figure(data: FigureData) -> Figure:
+def draw_ranks(data: FigureData, sheet: Sheet) -> None:
     """A row of rank histograms for each estimator that was sampled, after the last measurement.
 
     A histogram for each component, and one for the distance from the middle of the belief. The band holds all
-    ten bars of an honest one in 95 % of studies; bars outside it are coloured.
+    ten bars of an honest one in 95 % of studies; bars outside it are coloured and hatched.
     """
-    rows = [row for row in data.last_rows if row.beams == data.beams]
-    sampled = [(row, row.beliefs.ranks) for row in rows if row.beliefs][:MAX_ESTIMATORS_SHOWN]
+    rows = [row for row in data.drawn_rows if row.beams == data.beams]
+    sampled = [(row, row.beliefs.ranks) for row in rows if row.beliefs]
     names = sampled[0][0].names
-    columns = [*(f"rank of {symbol(name)}" for name in names), "rank of the distance"]
-    size = (1.0 + 1.9 * len(columns), 1.2 + 1.25 * len(sampled))
-    figure = Figure(figsize=size, layout="constrained")
-    panels = figure.subplots(len(sampled), len(columns), squeeze=False, sharex=True)
+    columns = [*(f"rank of {symbol(name)}, %" for name in names), "rank of the distance, %"]
+    scale, narrow = sheet.layout.scale, sheet.layout.width is not None
+    panels = sheet.panels(
+        len(sampled) * len(columns),
+        columns=len(columns),
+        natural=(1.0 + 1.9 * len(columns), 1.2 + 1.25 * len(sampled)),
+        beside=0.5 * scale,
+        height=lambda width: scale * (0.85 + 0.4 / len(sampled)),
+        sharex=True,
+        sharey="row" if narrow else "none",
+    ).reshape(len(sampled), len(columns))
     for line, (row, histograms) in zip(panels, sampled, strict=True):
         for axes, counts in zip(line, histograms, strict=True):
             total, bins = counts.sum(), len(counts)
@@ -33,16 +44,20 @@ def ranks_figure(data: FigureData) -> Figure:
             shares = 100 * counts / total
             wrong = (shares < band[0]) | (shares > band[1])
             places = (np.arange(bins) + 0.5) * 100 / bins
-            colours = [OUTSIDE if is_wrong else CLAIMED for is_wrong in wrong]
-            axes.bar(places, shares, width=88 / bins, color=colours)
+            for which, style in ((~wrong, {"color": CLAIMED}), (wrong, OUTSIDE)):
+                axes.bar(places[which], shares[which], width=88 / bins, **style)
             axes.axhspan(*band, color="0.5", alpha=0.25, linewidth=0, zorder=3)
             axes.set_xlim(0, 100)
-            axes.set_ylim(0, 1.1 * max(shares.max(), band[1]))
-            axes.set_xticks([0, 50, 100])
-        line[0].set_title(row.estimator)
+            top = 1.1 * max(shares.max(), band[1])
+            axes.set_ylim(0, max(top, axes.get_ylim()[1]) if narrow and axes is not line[0] else top)
+            axes.xaxis.set_major_locator(FittingLocator([FixedLocator([0, 50, 100]), FixedLocator([0, 100])]))
+            even_numbers(axes.yaxis, 4)
+        sheet.title(line[0], row.estimator, width=1.8 * (sheet.panel_width or sheet.title_width))
         line[0].set_ylabel("runs, %")
     for axes, name in zip(panels[-1], columns, strict=True):
-        axes.set_xlabel(f"{name}, %")
-    title = data.heading("Ranks of the truth among samples of the belief", with_beams=True)
-    figure.suptitle(title, fontsize=10.5)
-    return figure
+        axes.set_xlabel(sheet.broken(name, "axes.labelsize"))
+    sheet.finish(
+        data.heading("Ranks of the truth among samples of the belief", with_beams=True),
+        columns=1,
+        note=data.silent,
+    )

@@ -12,9 +12,11 @@ from matplotlib.image import AxesImage
 
 from ...arrays import Array
 from ..results import Scene
+from .layout import small
 from .style import INK, STAR
 
 BEAM = "#B03A00"
+NUMBER = 2.0  # heights of a letter from the number of one beam to that of another
 DISC = {"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none"}  # behind a number
 
 
@@ -27,9 +29,10 @@ def draw_walls(axes: Axes, scene: Scene, width: float = 1.6) -> None:
 def draw_beams(axes: Axes, scene: Scene, numbers: Iterable[int], named: bool = True) -> None:
     """Beams (from 1) from the true position to the walls that they meet, dashed, with their numbers.
 
-    Set the limits of the axes first: numbers keep inside them.
+    Set the limits of the axes first: numbers keep inside them, and clear of each other.
     """
     heading, start = scene["truth"][2], scene["truth"][:2]
+    taken = [start]
     for number in numbers:
         angle, reach = heading + scene["bearings"][number - 1], scene["ranges"][number - 1]
         if not np.isfinite(reach):
@@ -37,18 +40,41 @@ def draw_beams(axes: Axes, scene: Scene, numbers: Iterable[int], named: bool = T
         step = np.array([np.sin(angle), np.cos(angle)])
         line = np.stack([start, start + reach * step])
         axes.plot(*line.T, color=BEAM, linewidth=1.1, linestyle=(0, (5, 2)))
-        if named:
-            x1, x2 = start + _label_distance(axes, start, step, reach) * step
-            axes.text(x1, x2, str(number), color=BEAM, fontsize=8, ha="center", va="center", bbox=DISC)
+        place = _label_place(axes, start, step, reach, taken) if named else None
+        if place is not None:
+            taken.append(place)
+            axes.text(
+                place[0],
+                place[1],
+                str(number),
+                color=BEAM,
+                fontsize=small(),
+                ha="center",
+                va="center",
+                bbox=DISC,
+            )
 
 
-def _label_distance(axes: Axes, start: Array, step: Array, reach: float) -> float:
-    """How far along a beam its number stands: clear of the start, within the view."""
+def _label_place(axes: Axes, start: Array, step: Array, reach: float, taken: list[Array]) -> Array | None:
+    """Where the number of a beam stands: on it, clear of others, within the view; None if there is no room.
+
+    Where a beam is too short for it, beyond the wall that it meets.
+    """
     limits = np.array([axes.get_xlim(), axes.get_ylim()])
     ahead = np.where(step > 0, limits[:, 1], limits[:, 0]) - start
     border = np.min(ahead / np.where(step == 0, 1.0, step), where=step != 0, initial=np.inf)
-    view = float(np.ptp(limits, axis=1).min())
-    return float(np.clip(0.62 * reach, 0.055 * view, max(border - 0.03 * view, 0.055 * view)))
+    view = np.ptp(limits, axis=1)
+    dpi = axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+    inches = axes.get_window_extent()
+    scale = float(np.max(view / [inches.width, inches.height]) * dpi)  # metres to the inch, before the layout
+    apart = NUMBER * small() / 72 * scale
+    least, most = 0.055 * float(view.min()), border - 0.03 * float(view.min())
+    first = float(np.clip(0.62 * reach, least, max(most, least)))
+    for distance in [first, *np.linspace(first, least, 12), *np.linspace(first, max(most, first), 24)]:
+        place = start + distance * step
+        if all(np.hypot(*(place - other)) >= apart for other in taken[1:]):
+            return np.asarray(place)
+    return None
 
 
 def draw_truth(axes: Axes, scene: Scene, size: float = 11.0, label: str = "true position") -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from ...filters.checks import Check, CheckResult, checks_for
@@ -11,6 +11,7 @@ from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
 CHECK_TIMEOUT_S = 60.0
 FIX = "Look at that line, or at what the check does; --timeout SECONDS gives it more time."
+FIRST_CHECK = "can_be_built"
 MAX_LOST_IN_A_ROW = 2  # checks; the rest is not tried
 
 
@@ -19,6 +20,7 @@ def run_checks_isolated(
     options: Mapping[str, Any],
     expected_failures: Mapping[str, str] | None = None,
     limit: float = CHECK_TIMEOUT_S,
+    names: Collection[str] | None = None,
 ) -> Iterator[CheckResult]:
     """Check one estimator, and yield each result as it comes.
 
@@ -31,6 +33,7 @@ def run_checks_isolated(
         options: The estimator's options.
         expected_failures: Check name -> why it fails.
         limit: Longest that importing it, and each check, may take, s.
+        names: Names of the checks to run; all of them unless given.
 
     Raises:
         KeyError: If there is no such estimator.
@@ -38,6 +41,7 @@ def run_checks_isolated(
     """
     expected = dict(expected_failures or {})
     checks = checks_for(target, expected_failures=expected, **options)
+    checks = [check for check in checks if names is None or check.name in names]
     child, lost, why = IsolatedProcess(), 0, ""
     try:
         try:
@@ -61,7 +65,7 @@ def run_checks_isolated(
             except Lost as stopped:
                 result, lost, child = _lost(check, str(stopped)), lost + 1, IsolatedProcess()
             yield result
-            if check is checks[0] and result.outcome in ("failed", "expected_failure"):
+            if check.name == FIRST_CHECK and result.outcome in ("failed", "expected_failure"):
                 why = "it was not built"
             elif lost == MAX_LOST_IN_A_ROW:
                 why = f"not tried: {MAX_LOST_IN_A_ROW} checks in a row were lost"

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import inspect
 import pickle
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...errors import one_line
+from ...errors import one_line, suggestion
 from ...filters import Problem
+from ...filters.option_units import KINDS_OF_UNIT, bare_name, units_of, written_name
 from ...filters.plugin_line import plugin_line
-from ...filters.registry import build_with, resolve
+from ...filters.registry import BUILT_IN, build_with, resolve
 from .pickling import to_pickle
 from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
@@ -26,6 +28,8 @@ class PluginInfo(NamedTuple):
     Attributes:
         summary: First line of its documentation.
         parameters: Its options with their defaults as text, or None where there is none.
+        units: Their declared units, "m" or "rad"; None for a plug-in that declares none.
+        about: What its documentation says of them, one line each, where it does.
         flags: Those of them that may be true or false.
         any_option: Whether it takes options of any name.
         unfit: Options that do not go with its signature: their place among those given, and why.
@@ -35,11 +39,34 @@ class PluginInfo(NamedTuple):
 
     summary: str = ""
     parameters: Mapping[str, Any] = {}
+    units: Mapping[str, str] | None = None
+    about: Mapping[str, str] = {}
     flags: tuple[str, ...] = ()
     any_option: bool = False
     unfit: tuple[tuple[int, str], ...] = ()
     fault: str = ""
     missing: bool = False
+
+    @property
+    def written(self) -> list[str]:
+        """Its options as a study and a command name them."""
+        return [written_name(name, self.units) for name in self.parameters]
+
+    def misnamed(self, given: str) -> str:
+        """Why an option cannot be written so in a study or command, after its name; "" if it can."""
+        if self.any_option or not (self.parameters or self.summary or not self.fault):
+            return ""
+        name = bare_name(given)
+        if name not in self.parameters:
+            if given in self.parameters:
+                return (
+                    f"must call its parameter {name!r}, which is given in SI: the unit is taken off the name"
+                )
+            return f"has no such option; {suggestion(given, self.written)}"
+        if self.units is None or given == written_name(name, self.units):
+            return ""
+        kind = KINDS_OF_UNIT.get(self.units.get(name, ""), "it without a unit")
+        return f"takes {kind}: write {written_name(name, self.units)}"
 
 
 def inspect_plugin(
@@ -74,6 +101,7 @@ def signature_of(name: str, factory: Any) -> PluginInfo:
 
     Raises:
         KeyError: If it cannot be called.
+        TypeError: If it declares the unit of something that is no option.
     """
     if not callable(factory):
         raise KeyError(f"no estimator {name!r}: it is a {type(factory).__name__}, not a class or function")
@@ -82,9 +110,18 @@ def signature_of(name: str, factory: Any) -> PluginInfo:
     return PluginInfo(
         summary=(inspect.getdoc(factory) or "").split("\n")[0],
         parameters={option.name: _plain(option.default) for option in named},
+        units=units_of(factory) or ({} if name in BUILT_IN else None),
+        about=argument_lines(inspect.getdoc(factory) or ""),
         flags=tuple(option.name for option in named if _is_flag(option)),
         any_option=any(option.kind is option.VAR_KEYWORD for option in options),
     )
+
+
+def argument_lines(doc: str) -> dict[str, str]:
+    """What a docstring in Google's form says of each argument, its first sentence."""
+    section = re.split(r"^\w.*$", doc.partition("\nArgs:\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
+    entries = re.findall(r"^ {4}(\w+)[^:\n]*: (.*(?:\n {5,}.*)*)", section, flags=re.MULTILINE)
+    return {name: " ".join(text.split()).partition(". ")[0].rstrip(".") for name, text in entries}
 
 
 def _inspect(content: bytes) -> PluginInfo:

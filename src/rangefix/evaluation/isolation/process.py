@@ -80,6 +80,16 @@ class Stage(NamedTuple):
         return f"{self.verb}()" + (f" at measurement {self.step + 1}" if self.verb != "init" else "")
 
 
+Watch = Callable[[Stage], None]  # is told what is being done
+
+
+def counted_from(start: int, watch: Watch | None) -> Watch | None:
+    """What is told the same, with runs counted from one that is `start` earlier."""
+    if watch is None:
+        return None
+    return lambda stage: watch(stage._replace(place=start + stage.place))
+
+
 class Lost(Exception):
     """The process was killed, or ended, at a stage; `ended` if by itself, or by somebody else."""
 
@@ -126,7 +136,12 @@ class IsolatedProcess:
         self.kill = weakref.finalize(self, _kill, self._process, printing, file)
 
     def ask(
-        self, function: Callable[..., Any], arguments: tuple[Any, ...], limit: Limit, where: bool = False
+        self,
+        function: Callable[..., Any],
+        arguments: tuple[Any, ...],
+        limit: Limit,
+        where: bool = False,
+        watch: Watch | None = None,
     ) -> Any:
         """What a function of this package returns there.
 
@@ -134,6 +149,7 @@ class IsolatedProcess:
             function, arguments: What to call.
             limit: How long each of its pieces of work may take.
             where: Whether to say at which line it was lost, which need not be the same every time.
+            watch: Told now and then what it is doing.
 
         Raises:
             Lost: If it took too long or too much, or ended; there is no process then.
@@ -154,6 +170,8 @@ class IsolatedProcess:
             if ended:
                 raise self._lost(limit, where, "ended the process ({})", ended=True)
             latest, stage = self._note(os.pread(self._file, NOTE_BYTES, 0))
+            if piece and watch is not None:
+                watch(stage)
             if latest != piece:
                 piece, since = latest, monotonic()
             longest = (1 + TIMER_SLACK) * limit.over(stage.at_once) if piece else IMPORT_TIMEOUT_S

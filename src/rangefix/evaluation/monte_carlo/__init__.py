@@ -2,6 +2,7 @@
 
 from .backends import ClusterTls
 from .one_run import OneRun, repeat_run
-from .runner import Progress, run
+from .progress import Progress
+from .runner import run
 
 __all__ = ["ClusterTls", "OneRun", "Progress", "repeat_run", "run"]

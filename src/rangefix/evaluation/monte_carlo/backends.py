@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...errors import one_line
 from ..experiment import Experiment
-from ..isolation import to_pickle
+from ..isolation import Stage, to_pickle
 from ..results import ResultsError
 from .environment import arithmetic, other_bits
 from .keys import code_fingerprint
@@ -69,23 +69,38 @@ class ClusterTls:
     key: Path | str | None = None
 
 
+class ProgressFailed(BaseException):
+    """What is told of progress has raised, in the middle of a trial, which is not to blame for it."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
 def in_process(
     worker: Worker,
     tasks: Sequence[Task],
     world: Callable[[Task], Simulation],
-    begun: Callable[[Task, int], None],
+    watch: Callable[[Task, Stage], None],
 ) -> Iterator[tuple[Task, Part]]:
-    """Do tasks here, one after the other; `begun` is told now and then how many runs of one are done."""
+    """Do tasks here, one after the other; `watch` is told now and then what is about to be done of one."""
     last = monotonic()
     for task in tasks:
 
-        def note(place: int, count: int, task: Task = task) -> None:
+        def note(stage: Stage, task: Task = task) -> None:
             nonlocal last
             if monotonic() - last > PROGRESS_INTERVAL_S:
                 last = monotonic()
-                begun(task, place)
+                try:
+                    watch(task, stage)
+                except Exception as error:
+                    raise ProgressFailed(error) from None
 
-        yield task, worker.work(task, world(task), note)
+        try:
+            part = worker.work(task, world(task), note)
+        except ProgressFailed as failed:
+            raise failed.error from None
+        yield task, part
 
 
 def on_workers(

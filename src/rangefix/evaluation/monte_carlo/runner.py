@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from ..comparison.worst_runs import worst_runs, worst_runs_csv
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..experiment import Experiment, NamedEstimator
+from ..isolation import Stage
 from ..results import (
     KEPT_DRAWS,
     MANIFEST,
@@ -39,6 +40,7 @@ from .cost import check_disk, check_memory, estimate_line
 from .environment import environment
 from .keys import part_keys
 from .own_folder import locked, remove_files, what_is_older
+from .progress import Progress, Tell, passing, shown
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .simulate import Simulation, simulate
 from .time_updates import time_all
@@ -46,15 +48,6 @@ from .unfinished import Place, Unfinished
 from .worker import Task, Worker
 
 MAX_BLOCKS_IN_MEMORY, MAX_BLOCK_BYTES = 20, 256e6  # of truths and measurements: at least one
-
-
-class Progress(NamedTuple):
-    """Trials of one estimator, over all its sets of beams: how many of how many are done, and failed."""
-
-    estimator: str
-    done: int
-    total: int
-    failed: int
 
 
 class Describes(Protocol):
@@ -92,7 +85,7 @@ def run(
     cluster: str | None = None,
     cluster_tls: ClusterTls | None = None,
     plugins: bool = True,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Tell | bool | None = None,
     command_line: Sequence[str] | None = None,
     resume: bool = True,
     timing: bool = True,
@@ -116,7 +109,8 @@ def run(
             those that would are refused. Whoever reaches a scheduler can run code on its workers and here.
         cluster_tls: Certificates for a cluster at tls://...; dask's own configuration unless given.
         plugins: Whether estimators that are known by name may be others than the built-in ones.
-        progress: Called with how far each estimator has come.
+        progress: Called with how far each estimator, and each pass beside the trials, has come. True: bars on
+            a terminal or in a notebook; None: bars in a notebook; False: none.
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
@@ -161,29 +155,38 @@ def run(
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
+        tell_progress = stack.enter_context(shown(progress))
         with closing(Worker(experiment, Unfinished(folder, plan))) as worker:
             if say:
                 line = estimate_line(worker, plan, folder, disk, workers, resume)
                 for text in filter(None, (older.line, line)):
                     say(text)
-            _simulate_all(experiment, plan, folder, resume)
-            _work_all(worker, plan, folder, workers, client, progress, resume)
+            _simulate_all(experiment, plan, folder, resume, tell_progress)
+            _work_all(worker, plan, folder, workers, client, tell_progress, resume)
             if timing:
-                time_all(worker, plan, folder, resume)
-        _save_scene(experiment, folder)
-        save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
+                time_all(worker, plan, folder, resume, tell_progress)
+        with passing(tell_progress, "pictures of beliefs"):
+            _save_scene(experiment, folder)
+            save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
-        write_bytes(folder / SUMMARY, to_csv(summarise(results)).encode())
-        write_bytes(folder / WORST_RUNS, worst_runs_csv(worst_runs(results)).encode())
+        with passing(tell_progress, "summary, worst runs", 2) as advance:
+            write_bytes(folder / SUMMARY, to_csv(summarise(results)).encode())
+            advance()
+            write_bytes(folder / WORST_RUNS, worst_runs_csv(worst_runs(results)).encode())
         return results.in_memory() if out is None else results
 
 
-def _simulate_all(experiment: Experiment, plan: FolderLayout, folder: Path, resume: bool) -> None:
-    for first, end in plan.blocks():
-        path = world_path(folder, first, end)
-        if not resume or if_valid(read_world, folder, plan, first, end) is None:
-            write_part(path, simulate(experiment, first, end)._asdict(), plan.world_key(first, end))
+def _simulate_all(
+    experiment: Experiment, plan: FolderLayout, folder: Path, resume: bool, tell: Tell | None
+) -> None:
+    blocks = list(plan.blocks())
+    with passing(tell, "truths and readings", len(blocks)) as advance:
+        for first, end in blocks:
+            path = world_path(folder, first, end)
+            if not resume or if_valid(read_world, folder, plan, first, end) is None:
+                write_part(path, simulate(experiment, first, end)._asdict(), plan.world_key(first, end))
+            advance()
 
 
 def _work_all(
@@ -192,18 +195,25 @@ def _work_all(
     folder: Path,
     workers: int,
     client: Any,
-    progress: Callable[[Progress], None] | None,
+    progress: Tell | None,
     resume: bool,
 ) -> None:
     experiment, unfinished = worker.experiment, Unfinished(folder, plan)
     total = experiment.runs * len(experiment.beam_sets)
     counts = {label: [0, 0] for label in experiment.estimators}
 
-    def report(label: str, trials: int, failed: int, begun: int = 0) -> None:
+    def report(label: str, trials: int, failed: int, begun: int = 0, now: str = "") -> None:
         counts[label][0] += trials
         counts[label][1] += failed
         if progress:
-            progress(Progress(label, counts[label][0] + begun, total, counts[label][1]))
+            done = counts[label][0] + begun
+            progress(Progress(label, done, total, counts[label][1], now=now))
+
+    def watch(task: Task, stage: Stage) -> None:
+        step = stage.step or 0
+        begun = stage.place + stage.at_once * step // experiment.steps
+        now = f"measurement {step + 1} of {experiment.steps}" if experiment.steps > 1 else stage.verb
+        report(task.estimator, 0, 0, begun, now)
 
     steps, size, beams = plan.shape
     at_once = int(MAX_BLOCK_BYTES / (8 * plan.block * steps * (size + beams)))
@@ -233,10 +243,15 @@ def _work_all(
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
+    elsewhere = "on the cluster" if client is not None else ""
+    if client is None and workers > 1 and len(tasks) > 1:
+        elsewhere = f"on {workers} workers"
+    for label in dict.fromkeys(task.estimator for task in tasks):
+        report(label, 0, 0, now=elsewhere)
     if client is not None:
         parts = on_cluster(experiment, tasks, world, client)
     elif workers == 1 or len(tasks) == 1:
-        parts = in_process(worker, tasks, world, lambda task, begun: report(task.estimator, 0, 0, begun))
+        parts = in_process(worker, tasks, world, watch)
     else:
         parts = on_workers(worker, tasks, world, workers)
     for task, part in parts:

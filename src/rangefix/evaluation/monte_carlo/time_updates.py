@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from ..results import (
     write_json,
 )
 from ..trials.timing import PASSES
+from .progress import Tell, passing
 from .worker import Worker
 
 MAX_RUNS_TIMED = 128  # at once
@@ -40,7 +42,9 @@ class Timed(NamedTuple):
     measurement: Array
 
 
-def time_all(worker: Worker, plan: FolderLayout, folder: Path, resume: bool) -> None:
+def time_all(
+    worker: Worker, plan: FolderLayout, folder: Path, resume: bool, tell: Tell | None = None
+) -> None:
     """Time each estimator on each set of beams, unless all of them were timed before.
 
     They take turns, so that what else the machine does disturbs all of them alike, and times of one study can
@@ -57,14 +61,18 @@ def time_all(worker: Worker, plan: FolderLayout, folder: Path, resume: bool) -> 
     if resume and timed.keys() == _timed_before(path).keys():
         return
     labels, rows = list(experiment.estimators), dict[str, dict[str, Any]]()
-    for start in range(0, len(labels), MAX_PROCESSES):
-        group = labels[start : start + MAX_PROCESSES]
-        rows |= _in_turns(worker, {key: each for key, each in timed.items() if each.label in group})
-        worker.close()
+    with passing(tell, "timing of updates", PASSES * len(timed)) as advance:
+        for start in range(0, len(labels), MAX_PROCESSES):
+            group = labels[start : start + MAX_PROCESSES]
+            turns = {key: each for key, each in timed.items() if each.label in group}
+            rows |= _in_turns(worker, turns, advance)
+            worker.close()
     write_json(path, {key: rows[key] for key in timed})
 
 
-def _in_turns(worker: Worker, timed: dict[str, Timed]) -> dict[str, dict[str, Any]]:
+def _in_turns(
+    worker: Worker, timed: dict[str, Timed], advance: Callable[[], None]
+) -> dict[str, dict[str, Any]]:
     """The rows of the document of times."""
     runs = {key: worker.runs_to_time(*each) for key, each in timed.items()}
     passes: dict[str, list[float]] = {key: [] for key in timed}
@@ -74,6 +82,7 @@ def _in_turns(worker: Worker, timed: dict[str, Timed]) -> dict[str, dict[str, An
             if runs[key]:
                 seconds, held[key] = worker.time(label, beams, measurement[: runs[key]])
                 passes[key].append(seconds)
+            advance()
     return {
         key: {
             "estimator": label,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Lost, Raised, begin_piece, undisturbed
+from ..isolation import Lost, Raised, Watch, counted_from, undisturbed
 from ..results import Outcome, concatenate, failed_outcome, outcome_of, part_arrays
 from ..trials.batch_size import batch_size
 from ..trials.built_estimator import BuiltEstimator
@@ -101,10 +100,8 @@ class Worker:
     def _first_two(self) -> Array:
         return simulate(self.experiment, 0, 2).measurement
 
-    def work(
-        self, task: Task, world: Simulation, note: Callable[[int, int], None] = begin_piece
-    ) -> dict[str, NDArray[Any]]:
-        """Do a task whose runs are given, or what is left of it; `note` is told what is about to be done."""
+    def work(self, task: Task, world: Simulation, watch: Watch | None = None) -> dict[str, NDArray[Any]]:
+        """Do a task whose runs are given, or what is left of it; `watch` is told what is about to be done."""
         problem = self.experiment.assumed_problem
         all_readings = self.experiment.masked(world.measurement, task.beams)
         place = Place(task.estimator, self.experiment.beam_labels[task.beams], task.first, task.end)
@@ -123,18 +120,17 @@ class Worker:
         saving = None
         if self.unfinished is not None:
             saving = Saving(save, self.paces.setdefault((task.estimator, task.beams), Pace()))
-        first, readings = task.first + done, all_readings[done:]
+        first, readings, watching = task.first + done, all_readings[done:], counted_from(done, watch)
         truth = world.truth[done:] if self.experiment.beliefs else None
         try:
             with undisturbed(self.trial):
                 built, first_two = self.estimator(task.estimator), self.probe_measurement(task.beams)
                 if isinstance(built, GuardedEstimator):
-                    outcome = built.run(readings, first, first_two, truth, saving)
+                    outcome = built.run(readings, first, first_two, truth, watching, saving)
                 else:
                     size = self._batch_size(task.estimator, task.beams, built)
                     limit = self.experiment.limit_here(task.estimator)
-                    tell = partial(_count_on, note, done)
-                    outcome = built.run(readings, first, size, truth, tell, limit, saving)
+                    outcome = built.run(readings, first, size, truth, watching, limit, saving)
         except (Raised, Lost) as error:
             status = error.status if isinstance(error, Lost) else "error"
             reason = self._why_not_built(task.estimator, error)
@@ -183,8 +179,3 @@ class Worker:
                 return self.estimator(label, alone=False).time(readings)
         except (Raised, Lost):
             return float("nan"), []
-
-
-def _count_on(note: Callable[[int, int], None], done: int, place: int, count: int) -> None:
-    """Tell that runs begin, counted from the first of the part."""
-    note(done + place, count)

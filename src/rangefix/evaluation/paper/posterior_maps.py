@@ -11,10 +11,13 @@ from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 
 from ..consistency.formatting import beams_in_words
+from ..figures import Layout
 from ..figures.room import draw_beams, draw_density, draw_truth, draw_walls
-from ..figures.style import finish, label_positions
+from ..figures.sheet import Sheet
+from ..figures.style import label_positions
 from .table1 import Paper, Table1Row
 
+TALLEST = 6.0  # inches, of a room in a figure of a given width
 BARS: dict[str, Any] = {  # of the posterior mean
     "fmt": "o", "markersize": 4.5, "color": "black", "markerfacecolor": "white", "elinewidth": 1.0,
     "capsize": 2.5,
@@ -24,7 +27,7 @@ BARS: dict[str, Any] = {  # of the posterior mean
 def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0) -> AxesImage:
     image = draw_density(axes, paper.densities[row.beams], paper.scene["extent"])
     draw_truth(axes, paper.scene, size=star)
-    label = r"posterior mean $\pm$ 1 standard deviation"
+    label = "posterior mean \u00b1 1 standard deviation"
     (x1, x2), (std1, std2) = row.mean, row.std
     bars = axes.errorbar(x1, x2, std2, std1, zorder=6, label=label, **BARS)
     for artist in bars.get_children()[1:]:
@@ -32,7 +35,7 @@ def _density_image(axes: Axes, paper: Paper, row: Table1Row, star: float = 11.0)
     return image
 
 
-def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> AxesImage:
+def _map_panel(axes: Axes, paper: Paper, row: Table1Row, sheet: Sheet) -> AxesImage:
     left, right, lower, upper = paper.scene["extent"]
     image = _density_image(axes, paper, row)
     axes.set_xlim(left - 0.12, right + 0.12)
@@ -43,8 +46,11 @@ def _map_panel(axes: Axes, paper: Paper, row: Table1Row) -> AxesImage:
     axes.set_xticks(range(int(right) + 1))
     axes.set_yticks(range(int(upper) + 1))
     axes.spines[:].set_visible(False)
-    stds = rf"$\sigma_1$ = {row.std[0]:.3f} m, $\sigma_2$ = {row.std[1]:.3f} m"
-    axes.set_title(f"{beams_in_words(row.beams).capitalize()}\n{stds}")
+    stds = f"\u03c3\u2081 = {row.std[0]:.3f} m, \u03c3\u2082 = {row.std[1]:.3f} m".replace(
+        " = ", "\u00a0=\u00a0"
+    )
+    text = f"{beams_in_words(row.beams).capitalize()}\n{stds}".replace(" m", "\u00a0m")
+    axes.set_title(sheet.broken(text, "axes.titlesize"))
     return image
 
 
@@ -55,22 +61,29 @@ def _close_up(axes: Axes, paper: Paper, row: Table1Row) -> None:
     _density_image(inset, paper, row, star=9.0)
     inset.set_xlim(x1 - 0.23, x1 + 0.23)
     inset.set_ylim(x2 - 0.2, x2 + 0.2)
-    inset.tick_params(labelsize=7)
     inset.spines[:].set_visible(True)
     axes.indicate_inset_zoom(inset, edgecolor="0.3", alpha=1.0)
 
 
-def posterior_maps(paper: Paper, beam_sets: Sequence[str], title: str) -> Figure:
+def posterior_maps(paper: Paper, beam_sets: Sequence[str], title: str, layout: Layout) -> Figure:
     """Posterior densities in the room, one panel for each beam set, darkest at the peak of each."""
-    columns = min(len(beam_sets), 3)
-    rows = -(-len(beam_sets) // columns)
-    size = (2.7 * columns + 0.9, 4.15 * rows + 0.8) if rows > 1 else (5.4, 6.4)
-    figure = Figure(figsize=size, layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False)
-    for axes, beams in zip(panels.flat, beam_sets, strict=True):
-        image = _map_panel(axes, paper, paper.row(beams))
+    sheet = Sheet(layout)
+    columns = layout.columns(len(beam_sets), 3, 1.2, beside=1.0)
+    lines = -(-len(beam_sets) // columns)
+    left, right, lower, upper = paper.scene["extent"]
+    ratio = (upper - lower) / (right - left)
+    panels = sheet.panels(
+        len(beam_sets),
+        columns=columns,
+        natural=(2.7 * columns + 0.9, 4.15 * lines + 0.8) if lines > 1 else (5.4, 6.4),
+        beside=1.0,
+        height=lambda width: min(ratio * width, TALLEST) + 0.9 * layout.scale,
+    )[:, 0]
+    for axes, beams in zip(panels, beam_sets, strict=True):
+        image = _map_panel(axes, paper, paper.row(beams), sheet)
     if len(beam_sets) == 1:
-        _close_up(panels[0, 0], paper, paper.row(beam_sets[0]))
-    bar = figure.colorbar(image, ax=panels, shrink=0.7, aspect=35, pad=0.02)
+        _close_up(panels[0], paper, paper.row(beam_sets[0]))
+    bar = sheet.root.colorbar(image, ax=list(panels), shrink=0.7, aspect=35, pad=0.02)
     bar.set_label("posterior density / its peak")
-    return finish(figure, title, panels[:1, 0], columns=2)
+    sheet.finish(title, panels[:1], columns=2)
+    return sheet.root

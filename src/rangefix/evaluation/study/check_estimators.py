@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import one_line, suggestion
+from ...errors import one_line
 from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
 from ...filters.registry import BUILT_IN, file_of, resolve
 from ...maps import RectangularRoom
@@ -16,7 +16,6 @@ from ..isolation.look import inspect_plugin
 from .mistakes import MOST_TOLD, Mistakes
 from .sections.estimators import EstimatorSection, Variant
 
-UNITS = ("_m", "_deg")
 MOST_ESTIMATORS = 2000
 LARGEST_OPTIONS = {
     "iterations": 10_000,
@@ -53,9 +52,10 @@ def check_estimators(
             continue
         if entry.name in BUILT_IN:
             plugin = signature_of(entry.name, resolve(entry.name))
-            if _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
+            fits = _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
                 entry, variants, plugin, at, mistakes
-            ):
+            )
+            if fits and (problem is None or _cells_fit(variants, problem, at, mistakes)):
                 there = problem or _stand_in()
                 for variant in variants:
                     need = memory_needed(variant.name, there, variant.options, 1)
@@ -123,17 +123,10 @@ def _options_fit(
     entry: EstimatorSection, plugin: PluginInfo, at: tuple[str | int, ...], mistakes: Mistakes
 ) -> bool:
     """Whether the options are ones that the estimator has; notes those that are not."""
-    if plugin.any_option or not (plugin.parameters or plugin.summary or not plugin.fault):
-        return True
-    known = list(plugin.parameters)
-    unknown = [
-        given for given, name in zip(entry.options, entry.converted(), strict=True) if name not in known
-    ]
-    for given in unknown:
-        unit = next((unit for unit in UNITS if given.endswith(unit)), "")
-        text = suggestion(given, [name + unit for name in known])
-        mistakes.add((*at, "options", given), f"{entry.name} has no such option; {text}")
-    return not unknown
+    wrong = {given: text for given in entry.options if (text := plugin.misnamed(given))}
+    for given, text in wrong.items():
+        mistakes.add((*at, "options", given), f"{entry.name} {text}")
+    return not wrong
 
 
 def _sizes_fit(
@@ -154,6 +147,19 @@ def _sizes_fit(
                     (*at, "options", given), f"must be at most {LARGEST_OPTIONS[name]}, got {_short(value)}"
                 )
                 return False
+    return True
+
+
+def _cells_fit(
+    variants: list[Variant], problem: Problem, at: tuple[str | int, ...], mistakes: Mistakes
+) -> bool:
+    """Whether no length in m stands for the heading, which Python takes in rad beside the others."""
+    for variant in variants:
+        cell, heading_cell = (variant.options.get(name) for name in ("cell", "heading_cell"))
+        if cell is not None and heading_cell is None and problem.space.is_angle.any():
+            told = "is a length, and the heading is unknown: write one cell_m, and heading_cell_deg beside it"
+            mistakes.add((*at, "options", "cell_m"), told)
+            return False
     return True
 
 

@@ -60,7 +60,7 @@ class Mistakes:
     Attributes:
         source: What the file is called.
         lines: Key -> the line where it stands.
-        typed: Keys that were given on the command line -> how, where the key itself does not tell.
+        typed: Keys that were given instead of the file's -> how: an option, and what it was given.
         noted: Key and line of text of each mistake.
     """
 
@@ -75,10 +75,10 @@ class Mistakes:
 
     def line(self, path: Path, text: str) -> str:
         """What is to be said of a key, with the place where it stands."""
+        if path in self.typed:
+            return printable(f"{self.typed[path]}: {text}")
         line = line_of(path, self.lines)
         where = f"{self.source}:{line}" if line else self.source
-        if path in self.typed:
-            where, text = "command line", text + self.typed[path]
         name = dotted(path)
         return printable(f"{where}: {name}: {text}" if name else f"{where}: {text}")
 

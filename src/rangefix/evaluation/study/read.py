@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ...errors import one_line
+from ...errors import one_line, suggestion
 from ...maps.readers import kind_of, map_table
 from .build import build_world
 from .check_estimators import refuse_plugins
@@ -43,6 +43,7 @@ def load_study(
     seed: int | None = None,
     map_path: str | Path | None = None,
     plugins: bool = True,
+    given_as: Mapping[str, str] | None = None,
 ) -> Study:
     """Read a study and check it whole, but for the code of plug-ins, none of which is run.
 
@@ -52,6 +53,7 @@ def load_study(
         map_path: A map file, or a room as "room:WIDTHxLENGTH", instead of the file's [map]; its keys that fit
             the new map are kept. A path counts from the current folder.
         plugins: Whether it may name estimators that are not built in.
+        given_as: What mistakes call `runs`, `seed` and `map`, such as "--runs"; these names unless given.
 
     Raises:
         StudyError: With every mistake of the file, one line each.
@@ -68,12 +70,22 @@ def load_study(
             )
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        names = ", ".join(study_names())
-        raise StudyError([f"{target}: no such file; studies that come along: {names}"]) from None
+        raise StudyError([f"{target}: no such file{_meant(path)}"]) from None
     except (OSError, UnicodeDecodeError) as error:
         raise StudyError([f"{target}: cannot be read: {one_line(error)}"]) from None
     changes = {"runs": runs, "seed": seed, "map": map_path and str(map_path)}
-    return parse_study(text, source=path.name, folder=path.parent, changes=changes, plugins=plugins)
+    return parse_study(
+        text, source=path.name, folder=path.parent, changes=changes, plugins=plugins, given_as=given_as
+    )
+
+
+def _meant(path: Path) -> str:
+    """Which study was meant by a file that is not there, or which come along."""
+    beside = [str(file) for file in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+    hint = suggestion(str(path), [*study_names(), *beside])
+    if hint.startswith("did you mean"):
+        return f"; {hint}"
+    return f"; studies that come along: {', '.join(study_names())}"
 
 
 def parse_study(
@@ -83,6 +95,7 @@ def parse_study(
     folder: Path = Path(),
     changes: Mapping[str, Any] | None = None,
     plugins: bool = True,
+    given_as: Mapping[str, str] | None = None,
 ) -> Study:
     """A study from the text of its file, checked as by `load_study`.
 
@@ -93,6 +106,7 @@ def parse_study(
         changes: Key -> value instead of the file's; None changes nothing. A map is named by its path or as
             "room:WIDTHxLENGTH"; keys of [map] that fit the new map are kept.
         plugins: Whether it may name estimators that are not built in.
+        given_as: What mistakes call the keys of `changes`; as they are called unless given.
 
     Raises:
         StudyError: With every mistake, one line each.
@@ -106,10 +120,10 @@ def parse_study(
     except (RecursionError, ValueError) as error:  # quoted names nest too; numbers of thousands of digits
         raise StudyError([f"{source}: not TOML that can be read: {one_line(error)}"]) from None
     changed = {key: value for key, value in (changes or {}).items() if value is not None}
-    typed: dict[Key, str] = {(key,): "" for key in changed}
+    typed: dict[Key, str] = {(key,): (given_as or {}).get(key, key) for key in changed}
     mistakes = Mistakes(source, key_lines(text), typed)
     if "map" in changed:
-        typed["map",] = f" (--map {changed['map']})"
+        typed["map",] += f" {changed['map']}"
         told = mistakes.attempt(("map",), lambda: _with_kind("map", str(changed["map"]))) or SOUND["map"]
         if "path" in told:
             told["path"] = str(Path(told["path"]).absolute())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from ...filters.estimator import diagnostics_of, filtered
 from ...filters.plugin_line import plugin_line
 from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator
-from ..isolation import Stage, TookTooLong, begin_piece, begin_stage, deadline, memory_hint
+from ..isolation import Stage, TookTooLong, Watch, begin_piece, begin_stage, deadline, memory_hint
 from ..results import (
     KEPT_DRAWS,
     BeliefScores,
@@ -75,8 +75,16 @@ class BuiltEstimator(NamedTuple):
         self.run(measurement, 0)
         return Probe(size, perf_counter() - start)
 
-    def attempt(self, measurement: Array, runs: Iterable[int], truth: Array | None = None) -> Outcome:
+    def attempt(
+        self,
+        measurement: Array,
+        runs: Iterable[int],
+        truth: Array | None = None,
+        watch: Watch | None = None,
+    ) -> Outcome:
         """Estimates after each step, all runs at once, all "ok"; beliefs are judged if truths are given.
+
+        `watch` is told which method is called next.
 
         Raises:
             TrialError: If a method raises or gives arrays of the wrong shape.
@@ -92,6 +100,8 @@ class BuiltEstimator(NamedTuple):
             nonlocal stage
             stage = Stage(verb=verb, step=step)
             begin_stage(verb, step)
+            if watch is not None:
+                watch(stage)
 
         try:
             readings = measurement.swapaxes(0, 1)
@@ -142,7 +152,7 @@ class BuiltEstimator(NamedTuple):
         first: int,
         size: int | None = None,
         truth: Array | None = None,
-        note: Callable[[int, int], None] = begin_piece,
+        watch: Watch | None = None,
         limit: float = np.inf,
         saving: Saving | None = None,
     ) -> Outcome:
@@ -155,7 +165,7 @@ class BuiltEstimator(NamedTuple):
             first: Number of the first run.
             size: Runs to a batch; all at once unless given.
             truth: True states (M, T, n), if beliefs are to be judged.
-            note: Told the place of the first run, and how many are done at once, before each piece of work.
+            watch: Told before each piece of work and each method which runs are done at once, and what.
             limit: Longest that a run may take, s, where this process can end it; ten runs of a batch may each
                 take a tenth.
             saving: Where finished runs go every few seconds; batches are as small as that needs.
@@ -171,12 +181,18 @@ class BuiltEstimator(NamedTuple):
             if saving is not None and (most := saving.begin(end - start)) < end - start:
                 todo.append((start + most, end))
                 end = start + most
-            note(start, end - start)
+            begin_piece(start, end - start)
+
+            def note(stage: Stage, start: int = start, end: int = end) -> None:
+                if watch is not None:
+                    watch(stage._replace(place=start, at_once=end - start))
+
+            note(Stage())
             readings, true = measurement[start:end], None if truth is None else truth[start:end]
             try:
                 numbers = range(first + start, first + end)
                 with deadline(limit * -(-len(readings) // RUNS_TO_A_LIMIT)):
-                    outcomes.append(self.attempt(readings, numbers, true))
+                    outcomes.append(self.attempt(readings, numbers, true, note))
             except TrialError as error:
                 if end - start > 1:  # whose fault it is will show
                     todo += [(place, place + 1) for place in range(start, end)][::-1]

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...arrays import Array
 from ..experiment import Builder, NamedEstimator
-from ..isolation import IsolatedProcess, Limit, Lost, Raised, to_pickle, undisturbed
+from ..isolation import IsolatedProcess, Limit, Lost, Raised, Watch, counted_from, to_pickle, undisturbed
 from ..isolation.look import add_folder
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
@@ -95,12 +95,18 @@ class GuardedEstimator:
             self._child.kill()
             self._child = None
 
-    def _ask(self, method: str, arguments: tuple[Any, ...], limit: Limit) -> Any:
-        """What a method of the estimator there gives."""
+    def _ask(
+        self,
+        method: str,
+        arguments: tuple[Any, ...],
+        limit: Limit,
+        watch: Watch | None = None,
+    ) -> Any:
+        """What a method of the estimator there gives; `watch` is told now and then where it is."""
         self.start()
         assert self._child is not None
         try:
-            return self._child.ask(_call, (method, *arguments), limit)
+            return self._child.ask(_call, (method, *arguments), limit, watch=watch)
         except Lost:
             self._child = None
             raise
@@ -146,6 +152,7 @@ class GuardedEstimator:
         first: int,
         first_two: Array,
         truth: Array | None = None,
+        watch: Watch | None = None,
         saving: Saving | None = None,
     ) -> Outcome:
         """Trials of runs first, first + 1, ...; those that hang or end the process are told from the others.
@@ -196,7 +203,7 @@ class GuardedEstimator:
                     end = start + most
                 true = None if truth is None else truth[start:end]
                 piece = (measurement[start:end], first + start, at_once, true)
-                done[start] = self._ask("run", piece, self._limit(probe))
+                done[start] = self._ask("run", piece, self._limit(probe), counted_from(start, watch))
                 if saving is not None:
                     saving.end(end - start, so_far)
                 continue

@@ -22,6 +22,13 @@ def adaptive_point_mass(
     other problem, and for maps that are not made of segments or make too many pieces, it is
     `AdaptivePointMassFilter`, whose options these are.
 
+    Args:
+        problem: The problem.
+        accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances.
+        drop: Density, relative to the greatest, below which no mode is looked at.
+        table_rays: About how many rays to spend on the table of ranges.
+        most_cells: The most cells of one mode.
+
     Raises:
         ValueError: If an option is out of bounds, or the problem is of a kind that neither takes.
     """

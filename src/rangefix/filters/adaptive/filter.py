@@ -20,11 +20,12 @@ from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .lattice import Lattice, Limits, halved
 from .mode_gaussians import kept_count, sample_modes
 from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, integrate, verified
-from .predicted import Predicted, coarse_axes, predict_modes
+from .predicted import GUESS_BEAMS, Draws, Predicted, coarse_axes, predict_modes
 from .range_bounds import SearchTable, build_table, shortfall_bounds
-from .target import Target, TooManyCells
+from .target import STATE_COST, WORK, Target, TooManyCells, Work
 
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
+LEAST_STATES = 2000  # that a fix looks at: guesses, climbs, a mode and its neighbour
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
 MAX_BOXES = 20_000  # that a search may leave
@@ -34,6 +35,9 @@ STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
+DRAWS_ASKED = 20_000  # that show what the modes found hold nothing of
+DRAWS_FOLLOWED = 48  # of those, at once
+DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
@@ -101,6 +105,12 @@ class AdaptivePointMassFilter(BriefRepr):
         if not expects_map_ranges(self.problem.sensor, states):
             raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
         check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
+        beams, most = len(self.problem.sensor.bearings), int(WORK / LEAST_STATES - STATE_COST)
+        if beams > most:
+            raise ValueError(
+                f"a fix asks {LEAST_STATES} states or more for {beams} ranges each, more than {WORK:.0e} "
+                f"rays: take at most {most} beams"
+            )
         self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property
@@ -208,7 +218,10 @@ class AdaptivePointMassFilter(BriefRepr):
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        return verified(target, check, integrate(target, peaks, self._accuracy), self._accuracy)
+        found = integrate(target, peaks, self._accuracy)
+        if isinstance(prior, Predicted):
+            found = replace(found, missed=prior.blur(prior.draws(DRAWS_ASKED)))
+        return verified(target, check, found, self._accuracy)
 
     def _finer(self, belief: AdaptiveBelief, before: Quadrature, control: Array) -> tuple[Lattice, ...]:
         """The modes before a move, with half the steps where walls cut the law of the move.
@@ -301,6 +314,7 @@ class AdaptivePointMassFilter(BriefRepr):
     def _after_move(self, prior: Predicted, target: Target) -> Quadrature:
         """The posterior after a move: from some predicted points, then from those not yet in a mode."""
         found, rough, scores = NOWHERE, replace(target, log_prior=prior.roughly), prior.scores(target)
+        likely = replace(target, log_prior=no_prior, log_prior_cost=0.0)
         for _ in range(2):
             guesses, means, precisions = prior.guesses(scores, MAX_GUESSES_PER_PART, found.holds)
             if not len(guesses):
@@ -308,7 +322,41 @@ class AdaptivePointMassFilter(BriefRepr):
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = integrate(target, peaks, self._accuracy, found)
-        return replace(found, missed=prior.missed(target, found)) if found.modes else found
+        draws = prior.draws(DRAWS_ASKED)
+        draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
+        found = self._completed(target, rough, found, draws, *prior.means_and_precisions())
+        return replace(found, missed=found.missed + prior.blur(draws)) if found.modes else found
+
+    def _completed(
+        self, target: Target, rough: Target, found: Quadrature, draws: Draws, means: Array, precisions: Array
+    ) -> Quadrature:
+        """The modes found, and those that draws show where these hold nothing; and what is still not held.
+
+        Args:
+            target: The posterior.
+            rough: The same with a prior that is quick to work out, for the climb.
+            found: Its modes so far.
+            draws: Draws that stand for all of it.
+            means: Gaussians that stand for the prior near the draws of each part: means (P, n),
+            precisions: and inverse covariances, (P, n, n).
+        """
+        for steps in (*DRAW_STEPS, None):
+            left = np.flatnonzero(~found.holds(draws.states) & (draws.log_mass > -np.inf))
+            worth = draws.log_mass[left]
+            if found.modes:
+                worth = worth - found.log_integral + np.log(found.counts(draws.states[left]))
+                found = replace(found, missed=float(np.exp(np.logaddexp.reduce(worth, initial=-np.inf))))
+                if found.missed < MISSED_SHARE * self.accuracy:
+                    break
+            if steps is None or not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
+                break
+            best = left[np.argsort(-worth, kind="stable")[:DRAWS_FOLLOWED]]
+            of = draws.parts[best]
+            peaks = climb(rough, draws.states[best], means[of], precisions[of], steps)
+            if rough is not target:
+                peaks = peaks._replace(log_density=target.log_density(peaks.states))
+            found = integrate(target, peaks, self._accuracy, found)
+        return found
 
     def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
@@ -333,7 +381,25 @@ class AdaptivePointMassFilter(BriefRepr):
             left, worth = left[worth > -np.inf], worth[worth > -np.inf]
             if not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
                 break
-        return found
+        if len(target.beams) > QUICK_BEAMS or target.perfect() - found.level > UNEXPLAINED_NATS:
+            return found
+        drawn = replace(target, work=Work(np.inf))
+        draws = self._draws_in(boxes[scores > -np.inf], log_volume)
+        draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(drawn, draws.states))
+        return self._completed(target, target, found, draws, mean[None], precision[None])
+
+    def _draws_in(self, boxes: Array, log_volume: float) -> Draws:
+        """Draws spread evenly over boxes (K, n) of such a volume each, the same number in each."""
+        each = max(1, round(DRAWS_ASKED / max(len(boxes), 1)))
+        states = np.repeat(boxes, each, axis=0)
+        space, rng = self.problem.space, np.random.default_rng(0)
+        width = np.sqrt(TWO_PI * np.diagonal(self.problem.prior.covariance))
+        width[space.position_indices] = self.table.size[:2] / 2
+        if "heading" in space.names:
+            width[space.names.index("heading")] = self.table.size[2]
+        states = space.wrap(states + width * rng.uniform(-0.5, 0.5, states.shape))
+        log_share = log_volume - np.log(each)
+        return Draws(states, np.zeros(len(states), np.int64), np.full(len(states), log_share))
 
     def _worth(
         self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Quadrature
@@ -390,6 +456,22 @@ class AdaptivePointMassFilter(BriefRepr):
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))
+
+
+def draw_log_densities(target: Target, states: Array) -> Array:
+    """Log densities of drawn states, (J, n) -> (J,); with many beams -inf for all but the likeliest."""
+    few, logs = target.few(GUESS_BEAMS), np.full(len(states), -np.inf)
+    first = few.log_density(states)
+    if few is target:
+        return first
+    best = np.argsort(-first, kind="stable")[:MAX_BOXES_FOLLOWED]
+    logs[best] = target.log_density(states[best])
+    return logs
+
+
+def no_prior(states: Array) -> Array:
+    """A log density of zero everywhere, (K, n) -> (K,)."""
+    return np.zeros(len(states))
 
 
 def resultant_of_draws(space: StateSpace, prior: Prior) -> float:

@@ -131,7 +131,7 @@ class Quadrature:
     def _gap(self) -> float:
         """By how much the checks' mean and covariance are others."""
         _, mean, covariance, _ = self.moments
-        _, other, spread, _ = moments_of(self.checks)
+        _, other, spread, _ = moments_of(self.checks, sharp=True)
         std = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
         off = np.abs(self.modes[0].space.difference(other, mean)) / std
         return float(max(off.max(), (np.abs(spread - covariance) / np.outer(std, std)).max()))
@@ -144,8 +144,8 @@ class Quadrature:
         gaps = []
         for mode, check in zip(self.modes, self.checks, strict=True):
             sums = []
-            for lattice, log in ((mode, log_integral), (check, other)):
-                weights, away = deviations(lattice, log, mean)
+            for lattice, log, sharp in ((mode, log_integral, False), (check, other, True)):
+                weights, away = deviations(lattice, log, mean, sharp)
                 scaled = away / root
                 second = (scaled * weights[:, None]).T @ scaled
                 sums.append(np.concatenate([[weights.sum()], weights @ scaled, second.ravel()]))

@@ -36,8 +36,13 @@ class Moments(NamedTuple):
     resultant: float
 
 
-def moments_of(lattices: Sequence[Lattice]) -> Moments:
-    """Moments of a density on lattices that do not overlap."""
+def moments_of(lattices: Sequence[Lattice], sharp: bool = False) -> Moments:
+    """Moments of a density on lattices that do not overlap.
+
+    Args:
+        lattices: The lattices.
+        sharp: Whether half a turn from the mean each point lies wholly on its own side, as in `deviations`.
+    """
     space = lattices[0].space
     lattices = [lattice for lattice in lattices if lattice.log_integral > -np.inf]
     logs = np.array([lattice.log_integral for lattice in lattices])
@@ -50,7 +55,7 @@ def moments_of(lattices: Sequence[Lattice]) -> Moments:
     covariance = np.zeros((space.size, space.size))
     for share, lattice in zip(shares, lattices, strict=True):
         if is_cut(lattice, mean):
-            weights, away = deviations(lattice, log_integral, mean)
+            weights, away = deviations(lattice, log_integral, mean, sharp)
             covariance += (away * weights[:, None]).T @ away
         else:
             offset = space.difference(lattice.mean, mean)
@@ -71,10 +76,14 @@ def weights_of(lattice: Lattice, log_integral: float) -> Array:
     return np.asarray(np.exp(lattice.logs + lattice.log_cell - log_integral))
 
 
-def deviations(lattice: Lattice, log_integral: float, mean: Array) -> tuple[Array, Array]:
+def deviations(
+    lattice: Lattice, log_integral: float, mean: Array, sharp: bool = False
+) -> tuple[Array, Array]:
     """Points as weights and deviations from a mean, (N,) and (N, n): N is K, or 2 K where a cut goes through.
 
-    Angles are taken the short way round.
+    Angles are taken the short way round. Points about half a turn from the mean count on both sides, which
+    is exact for smooth densities; with a sharp cut each counts on its own side alone, which is coarser, but
+    holds where a density breaks off, too.
     """
     weights, away = weights_of(lattice, log_integral), lattice.unwrapped - mean
     if not weights.any():
@@ -87,7 +96,7 @@ def deviations(lattice: Lattice, log_integral: float, mean: Array) -> tuple[Arra
             if low < cut < high:
                 past = (away[:, axis] - cut) * np.sign(cut)
                 highest = np.pi / np.abs(lattice.basis[axis]).max()
-                beyond = 0.5 + sici(highest * past)[0] / np.pi
+                beyond = (past > 0) * 1.0 if sharp else 0.5 + sici(highest * past)[0] / np.pi
                 other = away.copy()
                 other[:, axis] += turn
                 weights = np.concatenate([weights * (1 - beyond), weights * beyond])

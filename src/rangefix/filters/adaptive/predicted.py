@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, IntArray
 from ..models.confined import Confined
 from ..models.motion import Stationary
 from ..problem import Motion, RangeMap
@@ -22,7 +23,6 @@ from .gauss_newton import quick_scores
 from .gaussian_sums import Gaussians, log_reached, log_sum, reached
 from .lattice import Lattice
 from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kernels, conditional_stds, smoothed
-from .modes import Quadrature
 from .target import Target, TooManyCells
 
 MAX_POINTS_MOVED = 20_000
@@ -47,6 +47,8 @@ class Part:
         fans: How far walls are from each start in WALL_DIRECTIONS all round, m; (K, 0) where no wall is near.
         mean: Its mean, walls aside, (n,).
         covariance: Its covariance, walls aside, (n, n).
+        blur: Of what stays put beside a wall, the share of a variance that its kernels make up: nothing
+            spreads it besides, and where it breaks off at the wall it is off by as much, in deviations.
     """
 
     starts: Array
@@ -55,6 +57,28 @@ class Part:
     fans: Array
     mean: Array
     covariance: Array
+    blur: float = 0.0
+
+    @property
+    def log_weights(self) -> Array:
+        """Log probability of each Gaussian, walls aside, (K,)."""
+        precision = self.gaussians.precision
+        level = 0.5 * (np.linalg.slogdet(precision)[1] - precision.shape[1] * LOG_TWO_PI)
+        return np.asarray(self.gaussians.log_scale - level)
+
+
+class Draws(NamedTuple):
+    """Draws from a predicted density, which stand for all of it.
+
+    Attributes:
+        states: (J, n).
+        parts: The part that each is of, (J,).
+        log_mass: Log of the probability that each stands for, (J,).
+    """
+
+    states: Array
+    parts: IntArray
+    log_mass: Array
 
 
 @dataclass(frozen=True)
@@ -94,20 +118,35 @@ class Predicted:
         """What its density at a state costs, in rays cast."""
         return TERM_COST * sum(len(part.likely) for part in self.parts)
 
-    def missed(self, target: Target, found: Quadrature) -> float:
-        """By how much mean and covariance are off without the points that no mode holds, in deviations."""
-        total = 0.0
-        for part in self.parts:
-            left = np.flatnonzero(~found.holds(part.likely))
-            if len(left):
-                states = part.likely[left]
-                level = 0.5 * (
-                    np.linalg.slogdet(part.gaussians.precision[left])[1] - states.shape[1] * LOG_TWO_PI
-                )
-                logs = part.gaussians.log_scale[left] - level - found.log_integral
-                likelihood = replace(target, log_prior=no_prior, log_prior_cost=0.0).log_density(states)
-                total += float((np.exp(logs + likelihood) * found.counts(states)).sum())
-        return total
+    def draws(self, count: int) -> Draws:
+        """About so many draws from the density by one fixed seed, those that walls stop left out."""
+        logs = np.concatenate([part.log_weights for part in self.parts])
+        total = np.cumsum(np.exp(logs - logs.max()))
+        rng = np.random.default_rng(0)
+        chosen = np.searchsorted(total, total[-1] * (np.arange(count) + rng.random()) / count)
+        first, where, states, of = 0, self.space.position_indices, [], []
+        for place, part in enumerate(self.parts):
+            last = first + len(part.likely)
+            which = chosen[(chosen >= first) & (chosen < last)] - first
+            root = np.linalg.inv(np.linalg.cholesky(part.gaussians.precision[which]))
+            steps = rng.standard_normal((len(which), 1, self.space.size)) @ root
+            drawn, first = part.gaussians.centres[which] + steps[:, 0], last
+            if part.fans.size:
+                assert self.room is not None
+                ends = np.ascontiguousarray(drawn[:, None, where])
+                free = self.room.is_free(ends)
+                drawn = drawn[reached(ends, free, part.starts[which], part.fans[which])[:, 0]]
+            states.append(drawn)
+            of.append(np.full(len(drawn), place))
+        log_share = float(np.logaddexp.reduce(logs) - np.log(count))
+        drawn = self.space.wrap(np.concatenate(states))
+        return Draws(drawn, np.concatenate(of), np.full(len(drawn), log_share))
+
+    def blur(self, draws: Draws) -> float:
+        """What kernels blur of what stays put, where draws say how much it counts; in deviations."""
+        shares = np.exp(draws.log_mass - draws.log_mass.max(initial=-np.inf))
+        total = np.bincount(draws.parts, shares, len(self.parts))
+        return float(total @ [part.blur for part in self.parts] / max(total.sum(), 1e-300))
 
     def roughly(self, states: Array) -> Array:
         """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""
@@ -161,11 +200,6 @@ class Predicted:
         counts = [len(states) for states in chosen]
         means, precisions = self.means_and_precisions()
         return np.vstack(chosen), np.repeat(means, counts, axis=0), np.repeat(precisions, counts, axis=0)
-
-
-def no_prior(states: Array) -> Array:
-    """A log density of zero everywhere, (K, n) -> (K,)."""
-    return np.zeros(len(states))
 
 
 def coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
@@ -232,9 +266,29 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     if goes.any():
         parts.append(_part(space, moved._replace(log_weights=through), free, control, fans, nearest))
     if np.exp(stays).sum() > MIN_STUCK_PROBABILITY:
-        still = smoothed(mode, noise, together, stays=True)
-        parts.append(_part(space, still._replace(log_weights=stays), Stationary(space), control))
+        still = smoothed(mode, noise, together, stays=True)._replace(log_weights=stays)
+        still, fans, inside = _kept_inside(still, motion, control)
+        part = _part(space, still, Stationary(space), control, fans, inside)
+        blur = float((np.diagonal(still.covariance) / np.diagonal(part.covariance)).max())
+        parts.append(replace(part, blur=blur))
     return parts
+
+
+def _kept_inside(still: Kernels, walls: Confined, control: Array) -> tuple[Kernels, Array, Array]:
+    """What stays put, its kernels cut off at walls and normalised: nothing that stays leaks through them.
+
+    Returns:
+        Those that are about free space, how far walls are from each all round, and a place of each in it.
+    """
+    resting = replace(walls, motion=Stationary(walls.space))
+    starts = np.ascontiguousarray(still.states[:, walls.space.position_indices])
+    fans = walls.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), WALL_DIRECTIONS)
+    ends = _ends(still, resting, control, STEP_DRAWS)
+    met = reached(ends, walls.room.is_free(ends), starts, fans)
+    inside, kept = met.mean(axis=1), met.any(axis=1)
+    nearest = ends[np.arange(len(ends)), met.argmax(axis=1)]
+    weights = still.log_weights[kept] - np.log(inside[kept])
+    return Kernels(still.states[kept], weights, still.covariance), fans[kept], nearest[kept]
 
 
 def _noise_in_steps(mode: Lattice, motion: Motion, control: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Array
 from ..estimator import EachRun, Estimate, Estimator
 from ..problem import Problem
-from ..registry import build
+from ..registry import build, resolve
 
 Factory = Callable[..., Any]
 SURE = 6.0  # standard errors
@@ -35,6 +35,12 @@ class Subject:
     def name(self) -> str:
         """The name to print."""
         return self.target if isinstance(self.target, str) else getattr(self.target, "__name__", "estimator")
+
+    @property
+    def factory(self) -> Factory:
+        """The function or class that makes the estimator."""
+        factory: Factory = resolve(self.target) if isinstance(self.target, str) else self.target
+        return factory
 
     def build(self, problem: Problem) -> Estimator[Any]:
         """The estimator for a problem."""

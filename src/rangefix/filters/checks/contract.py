@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arrays import Array
 from ..estimator import Estimate, Estimator
+from ..option_units import units_of
 from .claims import Subject, claim, need, need_same
 from .problems import CONTROL, answer, generators, position_problem, readings, settled
 
@@ -20,7 +21,8 @@ NAN = np.nan
 
 @claim("Give the class (or what the function returns) init, predict, update and estimate.")
 def can_be_built(subject: Subject) -> None:
-    """A problem and the options give an estimator with four verbs."""
+    """A problem and the options give an estimator with four verbs; declared units are of its options."""
+    units_of(subject.factory)
     estimator = subject.build(position_problem())
     verbs = ("init", "predict", "update", "estimate")
     missing = [verb for verb in verbs if not callable(getattr(estimator, verb, None))]

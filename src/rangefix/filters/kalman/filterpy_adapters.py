@@ -45,7 +45,9 @@ class OneRunFilter:
 class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
     """The extended Kalman filter (filterpy), linearised at the mean, or iterated (Bell and Cathey, 1993).
 
-    Its options are those of `ExtendedKalmanFilter`.
+    Args:
+        problem: What may be known.
+        iterations: How often the measurement is linearised: 1 is the plain filter.
 
     Raises:
         ValueError: If an option is out of its range, or there are more than 4000 beams.
@@ -106,7 +108,11 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
 class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
     """The unscented Kalman filter (filterpy; Julier and Uhlmann, 1997; scaling of van der Merwe, 2004).
 
-    Its options are those of `UnscentedKalmanFilter`.
+    Args:
+        problem: What may be known.
+        alpha: Spread of the sigma points, > 0.
+        beta: Weight added to the centre's deviation; 2 suits a Gaussian.
+        kappa: A second spread, as of `UnscentedKalmanFilter`.
     """
 
     def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:

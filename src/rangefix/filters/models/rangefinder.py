@@ -106,7 +106,7 @@ class Rangefinder:
         """Which beams lie in the blind sector, (B,)."""
         return np.asarray(np.abs(wrap(self.bearings - np.pi)) < self.blind_sector / 2 * (1 - 1e-12))
 
-    @property
+    @cached_property
     def gaussian_stds(self) -> Array | None:
         """Standard deviations, m, (B,), where noise is Gaussian and no range or incidence is limited."""
         unlimited = np.isinf(self.max_range) and not self.min_range and self.max_incidence == RIGHT_ANGLE

@@ -16,6 +16,7 @@ from .records import CellMass, CellTable, Moments, Readings, SharedRanges
 from .turning_kernels import HEADINGS_PER_BLOCK
 from .turning_ranges import RangesByDirection, cast_turning, directions
 
+TABLES = 3  # of expected ranges: the grid's, and those of two shifted grids that tell its error
 CASTS_AT_ONCE = 1 << 22  # ranges, where the heading is known
 CHECKED_CELLS = 16  # in which a sensor is asked whether it expects what its map says
 
@@ -86,7 +87,7 @@ def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
     Args:
         grid: The grid.
         sensor: The rangefinder.
-        memory: The most that the ranges may take, bytes.
+        memory: The most that the ranges of these cells and of two shifted grids of as many may take, bytes.
 
     Raises:
         ValueError: If they would take more.
@@ -117,8 +118,9 @@ def _cast_each(centres: Array, sensor: Sensor) -> Array:
 
 
 def _check_memory(need: float, most: float, what: str) -> None:
-    if need > most:
+    if TABLES * need > most:
         raise ValueError(
-            f"the ranges of {what} need {need / 1e9:.1f} GB, more than {most / 1e9:g} GB: take larger cells, "
-            "a smaller prior, fewer beams, or heading cells of which the beams' spacing is a multiple"
+            f"the ranges of {what}, and of two shifted grids that tell their error, need "
+            f"{TABLES * need / 1e9:.3g} GB, more than {most / 1e9:g} GB: take larger cells, a smaller prior, "
+            "fewer beams, heading cells of which the beams' spacing is a multiple, or a greater memory_gb"
         )

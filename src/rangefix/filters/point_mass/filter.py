@@ -22,6 +22,7 @@ from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
 
+MEMORY_GB = 0.6  # of expected ranges: 25 million of them, three times
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted against these
 ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
@@ -78,7 +79,8 @@ class PointMassFilter(BriefRepr):
         cell: Largest cell size, one number or one for each component; m, or rad for a heading.
         heading_cell: That of an unknown heading, rad, where `cell` is one number for the others.
         most_cells: The most cells that the prior's support may be divided into.
-        memory_gb: The most that the table of expected ranges may take, GB; posteriors come on top.
+        memory_gb: The most that the expected ranges may take, GB, with those of two shifted grids, which
+            tell the error; posteriors come on top.
         cell_correction: Whether the covariance is raised by what cells wider than the posterior miss. Without
             it the filter is the paper's.
         shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
@@ -92,7 +94,7 @@ class PointMassFilter(BriefRepr):
     cell: ArrayLike
     heading_cell: float | None = None
     most_cells: int = 20_000_000
-    memory_gb: float = 4.0
+    memory_gb: float = MEMORY_GB
     cell_correction: bool = True
     shift: float = 0.0
 
@@ -152,13 +154,6 @@ class PointMassFilter(BriefRepr):
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.counts))
-        return replace(
-            self._updated(belief, measurement),
-            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
-        )
-
-    def _updated(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
-        """What a checked measurement makes of a belief."""
         if self.problem.sensor.gaussian_stds is not None:
             with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
                 after = self._with_readings(belief, measurement)
@@ -237,7 +232,7 @@ class PointMassFilter(BriefRepr):
             raise ValueError("heading_cell is for an unknown heading, and needs one number for cell")
         return np.where(angle, self.heading_cell, np.asarray(self.cell, dtype=float))
 
-    @property
+    @cached_property
     def _precision(self) -> Array:
         """1 / variance of each beam, (B,); zeros where the noise is not Gaussian."""
         stds = self.problem.sensor.gaussian_stds
@@ -258,7 +253,13 @@ class PointMassFilter(BriefRepr):
         spread = 0.5 * precision * step**2 * belief.counts / np.maximum(counts, 1)
         common = np.where(returned, log_density - spread, 0.0)
         common[mixed] = -np.inf  # one beam, from one place, both met a wall and met none
-        return replace(belief, counts=counts, readings=readings, log_scale=belief.log_scale + common.sum(1))
+        return replace(
+            belief,
+            counts=counts,
+            readings=readings,
+            log_scale=belief.log_scale + common.sum(1),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
 
     def _with_densities(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Any noise: the log density of the measurement at every cell goes into the cells' log mass."""
@@ -272,7 +273,12 @@ class PointMassFilter(BriefRepr):
                 part = slice(start, start + height)
                 density = self.problem.sensor.log_density(measurement[part, None, :], expected)
                 log_mass[part, first : first + width] += density
-        return replace(belief, log_mass=log_mass, top_mass=self.cells.top(log_mass))
+        return replace(
+            belief,
+            log_mass=log_mass,
+            top_mass=self.cells.top(log_mass),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
 
     def _finish(self, belief: PointMassBelief, before: PointMassBelief | None) -> PointMassBelief:
         """Work out the estimate; runs in which nothing is possible any more keep the one from before."""
@@ -280,10 +286,11 @@ class PointMassFilter(BriefRepr):
         mass = CellMass(belief.log_mass, belief.top_mass)
         sums = self.cells.moments(readings, mass, self.cell_correction)
         mean, covariance, log_evidence = sums.means, sums.covariances, belief.log_scale + sums.log_sums
-        flat = ~is_definite(covariance, SUM_ROUNDING) & self.cell_correction
-        covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
-        if before is not None:
-            lost = ~np.isfinite(log_evidence)
+        flat = ~is_definite(covariance, SUM_ROUNDING)
+        if self.cell_correction and np.count_nonzero(flat):
+            covariance[flat] += np.diag(self.grid.step**2 / 12)  # cells in a row: each is even within
+        lost = ~np.isfinite(log_evidence)
+        if before is not None and np.count_nonzero(lost):
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from ..option_units import option_units
 from ..problem import Problem
 from ..refined_cells import RefinedPointMassFilter
-from .filter import PointMassFilter
+from .filter import MEMORY_GB, PointMassFilter
 
 ACCURACY = 0.02  # of mean and covariance, in deviations
 REFINED_CELLS = 200_000
 GRID_CELLS = 20_000_000
-MEMORY_GB = 4.0
 
 
+@option_units(cell="m", heading_cell="rad")
 def point_mass(
     problem: Problem,
     cell: ArrayLike | None = None,
@@ -27,15 +28,17 @@ def point_mass(
 
     Args:
         problem: The problem; its motion must be `Stationary`.
-        cell: Largest cell size, one number or one for each component; m, or rad for a heading. Without it the
-            cells follow the readings, and are as small as `accuracy` asks for.
-        heading_cell: With `cell`: that of an unknown heading, rad, where `cell` is one number for the others.
+        cell: Largest size of a cell, one number or one for each component. In m, and in rad for a heading;
+            without it the cells follow the readings, and are as small as `accuracy` asks for.
+        heading_cell: With `cell`: the largest size in an unknown heading. In rad, where `cell` is one number
+            for the others.
         cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
             what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
         accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
-        most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid, 20
-            million.
-        memory_gb: With `cell`: the most that the table of expected ranges may take, GB; 4.
+        most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid,
+            20 million.
+        memory_gb: With `cell`: the most that the expected ranges may take, GB, with those of two shifted
+            grids that tell the error; 0.6.
 
     Raises:
         ValueError: If an option goes with the other kind of cells, or does not fit.

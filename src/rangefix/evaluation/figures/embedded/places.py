@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ....arrays import Array
-from ..style import COLOURS, to_svg
+from ..files import to_svg
+from ..style import COLOURS
 
 SHAPES = ("o", "s", "^", "D")  # that a page can draw, too: disc, square, triangle, diamond
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
+from ....filters.option_units import bare_name
 from .base import Misfit, Section
 
 MOST_VARIANTS = 1000  # of an estimator, by grids of its options
@@ -40,6 +41,9 @@ class EstimatorSection(Section):
     def _no_empty_grid(cls, options: dict[str, Any]) -> dict[str, Any]:
         if empty := [name for name, value in options.items() if value == []]:
             raise ValueError(f"{', '.join(empty)}: an empty list runs nothing; a list as a value is [[]]")
+        for name in options:
+            if twins := [other for other in options if other != name and bare_name(other) == bare_name(name)]:
+                raise Misfit(name, f"is the same option as {twins[0]}: give one of them")
         count = prod(len(value) for value in options.values() if isinstance(value, list))
         if count > MOST_VARIANTS:
             raise ValueError(f"these lists make {count:.3g} estimators, more than {MOST_VARIANTS}")

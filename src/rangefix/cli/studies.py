@@ -1,0 +1,164 @@
+"""The commands `studies`, `new` and `validate`, and what names a study."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .app import Json, named, names_from, one_of, print_json, say
+
+if TYPE_CHECKING:
+    from ..evaluation import Study
+
+EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
+SHIPPED = tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
+GIVEN_AS = {"runs": "--runs", "seed": "--seed", "map": "--map"}
+
+
+def studies_here() -> Iterator[str]:
+    """Names of studies that come along, and of study files in the current folder."""
+    yield from SHIPPED
+    yield from sorted(file.name for file in Path().glob("*.toml"))
+
+
+StudyFile = Annotated[
+    str,
+    typer.Argument(
+        metavar="STUDY",
+        help="A study file, or the name of one that comes along: see `rangefix studies`.",
+        autocompletion=names_from(studies_here),
+    ),
+]
+Runs = Annotated[
+    int | None, typer.Option("--runs", "-n", metavar="N", help="Monte Carlo runs, instead of the study's.")
+]
+Seed = Annotated[int | None, typer.Option("--seed", "-s", metavar="N", help="Seed, instead of the study's.")]
+Map = Annotated[
+    str | None,
+    typer.Option("--map", "-m", metavar="MAP", help="A map file or room:4x6 (m), instead of the study's."),
+]
+NoPlugins = Annotated[
+    bool,
+    typer.Option("--no-plugins", help="Refuse a study that names estimators which are not built in."),
+]
+
+
+def read_study(study: str, runs: int | None, seed: int | None, map_name: str | None, plugins: bool) -> Study:
+    """A study with what options say instead; its mistakes name the options.
+
+    Raises:
+        StudyError: With every mistake, one line each.
+    """
+    from ..evaluation import load_study
+
+    return load_study(study, runs=runs, seed=seed, map_path=map_name, plugins=plugins, given_as=GIVEN_AS)
+
+
+def studies(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", help="One of them: its text.", autocompletion=names_from(lambda: SHIPPED)
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", parser=named, metavar="FILE", help="Copy it to this file.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the studies that come along, show the text of one, or copy it to a file."""
+    if name is None:
+        if out is not None:
+            raise ValueError("--out needs a NAME: which study is to be copied?")
+        _list(as_json)
+        return
+    text = _text(one_of(name, SHIPPED, "study that comes along is called"))
+    if out is None:
+        if as_json:
+            print_json({"study": name, "text": text})
+        else:
+            for line in text.splitlines():
+                say(line)
+        return
+    path = write_new(out, text)
+    if as_json:
+        print_json({"study": str(path)})
+    else:
+        say(f"{path}   Run it: rangefix run {path}")
+
+
+def _list(as_json: bool) -> None:
+    tables = [tomllib.loads(_text(name)) for name in SHIPPED]
+    listed = [{"name": table["name"], "runs": table["runs"], "title": table["title"]} for table in tables]
+    if as_json:
+        print_json({"studies": listed})
+        return
+    for study in listed:
+        say(f"{study['name']:<20} {study['runs']:>5} runs   {study['title']}")
+    say("Run one: rangefix run NAME   Copy one to change it: rangefix studies NAME --out FILE")
+
+
+def _text(name: str) -> str:
+    return (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def new(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The file to write.")], as_json: Json = False
+) -> None:
+    """Write a commented study to begin with."""
+    path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
+    text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
+    name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
+    schema = (EXAMPLES.parent / "study.schema.json").as_uri()  # editors complete and check a study by it
+    for word, meant in (("STUDY.toml", path.name.replace("\n", "_")), ("NAME", name), ("SCHEMA", schema)):
+        text = text.replace(word, meant)
+    write_new(path, text)
+    if as_json:
+        print_json({"study": str(path)})
+    else:
+        say(f"{path}   Run it: rangefix run {path}")
+
+
+def write_new(path: Path, text: str) -> Path:
+    """Write a file that is not there yet; nothing is left of one that cannot be written.
+
+    Raises:
+        ValueError: If there is such a file, or it cannot be written.
+    """
+    made = False
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            made = True
+            file.write(text)
+    except FileExistsError:
+        raise ValueError(f"{path} is there already: choose another name, or remove it") from None
+    except OSError as error:
+        if made:
+            path.unlink(missing_ok=True)
+        raise ValueError(f"cannot write {path}: {error.strerror or error}") from None
+    return path
+
+
+def validate(
+    study: StudyFile,
+    runs: Runs = None,
+    seed: Seed = None,
+    map_path: Map = None,
+    no_plugins: NoPlugins = False,
+    as_json: Json = False,
+) -> None:
+    """Check a study, but for the code of plug-ins, and say what would run; nothing is run or written."""
+    from ..evaluation.study.outline import outline
+
+    told = outline(read_study(study, runs, seed, map_path, not no_plugins))
+    if as_json:
+        print_json(told.as_json())
+        return
+    for line in told.lines():
+        say(line)

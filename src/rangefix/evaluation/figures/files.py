@@ -1,0 +1,80 @@
+"""Figures as files: laid out once for all formats, and the same bytes for the same results."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from typing import Any
+
+from matplotlib import rc_context, rcParams
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from ..results import ResultsError
+
+FORMATS: dict[str, tuple[type[FigureCanvasAgg | FigureCanvasPdf | FigureCanvasSVG], dict[str, Any]]] = {
+    "png": (FigureCanvasAgg, {"Software": None}),
+    "svg": (FigureCanvasSVG, {"Date": None, "Creator": "rangefix"}),
+    "pdf": (FigureCanvasPdf, {"CreationDate": None, "Creator": "rangefix", "Producer": None}),
+}  # the canvas of each, and what it is not to tell: neither date nor version
+DPI = 50.0, 1200.0
+MOST_PIXELS = 20_000  # of a side
+
+
+def lay_out(figure: Figure) -> None:
+    """Find the places of all panels and labels, once: every file of the figure has them there."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        return
+    FigureCanvasAgg(figure)
+    dpi = figure.dpi
+    figure.set_dpi(rcParams["savefig.dpi"])
+    engine.execute(figure)
+    figure.set_dpi(dpi)
+    figure.set_layout_engine(None)  # a name would have matplotlib draw all twice
+
+
+def encoded(figure: Figure, formats: Iterable[str], dpi: float | None = None) -> dict[str, bytes]:
+    """A figure in several formats, laid out once, without date or version. Text stays text in SVG and PDF.
+
+    Args:
+        figure: The figure.
+        formats: Of FORMATS.
+        dpi: Pixels per inch of PNG, and of what is made of pixels in SVG and PDF; the style's unless given.
+
+    Raises:
+        ResultsError: If it would have too many pixels, or too few to the inch.
+    """
+    dpi = float(rcParams["savefig.dpi"]) if dpi is None else dpi
+    if not DPI[0] <= dpi <= DPI[1]:
+        raise ResultsError(f"pictures have {DPI[0]:g} to {DPI[1]:g} pixels per inch (dpi), not {dpi:g}")
+    pixels = [round(float(side) * dpi) for side in figure.get_size_inches()]
+    if max(pixels) > MOST_PIXELS:
+        raise ResultsError(
+            f"a figure would have {pixels[0]} x {pixels[1]} pixels, more than {MOST_PIXELS} on a side: "
+            "fewer pixels per inch, or a narrower figure"
+        )
+    lay_out(figure)
+    return {suffix: _content(figure, suffix, dpi) for suffix in formats}
+
+
+def to_svg(figure: Figure) -> bytes:
+    """A figure as SVG that looks the same everywhere: letters are drawn, whatever fonts a reader has."""
+    lay_out(figure)
+    with rc_context({"svg.fonttype": "path"}):
+        return _content(figure, "svg", float(rcParams["savefig.dpi"]))
+
+
+def to_png(figure: Figure) -> bytes:
+    """A figure as PNG, as it is laid out or will be."""
+    return _content(figure, "png", float(figure.dpi))
+
+
+def _content(figure: Figure, suffix: str, dpi: float) -> bytes:
+    canvas, metadata = FORMATS[suffix]
+    content = io.BytesIO()
+    canvas(figure)
+    figure.savefig(content, format=suffix, metadata=metadata, dpi=dpi)
+    return content.getvalue()
