@@ -19,7 +19,7 @@ from .places import Places, colour_of, marker_of
 LONGEST, SHORTEST = 4.6, 1.5  # inches: the sides of the map
 LEFT, BELOW, RIM = 0.62, 0.5, 0.12  # inches around it, for labels
 MARGIN = 0.05  # around what is shown, of its longer side
-MOST = 0.4  # of the map's area; where more of it is needed, all of it is shown
+LARGEST_PART = 0.4  # of the map's area; where more of it is needed, all of it is shown
 LARGEST, SMALLEST = (
     7.5,
     3.5,
@@ -72,7 +72,7 @@ def _view(scene: Scene, truths: Array) -> tuple[Array, Array]:
     first, last = np.array([scene["extent"][::2], scene["extent"][1::2]])
     low = np.maximum(np.min([scene["prior_lower"], *truths], axis=0), first)
     high = np.minimum(np.max([scene["prior_upper"], *truths], axis=0), last)
-    if np.prod(high - low) > MOST * np.prod(last - first):
+    if np.prod(high - low) > LARGEST_PART * np.prod(last - first):
         low, high = first, last
     margin = max(MARGIN * float((high - low).max()), 1e-3)
     return low - margin, high + margin
