@@ -115,7 +115,8 @@ def table(
     if as_json:
         print_json({"format": form, "file": str(out) if out else None, "table": text})
     else:
-        typer.echo(text.rstrip("\n") if out is None else str(out))
+        for line in text.splitlines() if out is None else [str(out)]:
+            say(line)
 
 
 def report(

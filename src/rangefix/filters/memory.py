@@ -21,7 +21,7 @@ from .point_mass.turning_ranges import directions
 from .problem import Prior, Problem
 from .refined_cells.coarse_cells import CELLS, SEARCH_BEAMS
 from .refined_cells.filter import RUNS_AT_ONCE
-from .refined_cells.pool import VALUES_AT_ONCE
+from .refined_cells.halving import VALUES_AT_ONCE
 from .registry import BUILT_IN, resolve
 
 FLOAT = 8.0  # bytes
@@ -110,10 +110,12 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
 def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed:
     """Coarse cells of two lattices, and the cells of the runs that are worked on at once."""
     size, beams = problem.space.size, len(problem.sensor.bearings)
-    coarse = 2 * CELLS[size] * FLOAT * (size + 6.0 * min(beams, SEARCH_BEAMS))
+    searched = min(beams, SEARCH_BEAMS)
+    coarse = 2 * CELLS[size] * FLOAT * (size**2 + 4 * size + (6.0 + size) * searched)
     most = REFINED_CELLS if options["most_cells"] is None else options["most_cells"]
     cells = min(float(most), USUAL_CELLS) * RUNS_AT_ONCE
-    peak = coarse + 3 * FLOAT * cells * (size + 9 + beams) + 6 * FLOAT * VALUES_AT_ONCE
+    a_cell = 2 * size**2 + 5 * size + 11 + beams * (2 + size)
+    peak = coarse + 3 * FLOAT * cells * a_cell + 6 * FLOAT * VALUES_AT_ONCE
     what = f"{cells:.6g} cells of {RUNS_AT_ONCE} runs with {_beams(beams)}"
     return MemoryNeed(coarse, peak, what, "take a smaller most_cells or fewer beams")
 

@@ -13,15 +13,6 @@ from rangefix.filters.checks import Check, check_names, checks_for, parametrize_
 from .faults import FAULTS
 from .sound import Kalman, Particles
 
-SLOW = {  # where cells follow the readings; given cells do all of them in seconds
-    "headings_are_angles",
-    "claims_what_is_true_with_a_heading",
-    "claims_what_is_true",
-    "missing_beams_say_nothing",
-    "order_of_beams_does_not_matter",
-    "readings_mean_what_they_mean_to_all",
-}
-
 
 @parametrize_with_checks([Kalman, Particles])
 def test_sound_estimators_pass(check: Check) -> None:
@@ -32,17 +23,7 @@ def test_sound_estimators_pass(check: Check) -> None:
 @parametrize_with_checks(available())
 def test_built_in_estimators_pass(check: Check) -> None:
     """Every estimator that `available` lists, with its defaults and without exceptions."""
-    if check.subject.name == "point-mass" and check.name in SLOW:
-        pytest.skip("takes up to minutes: make study")
     check()
-
-
-@pytest.mark.study
-@parametrize_with_checks(["point-mass"])
-def test_cells_that_follow_the_readings_pass(check: Check) -> None:
-    """The checks that take long where cells follow the readings: with headings half a second a fix."""
-    if check.name in SLOW:
-        check()
 
 
 def given_cells(problem: Problem) -> Estimator[Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array
+from ...arrays import LOG_TWO_PI, Array, IntArray
 from ..estimator import BriefRepr, Estimate, Image
 from ..images import image_of_cells
 from ..measurement import check_measurement
@@ -25,6 +25,7 @@ from .records import CellMass, Readings
 MEMORY_GB = 0.6  # of expected ranges: 25 million of them, three times
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted against these
+SURE_APART = 0.005  # deviations: where one shifted lattice is no further off no other is asked
 ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
 DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
 
@@ -120,15 +121,9 @@ class PointMassFilter(BriefRepr):
             ValueError: If the prior is not the problem's and reaches beyond the grid.
         """
         runs, beams = len(rngs), len(self.problem.sensor.bearings)
-        grid = self.grid
-        log_mass = grid.log_mass
-        if prior is not self.problem.prior:
-            log_mass = prior.log_density(grid.centres)
-            if log_mass.max() == -np.inf:
-                raise ValueError("this prior allows no cell of the grid: build the estimator for it")
-            log_mass = log_mass - np.logaddexp.reduce(log_mass)
+        log_mass = self._prior_mass(prior)
         blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
-        log_mass, none = log_mass[None], np.zeros((1, beams))
+        none = np.zeros((1, beams))
         nothing = np.zeros((1, 0, beams))
         first = PointMassBelief(
             log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank, prior, nothing
@@ -174,20 +169,43 @@ class PointMassFilter(BriefRepr):
         """How far mean and covariance may be off for cells of this size, in posterior deviations, (M,).
 
         Half as much again as the difference to what cells answer that are shifted against these, to either
-        side: together they see a wall or a jump as finer cells would. A mode that all miss is not told.
+        side: together they see a wall or a jump as finer cells would. Those to the other side are asked only
+        where the first are not of one mind with these. A mode that all miss is not told.
         """
-        mean, _, log_evidence = belief.estimate
-        possible = np.asarray(log_evidence) > -np.inf
-        rngs: list[Generator] = [np.random.default_rng(0)] * len(mean)  # nothing is drawn
-        answers = []
-        for cells in self.other_cells:
-            other = cells.init(belief.prior, rngs)
+        space, estimate = self.problem.space, belief.estimate
+        first, second = self.other_cells
+        one = first._told_the_same(belief)
+        apart = ERROR_FACTOR * deviations_apart(space, estimate, one)
+        apart = np.where(np.asarray(one.log_evidence) > -np.inf, apart, np.inf)
+        unsure = np.flatnonzero(apart > SURE_APART)
+        if len(unsure):
+            mine, half = _runs(estimate, unsure), _runs(one, unsure)
+            reference = mixed(space, (half, second._told_the_same(_some(belief, unsure))))
+            both = ERROR_FACTOR * deviations_apart(space, mine, reference)
+            apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
+        return np.where(np.asarray(estimate.log_evidence) > -np.inf, apart, 0.0)
+
+    def _told_the_same(self, belief: PointMassBelief) -> Estimate:
+        """What these cells answer to all that another grid's belief has been told."""
+        log_mass = self._prior_mass(belief.prior)
+        mine = replace(belief, log_mass=log_mass, top_mass=self.cells.top(log_mass))
+        if self.problem.sensor.gaussian_stds is None:
             for measurement in np.moveaxis(belief.measurements, 1, 0):
-                other = cells.update(other, measurement, rngs)
-            answers.append(other.estimate)
-        reference = mixed(self.problem.space, answers)
-        apart = ERROR_FACTOR * deviations_apart(self.problem.space, belief.estimate, reference)
-        return np.where(possible, np.where(reference.log_evidence > -np.inf, apart, np.inf), 0.0)
+                mine = self._with_densities(mine, measurement)
+        return self._finish(mine, belief).estimate
+
+    def _prior_mass(self, prior: Prior) -> Array:
+        """Log probability of each cell under a prior, (1, G).
+
+        Raises:
+            ValueError: If the prior is not the problem's and reaches beyond the grid.
+        """
+        if prior is self.problem.prior:
+            return self.grid.log_mass[None]
+        log_mass = prior.log_density(self.grid.centres)
+        if log_mass.max() == -np.inf:
+            raise ValueError("this prior allows no cell of the grid: build the estimator for it")
+        return np.asarray(log_mass - np.logaddexp.reduce(log_mass))[None]
 
     def posterior(self, belief: PointMassBelief) -> Array:
         """Probability of each cell of `grid`, (M, G); every row sums to one."""
@@ -294,6 +312,26 @@ class PointMassFilter(BriefRepr):
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
+
+
+def _runs(estimate: Estimate, rows: IntArray) -> Estimate:
+    """The estimates of some runs."""
+    return Estimate(estimate.mean[rows], estimate.covariance[rows], np.asarray(estimate.log_evidence)[rows])
+
+
+def _some(belief: PointMassBelief, rows: IntArray) -> PointMassBelief:
+    """The belief of some runs."""
+    shared = len(belief.log_mass) == 1
+    return replace(
+        belief,
+        log_mass=belief.log_mass if shared else belief.log_mass[rows],
+        top_mass=belief.top_mass if shared else belief.top_mass[rows],
+        counts=belief.counts[rows],
+        readings=belief.readings[rows],
+        log_scale=np.broadcast_to(belief.log_scale, len(belief.counts))[rows],
+        estimate=_runs(belief.estimate, rows),
+        measurements=belief.measurements[rows],
+    )
 
 
 def mixed(space: StateSpace, answers: Sequence[Estimate]) -> Estimate:

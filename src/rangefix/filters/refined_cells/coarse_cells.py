@@ -1,7 +1,8 @@
 """Coarse cells over a prior, shared by all runs: which of them can hold what a reading says.
 
-Each cell knows, from places spread over it, between which ranges each beam's lies. Where a range jumps inside
-a cell they fall into two clusters with a gap between, and so a reading in the gap fits neither.
+Each cell keeps the ranges about its centre as a model, and between which ranges each beam's lies, from places
+spread over it. Where a range jumps inside a cell they fall into two clusters with a gap between, and so a
+reading in the gap fits neither.
 """
 
 from __future__ import annotations
@@ -12,19 +13,28 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import TWO_PI, Array
-from ..compiled import njit
+from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Problem
+from .range_model import (
+    INSET_SHARE,
+    PriorModel,
+    RangeModel,
+    bends,
+    corner_reach,
+    corners,
+    model_about,
+    prior_model,
+)
 
-CELLS = {2: 20_000, 3: 20_000}  # about how many there are, by the number of components
-PLACES_A_SIDE = {2: 4, 3: 2}  # asked for their ranges in each cell
+CELLS = {2: 10_000, 3: 4_000}  # about how many there are, by the number of components
+PLACES_A_SIDE = {2: 5, 3: 3}  # asked for their ranges in each cell
+CUT_SIDE = 6  # the same in cells of which a part is no free space
 SEARCH_BEAMS = 16  # by which cells are told apart; all beams count when they are refined
 TYPICAL_RANGE = 2.5  # m; a cell is as long as it is wide to a beam that turns about its place
-CORNER = 0.99  # of the way from a cell's centre to its corners, which are asked, too
-CUT_SIDE = 5  # the same in cells of which a part is no free space
 RANGES_AT_ONCE = 1 << 22
 FAR = 1e9  # m; stands for no wall where ranges are sorted
 GAP_SHARE = 0.6  # of the spread of a cell's ranges: a wider gap parts two clusters
+SAME_WALL_M = 1e-4  # by which ranges may be off a model that holds all over a cell
 
 
 @dataclass(frozen=True)
@@ -33,22 +43,32 @@ class CoarseCells:
 
     Attributes:
         centres: Of the cells in which some place is possible, (G, n).
-        step: Their size, (n,).
+        steps: Their sizes, (G, n).
         beams: By which they are told apart, (b,).
         bands: Two intervals of ranges for each cell and beam, low and high twice, m, (G, b, 4).
-        log_prior: A bound on the prior's log density in each cell, (G,).
+        prior: The prior's log density in each.
+        log_integral: Log of the integral of the prior.
+        models: Ranges in each where they are kept, which they are of few beams; else None.
     """
 
     centres: Array
-    step: Array
-    beams: Array
+    steps: Array
+    beams: IntArray
     bands: Array
-    log_prior: Array
+    prior: PriorModel
+    log_integral: float
+    models: RangeModel | None
 
     @cached_property
-    def log_volume(self) -> float:
-        """Log of a cell's volume."""
-        return float(np.log(self.step).sum())
+    def log_volumes(self) -> Array:
+        """Of the cells, (G,)."""
+        return np.asarray(np.log(self.steps).sum(axis=1))
+
+    @cached_property
+    def farthest(self) -> float:
+        """Beyond which no wall is, m."""
+        ends = self.bands[..., [1, 3]]
+        return float(ends[np.isfinite(ends)].max(initial=1.0)) * 1.01
 
 
 def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
@@ -62,8 +82,41 @@ def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
     Raises:
         ValueError: If the prior allows no place that was asked.
     """
-    space, sensor, prior = problem.space, problem.sensor, problem.prior
-    lower, upper = prior.support
+    sensor, size = problem.sensor, problem.space.size
+    centres, steps = _lattice(problem, shift)
+    beams = np.unique(np.linspace(0, len(sensor.bearings) - 1, SEARCH_BEAMS).round().astype(np.int64))
+    rng = np.random.default_rng(seed)
+    rows = max(1, RANGES_AT_ONCE // (CUT_SIDE**size * len(sensor.bearings)))
+    parts = []
+    for start in range(0, len(centres), rows):
+        part, step = centres[start : start + rows], steps[start : start + rows]
+        places = _places(part, step, PLACES_A_SIDE[size], rng)
+        possible = problem.prior.log_density(problem.space.wrap(places)) > -np.inf
+        whole = possible.all(axis=1)
+        cut = possible.any(axis=1) & ~whole
+        for some, side in ((whole, PLACES_A_SIDE[size]), (cut, CUT_SIDE)):
+            if some.any():
+                parts.append(_asked(problem, part[some], step[some], beams, side, rng))
+    if not sum(len(part[0]) for part in parts):
+        raise ValueError("the prior allows no cell: it is too narrow, or outside free space")
+    found = [np.concatenate([part[k] for part in parts]) for k in range(13)]
+    models = RangeModel(*found[10:]) if len(beams) == len(sensor.bearings) else None
+    log_integral = float(np.log(found[3].sum()))
+    return CoarseCells(found[0], found[1], beams, found[2], PriorModel(*found[4:10]), log_integral, models)
+
+
+def models_at(problem: Problem, centres: Array, steps: Array, anchor: Array) -> RangeModel:
+    """Models of the ranges in cells, held against what is cast at their corners."""
+    offsets = corners(problem.space.size) * corner_reach(steps)[:, None]
+    ranges, slopes = model_about(problem, centres, anchor)
+    seen = np.asarray(problem.sensor.expected(centres[:, None] + offsets))
+    return RangeModel(ranges, slopes, bends(ranges, slopes, offsets, seen))
+
+
+def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:
+    """Centres and sizes of cells over the prior's support; those at its edges end there."""
+    space = problem.space
+    lower, upper = problem.prior.support
     extent, size = upper - lower, space.size
     scale = np.where(space.is_angle, 1 / TYPICAL_RANGE, 1.0)
     width = (np.prod(extent / scale) / CELLS[size]) ** (1 / size)
@@ -72,47 +125,63 @@ def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
     turns = space.is_angle & (np.abs(extent - TWO_PI) < 1e-9)
     counts = counts + (~turns & (shift > 0))
     cells = np.stack(np.unravel_index(np.arange(counts.prod()), counts), -1)
-    centres = lower + step * (cells + 0.5 - shift)
-    beams = np.unique(np.linspace(0, len(sensor.bearings) - 1, SEARCH_BEAMS).round().astype(int))
-    side = PLACES_A_SIDE[size]
-    rng = np.random.default_rng(seed)
-    kept, bands, bounds = [], [], []
-    rows = max(1, RANGES_AT_ONCE // (CUT_SIDE**size * len(sensor.bearings)))
-    for start in range(0, len(centres), rows):
-        part = centres[start : start + rows]
-        possible = prior.log_density(_places(part, step, side, rng)) > -np.inf
-        cut = possible.any(axis=1) & ~possible.all(axis=1)
-        for some, finer in ((possible.all(axis=1), side), (cut, CUT_SIDE)):
-            places = _places(part[some], step, finer, rng)
-            log_prior = prior.log_density(places)
-            first = (log_prior > -np.inf).argmax(axis=1)[:, None]
-            inside = np.where(log_prior > -np.inf, np.arange(places.shape[1]), first)
-            places = np.take_along_axis(places, inside[..., None], axis=1)
-            log_prior = np.take_along_axis(log_prior, inside, axis=1)
-            here = log_prior[:, 0] > -np.inf
-            kept.append(part[some][here])
-            bounds.append(_prior_bound(log_prior[here]))
-            bands.append(_two_bands(sensor.expected(places[here])[..., beams], finer))
-    if not sum(map(len, kept)):
-        raise ValueError("the prior allows no cell: it is too narrow, or outside free space")
-    return CoarseCells(np.concatenate(kept), step, beams, np.concatenate(bands), np.concatenate(bounds))
+    low = lower + step * (cells - shift)
+    high = np.where(turns, low + step, np.minimum(low + step, upper))
+    low = np.where(turns, low, np.maximum(low, lower))
+    return 0.5 * (low + high), high - low
 
 
-def _places(centres: Array, step: Array, side: int, rng: Generator) -> Array:
+def _asked(
+    problem: Problem, centres: Array, steps: Array, beams: IntArray, side: int, rng: Generator
+) -> tuple[Array, ...]:
+    """What places spread over some cells say: columns of `CoarseCells`, of cells in which any is possible."""
+    sensor, size = problem.sensor, problem.space.size
+    places = _places(centres, steps, side, rng)
+    logs = problem.prior.log_density(problem.space.wrap(places))
+    first = (logs > -np.inf).argmax(axis=1)[:, None]
+    inside = np.where(logs > -np.inf, np.arange(places.shape[1]), first)
+    here = np.flatnonzero(np.take_along_axis(logs, first, axis=1)[:, 0] > -np.inf)
+    centres, steps, logs = centres[here], steps[here], logs[here]
+    places = np.take_along_axis(places[here], inside[here][..., None], axis=1)
+    seen = np.asarray(sensor.expected(places))[..., beams]
+    prior = prior_model(problem, centres, steps)
+    ranges, slopes = model_about(problem, centres, prior.anchor)
+    ranges, slopes = ranges[:, beams], slopes[:, beams]
+    bend = bends(ranges, slopes, places - centres[:, None], seen)
+    spread = len(places[0]) - 2**size
+    mass = np.exp(logs[:, :spread]).mean(axis=1) * steps.prod(axis=1)
+    most = np.maximum(prior.most, logs.max(axis=1))
+    off = np.where((logs == -np.inf).any(axis=1), np.inf, prior.off)
+    bands = _two_bands(seen, side)
+    straight = bend < SAME_WALL_M
+    bands[straight] = _whole_bands(ranges, slopes, seen, steps)[straight]
+    return (
+        centres, steps, bands, mass, prior.level, prior.slope, prior.curve, most, prior.anchor, off,
+        ranges, slopes, bend,
+    )  # fmt: skip
+
+
+def _places(centres: Array, steps: Array, side: int, rng: Generator) -> Array:
     """Places spread over cells, one in each of side^n parts, and their corners: (G, n) -> (G, S, n)."""
-    size = len(step)
+    size = centres.shape[1]
     parts = np.stack(np.unravel_index(np.arange(side**size), (side,) * size), -1)
-    ends = CORNER * (np.stack(np.unravel_index(np.arange(2**size), (2,) * size), -1) - 0.5)
     within = (parts + rng.random((len(centres), *parts.shape))) / side - 0.5
-    within = np.concatenate([within, np.broadcast_to(ends, (len(centres), *ends.shape))], axis=1)
-    return np.asarray(centres[:, None] + step * within)
+    ends = corners(size) * corner_reach(steps)[:, None]
+    places = np.concatenate([steps[:, None] * within, ends], axis=1)
+    return np.asarray(centres[:, None] + places)
 
 
-def _prior_bound(log_prior: Array) -> Array:
-    """A bound on the log density from that at some places of each cell, (G, S) -> (G,)."""
-    most = log_prior.max(axis=1)
-    least = np.where(log_prior > -np.inf, log_prior, np.inf).min(axis=1)
-    return np.asarray(most + 0.5 * (most - least))
+def _whole_bands(ranges: Array, slopes: Array, seen: Array, steps: Array) -> Array:
+    """Intervals of ranges of one wall each: those at the corners, less what turning bends, (G, B, 4)."""
+    low, high = np.minimum(seen.min(axis=1), ranges), np.maximum(seen.max(axis=1), ranges)
+    slack = INSET_SHARE * (high - low)
+    if steps.shape[1] == 3:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = np.where(ranges > 0, slopes[..., 2] / ranges, 0.0)
+            slack = slack + 0.25 * steps[:, 2:] ** 2 * high * (1 + 2 * turn**2)
+    with np.errstate(invalid="ignore"):
+        low, high = np.where(np.isinf(low), low, low - slack), np.where(np.isinf(high), high, high + slack)
+    return np.stack([low, high, low, high], axis=-1)
 
 
 def _two_bands(ranges: Array, side: int) -> Array:
@@ -129,17 +198,3 @@ def _two_bands(ranges: Array, side: int) -> Array:
     bands = np.stack([low - slack, below + slack, above - slack, high + slack], axis=-1)
     bands[bands > 0.5 * FAR] = np.inf
     return bands
-
-
-@njit(cache=True, nogil=True)
-def nearest_ranges(reading: Array, bands: Array, nearest: Array) -> None:
-    """The range of each cell that is nearest to the reading, written in place: (b,), (G, b, 4) -> (G, b)."""
-    for beam in range(reading.size):
-        if np.isnan(reading[beam]):
-            nearest[:, beam] = 1.0  # m; not measured: any will do
-            continue
-        for cell in range(len(bands)):
-            y, band = reading[beam], bands[cell, beam]
-            one = min(max(y, band[0]), band[1])
-            two = min(max(y, band[2]), band[3])
-            nearest[cell, beam] = one if y < np.inf and abs(one - y) <= abs(two - y) else two

@@ -49,10 +49,10 @@ class RefinedBelief:
 class RefinedPointMassFilter(BriefRepr):
     """The exact posterior, up to an accuracy, of an object that stays where it is: cells follow the readings.
 
-    The prior is covered once with coarse cells, and each keeps between which ranges its beams' lie. For each
-    measurement those that can hold it are halved, with ranges cast anew, until no cell that counts is wider
-    than what the readings tell there, nor crossed by a jump of a range that matters. Within the cells
-    Gauss-Legendre rules integrate (docs/decisions/0033-cells-that-follow-the-readings.md).
+    The prior is covered once with coarse cells, and each keeps the wall that every beam meets in it. For each
+    measurement those that can hold it are integrated, in boxes that are halved until none is wider than what
+    the readings tell there. Cells that a jump of a range crosses are halved too, with ranges cast anew, until
+    what they may err by does not matter (docs/decisions/0033-cells-that-follow-the-readings.md).
 
     Args:
         problem: The problem; its motion must be `Stationary`, its space x1, x2 or x1, x2, heading.
@@ -93,11 +93,6 @@ class RefinedPointMassFilter(BriefRepr):
         rng = np.random.default_rng(OTHER_SEED)
         return cover(self.problem, rng.uniform(0.2, 0.8, self.problem.space.size), OTHER_SEED)
 
-    @cached_property
-    def prior_answer(self) -> Refined:
-        """The prior's moments, and the log of its integral over free space."""
-        return self._refinement(self.coarse).answer(self._likelihood(np.zeros((1, 0, self._beams))))
-
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> RefinedBelief:
         """The prior, the same for all runs.
 
@@ -106,11 +101,10 @@ class RefinedPointMassFilter(BriefRepr):
         """
         if prior is not self.problem.prior:
             raise ValueError("this prior is not the problem's: build the estimator for it")
-        runs, found = len(rngs), self.prior_answer
-        shared = Estimate(
-            np.repeat(found.mean, runs, axis=0), np.repeat(found.covariance, runs, axis=0), np.zeros(runs)
-        )
-        return RefinedBelief(np.empty((runs, 0, self._beams)), shared, np.repeat(found.error, runs))
+        runs = len(rngs)
+        mean, covariance = np.tile(prior.mean, (runs, 1)), np.tile(prior.covariance, (runs, 1, 1))
+        readings = np.empty((runs, 0, len(self.problem.sensor.bearings)))
+        return RefinedBelief(readings, Estimate(mean, covariance, np.zeros(runs)), np.zeros(runs))
 
     def predict(self, belief: RefinedBelief, control: Array, rngs: Sequence[Generator]) -> RefinedBelief:
         """The same belief: the object stays where it is."""
@@ -131,7 +125,7 @@ class RefinedPointMassFilter(BriefRepr):
         for start in range(0, len(told), RUNS_AT_ONCE):
             some = told[start : start + RUNS_AT_ONCE]
             found = self._answer(self.coarse, readings[some])
-            log_evidence[some] = found.log_integral - self.prior_answer.log_integral
+            log_evidence[some] = found.log_integral - self.coarse.log_integral
             possible = found.log_integral > -np.inf
             kept = some[possible]
             mean[kept], covariance[kept] = found.mean[possible], found.covariance[possible]
@@ -183,23 +177,19 @@ class RefinedPointMassFilter(BriefRepr):
 
     def _boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
         """Boxes about the nodes of a run's cells: centres (N, n), widths (N, n) and log masses (N,)."""
-        likelihood = self._likelihood(belief.readings[run : run + 1])
+        likelihood = self._likelihood(self.coarse, belief.readings[run : run + 1])
         refinement = self._refinement(self.coarse)
         return refinement.boxes(likelihood, refinement.answer(likelihood))
 
-    @property
-    def _beams(self) -> int:
-        return len(self.problem.sensor.bearings)
-
-    def _likelihood(self, readings: Array) -> Likelihood:
-        return Likelihood(self.problem.sensor, readings)
+    def _likelihood(self, coarse: CoarseCells, readings: Array) -> Likelihood:
+        return Likelihood(self.problem.sensor, readings, coarse.farthest)
 
     def _refinement(self, coarse: CoarseCells) -> Refinement:
         return Refinement(self.problem, coarse, self.accuracy, self.most_cells)
 
     def _answer(self, coarse: CoarseCells, readings: Array) -> Refined:
         """What cells say of some runs; claims that are flat are raised to those of places even in a cell."""
-        found = self._refinement(coarse).answer(self._likelihood(readings))
+        found = self._refinement(coarse).answer(self._likelihood(coarse, readings))
         flat = (found.log_integral > -np.inf) & ~is_definite(found.covariance, SUM_ROUNDING)
-        found.covariance[flat] += np.diag(coarse.step**2 / 12)
+        found.covariance[flat] += np.diag(coarse.steps[0] ** 2 / 12)
         return found

@@ -1,4 +1,4 @@
-"""Cells in halves along every axis: what their ranges, cast anew, say of jumps, bends and widths."""
+"""Cells that a jump, a bend or the prior's end crosses, in halves along every axis, with ranges cast anew."""
 
 from __future__ import annotations
 
@@ -11,149 +11,190 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ..problem import Problem
 from .likelihood import Likelihood
-from .pool import VALUES_AT_ONCE, Pool, evaluate
+from .pool import Pool
+from .quadrature import Boxes, survey
+from .range_model import (
+    QUADRATIC_NATS,
+    PriorModel,
+    RangeModel,
+    bends,
+    corner_reach,
+    corners,
+    model_about,
+    moved_prior,
+    prior_model,
+)
 
-TAIL_SHARE = 0.35  # of the distance to a reading: by so much a range may change where noise has heavy tails
-BENT_SCALES = 0.1  # by which ranges may be off a line before something is taken to jump or bend
-CORNER = 0.99  # of the way from a cell's centre to its corners: there a wall may begin
+VALUES_AT_ONCE = 1 << 21  # ranges
+BENT_SCALES = 0.05  # by which ranges may be off their model before something is taken to jump or bend
+NEAR_SIZES = 2.0  # of a cell: nearer walls are met at all slants in it
+GAP_SHARE = 0.6  # of the spread of ranges that were seen: a wider gap parts two clusters
 LEAST_SLOPE = 0.5  # of a range that jumps, where nothing steeper was seen
 
 
 @cache
-def corners(size: int) -> Array:
-    """Signs of the children of a cell, opposite ones at k and -1 - k, (2^n, n)."""
-    return np.array(list(itertools.product((-1.0, 1.0), repeat=size)))
+def _lattice(size: int) -> tuple[Array, IntArray]:
+    """Signs of the corners of a cell's halves, (3^n, n), and which are whose, (2^n, 2^n)."""
+    grid = np.array(list(itertools.product((-1, 0, 1), repeat=size)))
+    number = {tuple(place): at for at, place in enumerate(grid.tolist())}
+    signs = corners(size).astype(int)
+    mine = [[number[tuple((child + sign) // 2)] for sign in signs] for child in signs]
+    return grid.astype(float), np.array(mine, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Halving:
-    """Halves cells.
+    """Halves cells, and says of cells what in them is no model.
 
     Attributes:
         problem: The problem.
-        step: Size of cells that were never halved, (n,).
     """
 
     problem: Problem
-    step: Array
 
     def halved(self, likelihood: Likelihood, parents: Pool) -> Pool:
         """The children of cells."""
         beams = parents.ranges.shape[1]
-        rows = max(1, VALUES_AT_ONCE // (2 ** (self.problem.space.size + 1) * beams))
-        parts = []
-        for whole in (True, False):
-            chosen = np.flatnonzero(parents.whole == whole)
-            for start in range(0, len(chosen), rows):
-                parts.append(self._families(likelihood, parents.rows(chosen[start : start + rows]), whole))
-        return Pool.joined(parts)
-
-    def _families(self, likelihood: Likelihood, parents: Pool, whole: bool) -> Pool:
-        """The children of cells, all whole or none; those that are not are looked at up to their corners."""
-        size = self.problem.space.size
-        signs = corners(size)
-        children = len(signs)
-        half = children // 2
-        step = self.step * 0.5 ** (parents.level[:, None] + 1)  # of the children, (K, n)
-        places = signs if whole else np.concatenate([signs, 2 * CORNER * signs])
-        centre = parents.centre[:, None] + 0.5 * places * step[:, None]
-        log, prior, ranges = evaluate(self.problem, likelihood, parents.run, centre)
-        scales = likelihood.scales[parents.run]
-        targets = likelihood.targets[parents.run]
-        middle = parents.ranges[:, None]
-        with np.errstate(invalid="ignore"):
-            bend = np.zeros_like(parents.ranges)
-            for first in range(0, len(places), children):
-                pairs = ranges[:, first : first + half] + ranges[:, first + half : first + children][:, ::-1]
-                bend = np.fmax(bend, np.abs(pairs - 2 * middle).max(axis=1))
-            returned = np.isfinite(np.concatenate([ranges, middle], axis=1))
-            bend = np.where(returned.all(axis=1), bend, np.where(returned.any(axis=1), np.inf, 0.0))
-            across = np.tensordot(ranges[:, :children], signs, (1, 0)) / half  # (K, B, n): from side to side
-            across = np.where(returned.all(axis=1)[..., None], np.abs(across), 0.0)
-            bent = np.where(np.isfinite(scales), bend / scales, 0.0)
-        straight = bent <= BENT_SCALES
-        with np.errstate(invalid="ignore", over="ignore"):
-            reach = np.where(straight, 0.5 * across.sum(-1) + 0.5 * bend, 0.0)
-            width = scales
-            if self.problem.sensor.gaussian_stds is None:
-                apart = np.abs(parents.ranges - targets) - 2 * reach
-                width = np.fmax(scales, TAIL_SHARE * np.where(np.isfinite(apart), apart, 0.0))
-            steep = np.where(straight, (across**2).sum(-1) / width**2, 0.0).sum(axis=1)
-        with np.errstate(invalid="ignore"):
-            nearest = np.clip(
-                targets[:, None], ranges[:, :children] - reach[:, None], ranges[:, :children] + reach[:, None]
-            )
-        family, beam = np.nonzero(~straight)
-        if len(family):
-            seen = np.concatenate([ranges, middle], axis=1)[family, :, beam]
-            steps = step[family]
-            slopes = self._steepest(centre[:, :children], np.unique(family), steps, family, beam)
-            nearest[family, :, beam] = self._nearest_seen(targets[family, beam], seen, slopes)[:, None]
-        nearest = np.where(np.isnan(nearest), 1.0, nearest)
-        prior_bound, ends, prior_wide = self._prior_of(prior, parents.prior)
-        bound = likelihood.log_density(parents.run, nearest) + prior_bound[:, None]
-        broken = np.minimum(1.0, 0.5 * np.maximum(bent - BENT_SCALES, 0.0).sum(axis=1) + ends)
-        with np.errstate(invalid="ignore"):
-            varies = np.maximum(bound, log[:, :children]).max(axis=1) - np.minimum(
-                log.min(axis=1), parents.log
-            )
-        broken = np.minimum(broken, np.where(np.isfinite(varies), -np.expm1(-varies), 1.0))
-        log, prior, ranges, centre = (
-            log[:, :children],
-            prior[:, :children],
-            ranges[:, :children],
-            centre[:, :children],
+        rows = max(1, VALUES_AT_ONCE // (3 ** (self.problem.space.size + 1) * beams))
+        starts = range(0, len(parents.run), rows)
+        return Pool.joined(
+            [
+                self._families(likelihood, parents.rows(np.arange(k, min(k + rows, len(parents.run)))))
+                for k in starts
+            ]
         )
 
-        even = (prior_wide == 0) & (ends == 0) & (prior.max(axis=1) == prior.min(axis=1))
-        return Pool(
-            np.repeat(parents.run, children), centre.reshape(-1, size),
-            np.repeat(parents.level + 1, children), log.ravel(),
-            np.maximum(bound, log).ravel(), prior.ravel(), np.repeat(steep + prior_wide, children),
-            np.repeat(broken, children), np.repeat(even, children),
-            np.repeat(straight.all(axis=1) & (ends == 0), children), ranges.reshape(-1, ranges.shape[-1]),
-        )  # fmt: skip
+    def _families(self, likelihood: Likelihood, parents: Pool) -> Pool:
+        size, problem = self.problem.space.size, self.problem
+        signs = corners(size)
+        children, families = len(signs), len(parents.run)
+        step = 0.5 * parents.step
+        offset = 0.5 * signs * step[:, None]  # of the children from their parent, (K, C, n)
+        centre = parents.centre[:, None] + offset
+        places, mine = _lattice(size)
+        spots = parents.centre[:, None] + places * corner_reach(parents.step)[:, None]
+        prior = self._prior(parents, offset, centre, step)
+        at_spots = np.asarray(problem.sensor.expected(spots))
+        flat, beams = families * children, at_spots.shape[-1]
+        ranges, slopes = model_about(problem, centre.reshape(flat, size), prior.anchor)
+        at_corners = at_spots[:, mine].reshape(flat, children, beams)
+        away = (spots[:, mine] - centre[:, :, None]).reshape(flat, children, size)
+        model = RangeModel(ranges, slopes, bends(ranges, slopes, away, at_corners))
+        run, size_of = np.repeat(parents.run, children), np.repeat(step, children, axis=0)
+        bound = np.repeat(parents.bound, children)
+        family = np.concatenate([at_spots, ranges.reshape(families, children, beams)], axis=1)
+        pool = self.pool(likelihood, run, centre.reshape(flat, size), size_of, model, prior, bound)
+        self._bound_by(likelihood, pool, family)
+        return pool
 
-    def _steepest(
-        self, centre: Array, bent: IntArray, step: Array, family: IntArray, beam: IntArray
-    ) -> Array:
-        """By how much ranges may vary over a child at its steepest, for families and their beams, m, (P,)."""
-        slopes = np.abs(np.asarray(self.problem.sensor.jacobian(centre[bent]))).max(axis=1)  # (F, B, n)
-        mine = slopes[np.searchsorted(bent, family), beam]
-        return np.asarray((np.maximum(mine, self._least_slope) * step).sum(axis=1))
+    def _prior(self, parents: Pool, offset: Array, centre: Array, step: Array) -> PriorModel:
+        """The prior in the children: the parents' quadratic where it fits, else asked anew."""
+        families, children, size = offset.shape
+        every = np.repeat(np.arange(families), children)
+        whole = PriorModel(*(part[every] for part in parents.prior))
+        found = moved_prior(whole, offset.reshape(-1, size))
+        anew = np.flatnonzero(whole.off > QUADRATIC_NATS)
+        if len(anew):
+            asked = prior_model(self.problem, centre.reshape(-1, size)[anew], step[every][anew])
+            for mine, theirs in zip(found, asked, strict=True):
+                mine[anew] = theirs
+        return found
+
+    def pool(
+        self, likelihood: Likelihood, run: IntArray, centre: Array, step: Array, model: RangeModel,
+        prior: PriorModel, bound: Array,
+    ) -> Pool:  # fmt: skip
+        """Cells with bounds, and with the share of each that may be displaced.
+
+        Args:
+            likelihood: The readings.
+            run, centre, step, model, prior: The cells.
+            bound: Of log prior times likelihood, known before, (N,).
+        """
+        bent = likelihood.in_scales(run, model.bend)
+        straight = np.asarray((bent <= BENT_SCALES).all(axis=1))
+        uneven = prior.off > QUADRATIC_NATS
+        level = np.where(uneven, prior.most, prior.level)
+        flat, bound = ~uneven[:, None], np.where(prior.most > -np.inf, bound, -np.inf)
+        slope, curve = prior.slope * flat, prior.curve * flat[:, None]
+        none = np.full(len(run), np.inf)
+        boxes = Boxes(run, step, model.ranges, model.slopes, level, slope, curve, none, none, none)
+        log = np.empty(len(run))
+        survey(boxes, likelihood.terms, straight, log, bound)
+        ends = np.where(uneven, np.minimum(prior.off, 1.0), 0.0)
+        broken = np.minimum(1.0, 0.5 * np.maximum(bent - BENT_SCALES, 0.0).sum(axis=1) + ends)
+        return Pool.of(run, centre, step, model, prior, np.maximum(bound, log), broken, log)
+
+    def _bound_by(self, likelihood: Likelihood, pool: Pool, family: Array) -> None:
+        """Bring down the bounds of cells in which a beam jumps: to what ranges seen among all halves allow.
+
+        Args:
+            likelihood: The readings.
+            pool: Halves of cells, written to.
+            family: Ranges cast in the cells that were halved, (K, S, B).
+        """
+        bent = likelihood.in_scales(pool.run, pool.bend) > BENT_SCALES
+        rows = np.flatnonzero(bent.any(axis=1))
+        if not len(rows):
+            return
+        run, step, bent = pool.run[rows], pool.step[rows], bent[rows]
+        parent = rows // (len(pool.run) // len(family))
+        cell, beam = np.nonzero(bent)
+        seen = family[parent[cell], :, beam]
+        steepest = np.abs(pool.slopes.reshape(len(family), -1, *pool.slopes.shape[1:])).max(axis=1)
+        reach = (np.maximum(steepest[parent[cell], beam], self._least_slope) * step[cell]).sum(axis=1)
+        near_m = NEAR_SIZES * step[cell][:, :2].max(axis=1)
+        spread = _spread(pool.ranges[rows], pool.slopes[rows], step)
+        low, high = pool.ranges[rows] - spread, pool.ranges[rows] + spread
+        bound = pool.most[rows] + likelihood.terms.common[run]
+        for time, aim in enumerate(likelihood.aims(run)):
+            with np.errstate(invalid="ignore"):
+                near = np.clip(aim, low, high)  # beams that stay on one wall
+                near[cell, beam] = _nearest_seen(aim[cell, beam], seen, reach, near_m)
+            bound += likelihood.at_time(time, run, np.where(np.isnan(near), 1.0, near))
+        pool.bound[rows] = np.maximum(bound, pool.log_at_centre[rows])
 
     @property
     def _least_slope(self) -> Array:
         """Of a range by each component where nothing steeper was seen, (n,)."""
         return np.where(self.problem.space.is_angle, 0.0, LEAST_SLOPE)
 
-    @staticmethod
-    def _nearest_seen(target: Array, seen: Array, reach: Array) -> Array:
-        """What is nearest to a target among ranges that were seen or lie about them: (P,), (P, S) -> (P,).
 
-        Nothing lies beyond all that was seen by more than a half of their spread.
-        """
-        finite = np.isfinite(seen)
-        low = np.where(finite, seen, np.inf).min(axis=1, keepdims=True)
-        high = np.where(finite, seen, -np.inf).max(axis=1, keepdims=True)
-        least = reach[:, None]
-        with np.errstate(invalid="ignore"):
-            slack = np.minimum(least, 0.5 * (high - low) + least * 0.5)
-            fits = np.clip(
-                target[:, None], seen - np.where(finite, least, 0.0), seen + np.where(finite, least, 0.0)
-            )
-            fits = np.where(finite, np.clip(fits, low - slack, high + slack), fits)
-            suits = np.where(np.isposinf(target)[:, None], fits, -np.abs(fits - target[:, None]))
-        best = np.where(np.isnan(suits), -np.inf, suits).argmax(axis=1)
-        return np.asarray(np.take_along_axis(fits, best[:, None], 1)[:, 0])
+def _spread(ranges: Array, slopes: Array, step: Array) -> Array:
+    """By how much the range of a wall can differ in cells from that at their centres, (N, B)."""
+    spread = 0.5 * (np.abs(slopes) * step[:, None])
+    if step.shape[1] == 2:
+        return np.asarray(spread.sum(axis=2))
+    half = 0.5 * step[:, 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.where((ranges > 0) & np.isfinite(ranges), np.abs(slopes[..., 2]) / ranges, 0.0)
+        bent = 0.5 * half**2 * ranges * (1 + 2 * turn**2)
+    skew = half * turn * spread[..., :2].sum(axis=2)
+    return np.asarray(spread.sum(axis=2) + skew + np.nan_to_num(bent, posinf=0.0))
 
-    @staticmethod
-    def _prior_of(prior: Array, middle: Array) -> tuple[Array, Array, Array]:
-        """A bound on the log prior of a family's cells, whether it ends among them, and its curvature."""
-        most = np.maximum(prior.max(axis=1), middle)
-        least = np.minimum(prior.min(axis=1), middle)
-        ends = least == -np.inf
-        with np.errstate(invalid="ignore"):
-            varies = np.where(ends, 0.0, most - least)
-            curved = np.where(ends, 0.0, 2 * middle - 2 * prior.mean(axis=1))
-        return most + varies, np.where(ends, 1.0, 0.0), 4 * np.maximum(curved, 0.0)
+
+def _nearest_seen(target: Array, seen: Array, reach: Array, near_m: Array) -> Array:
+    """What is nearest to a target among ranges that were seen or lie between: (P,), (P, S) -> (P,).
+
+    Where walls are nearer than `near_m` ranges take all values; elsewhere a gap that is wider than most of
+    the others parts two clusters. Nothing lies beyond all that was seen by more than a half of their spread.
+    """
+    finite = np.isfinite(seen)
+    low = np.where(finite, seen, np.inf).min(axis=1)
+    high = np.where(finite, seen, -np.inf).max(axis=1)
+    none = ~finite.any(axis=1)
+    low, high = np.where(none, 0.0, low), np.where(none, 0.0, high)
+    ordered = np.sort(np.where(finite, seen, high[:, None]), axis=1)
+    gaps = np.diff(ordered, axis=1)
+    at = gaps.argmax(axis=1)[:, None]
+    below, above = (np.take_along_axis(ordered, at + side, 1)[:, 0] for side in (0, 1))
+    whole = (above - below <= GAP_SHARE * (high - low)) | (low < near_m)
+    below, above = np.where(whole, high, below + reach), np.where(whole, low, above - reach)
+    slack = np.minimum(reach, 0.5 * (high - low) + 0.5 * reach)
+    one = np.clip(target, low - slack, np.minimum(below, high) + np.where(whole, slack, 0.0))
+    other = np.clip(target, np.maximum(above, low) - np.where(whole, slack, 0.0), high + slack)
+    with np.errstate(invalid="ignore"):
+        near = np.where(np.abs(one - target) <= np.abs(other - target), one, other)
+    near = np.where(np.isposinf(target), high + slack, near)
+    silent = none | (np.isposinf(target) & ~finite.all(axis=1))
+    return np.asarray(np.where(silent, np.inf, near))

@@ -1,4 +1,4 @@
-"""Cells of many runs in one flat pool, and what their places say."""
+"""Cells of many runs in one flat pool, and what they say together."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ..problem import Problem
 from ..space import StateSpace
-from .likelihood import Likelihood
-
-VALUES_AT_ONCE = 1 << 21  # ranges
-IMPOSSIBLE_NATS = -1e9  # at a log density below it no digits are left
+from .quadrature import Boxes, Sums
+from .range_model import PriorModel, RangeModel
 
 
 @dataclass
@@ -22,28 +19,61 @@ class Pool:
     Attributes:
         run: Which run it belongs to, (N,).
         centre: (N, n).
-        level: How often it was halved, (N,).
-        log: Log of prior times likelihood at the centre, (N,).
-        bound: The most that it may be in the cell, (N,).
-        prior: Log of the prior at the centre, (N,).
-        wide: Curvature of the log density over the cell, (N,).
-        broken: Share of the cell's mass that a jump or bend may displace, (N,).
-        even: Whether the prior is the same all over the cell, (N,).
-        whole: Whether each beam meets one wall all over the cell, as far as its corners tell, (N,).
-        ranges: Expected at the centre, m, (N, B).
+        step: Size, (N, n).
+        ranges, slopes, bend: Models of their ranges, (N, B), (N, B, n), (N, B).
+        level, slope, curve, most, anchor, off: Models of the prior, see `PriorModel`.
+        bound: The most that log prior times likelihood may be in the cell, (N,).
+        broken: Share of the cell's mass that jumps, bends and ends of the prior may displace, (N,).
+        weigh: How much more than its mass the cell counted when it was integrated, (N,).
+        log_mass: Log of the integral over it, (N,).
+        rough: Whether that is only guessed from the centre, (N,).
+        mean: Of the mass in it, about the centre, (N, n).
+        second: Second moments, about the centre, (N, n, n).
+        coarse: Log of a bound on the mass of what should be finer in it, (N,).
+        looked: Whether ranges were cast where its mass is, (N,).
     """
 
     run: IntArray
     centre: Array
-    level: IntArray
-    log: Array
-    bound: Array
-    prior: Array
-    wide: Array
-    broken: Array
-    even: BoolArray
-    whole: BoolArray
+    step: Array
     ranges: Array
+    slopes: Array
+    bend: Array
+    level: Array
+    slope: Array
+    curve: Array
+    most: Array
+    anchor: Array
+    off: Array
+    bound: Array
+    broken: Array
+    weigh: Array
+    log_mass: Array
+    rough: BoolArray
+    mean: Array
+    second: Array
+    coarse: Array
+    looked: BoolArray
+
+    @staticmethod
+    def of(
+        run: IntArray,
+        centre: Array,
+        step: Array,
+        model: RangeModel,
+        prior: PriorModel,
+        bound: Array,
+        broken: Array,
+        log: Array,
+    ) -> Pool:
+        """Cells that are not integrated yet, with the log of prior times likelihood at their centres."""
+        count, size = centre.shape
+        return Pool(
+            run, centre, step, *model, *prior, bound, broken, np.ones(count),
+            log + np.log(step).sum(axis=1), np.ones(count, dtype=np.bool_),
+            np.zeros((count, size)), np.zeros((count, size, size)), np.full(count, -np.inf),
+            np.zeros(count, dtype=np.bool_),
+        )  # fmt: skip
 
     def rows(self, chosen: BoolArray | IntArray) -> Pool:
         """Some of the cells."""
@@ -54,18 +84,34 @@ class Pool:
         """Several pools as one."""
         return Pool(*(np.concatenate([getattr(each, f.name) for each in parts]) for f in fields(Pool)))
 
+    @property
+    def prior(self) -> PriorModel:
+        """The prior in the cells."""
+        return PriorModel(self.level, self.slope, self.curve, self.most, self.anchor, self.off)
 
-def evaluate(
-    problem: Problem, likelihood: Likelihood, run: IntArray, places: Array
-) -> tuple[Array, Array, Array]:
-    """Log of prior times likelihood, log prior and ranges at places (K, ..., n)."""
-    prior = problem.prior.log_density(problem.space.wrap(places))
-    if likelihood.measured.any():
-        ranges = np.asarray(problem.sensor.expected(places))
-    else:  # a prior: nothing need be cast
-        ranges = np.ones((*places.shape[:-1], len(problem.sensor.bearings)))
-    log = likelihood.log_density(run, ranges) + prior
-    return np.where(log > IMPOSSIBLE_NATS, log, -np.inf), prior, ranges
+    @property
+    def boxes(self) -> Boxes:
+        """What compiled loops need of the cells."""
+        cap = np.where(self.broken > 0, self.bound, np.inf)
+        return Boxes(
+            self.run, self.step, self.ranges, self.slopes, self.level, self.slope, self.curve, self.bound,
+            cap, self.weigh,
+        )  # fmt: skip
+
+    @property
+    def sums(self) -> Sums:
+        """What compiled loops write of the cells."""
+        return Sums(self.log_mass, self.mean, self.second, self.coarse)
+
+    @property
+    def log_at_centre(self) -> Array:
+        """Log of prior times likelihood at the centres of cells that are still rough, (N,)."""
+        return np.asarray(self.log_mass - self.log_volume)
+
+    @property
+    def log_volume(self) -> Array:
+        """Log of the cells' volumes, (N,)."""
+        return np.asarray(np.log(self.step).sum(axis=1))
 
 
 def weighted_moments(

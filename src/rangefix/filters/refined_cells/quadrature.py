@@ -1,18 +1,66 @@
-"""Moments of the posterior in cells that are fine enough, by Gauss-Legendre rules."""
+"""Integrals over cells in which ranges follow a model: boxes in halves, and Gauss-Legendre rules in each."""
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array
-from ..problem import Problem
-from .likelihood import Likelihood
-from .pool import IMPOSSIBLE_NATS, VALUES_AT_ONCE, Pool, evaluate, weighted_moments
+from ...arrays import Array, BoolArray, IntArray
+from ..compiled import njit
+from .likelihood import IMPOSSIBLE_NATS, TAIL_SHARE, Terms, best_in, term_at
+from .range_model import LEAST_COSINE
+
+WIDE_BOX = 3.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
+NEGLIGIBLE_NATS = float(np.log(1e-7))  # of a belief: boxes that hold less are not halved
+NODES = 3  # along each axis of a box
+STACK = 512  # boxes that wait; halving them one after the other takes no more than their depth
+
+
+class Boxes(NamedTuple):
+    """Cells and what is known of them.
+
+    Attributes:
+        run: Which run each belongs to, (N,).
+        step: Size, (N, n).
+        ranges: At the centres, m, (N, B).
+        slopes: By the state, (N, B, n).
+        level: Log prior at the centres, (N,).
+        slope: Of the log prior, (N, n).
+        curve: Of the log prior, (N, n, n).
+        bound: A bound on log prior times likelihood, (N,).
+        cap: What log prior times likelihood is cut off at, (N,): inf where one wall is met all over a cell.
+        weigh: How much more than its mass a cell counts: its squared distance from the mean, (N,).
+    """
+
+    run: IntArray
+    step: Array
+    ranges: Array
+    slopes: Array
+    level: Array
+    slope: Array
+    curve: Array
+    bound: Array
+    cap: Array
+    weigh: Array
+
+
+class Sums(NamedTuple):
+    """What cells come to.
+
+    Attributes:
+        log_mass: Log of the integral of prior times likelihood, (N,).
+        mean: About the centres, (N, n).
+        second: Second moments about the centres, (N, n, n).
+        coarse: Log of a bound on the mass of boxes that should have been halved, (N,).
+    """
+
+    log_mass: Array
+    mean: Array
+    second: Array
+    coarse: Array
 
 
 @cache
@@ -23,112 +71,286 @@ def nodes(count: int, size: int) -> tuple[Array, Array]:
     return places, np.array([np.prod(each) for each in itertools.product(0.5 * weight, repeat=size)])
 
 
-class CellSums(NamedTuple):
-    """What cells come to.
+def integrate(
+    boxes: Boxes,
+    terms: Terms,
+    order: IntArray,
+    log_total: Array,
+    left: IntArray,
+    found: Sums,
+    keep: bool = False,
+) -> tuple[IntArray, Array, Array]:
+    """Integrate prior times likelihood over some cells.
 
-    Attributes:
-        mean: (M, n).
-        covariance: (M, n, n).
-        log_integral: Log of the integral of prior times likelihood, (M,).
-        log_mass: The same of each cell, (N,).
+    Args:
+        boxes: Cells.
+        terms: The readings.
+        order: Which cells, the heaviest of each run first.
+        log_total: Log of the integral over each run so far, written anew, (M,).
+        left: How many boxes each run may still be halved into, written anew, (M,).
+        found: Written in the rows of `order`.
+        keep: Whether the boxes themselves are wanted.
+
+    Returns:
+        Where they are wanted, the boxes: their cells (K,), centres about the cells' (K, n), and sizes (K, n).
     """
-
-    mean: Array
-    covariance: Array
-    log_integral: Array
-    log_mass: Array
+    size = boxes.step.shape[1]
+    places, shares = nodes(NODES, size)
+    return _integrate(boxes, terms, order, log_total, left, found, places, shares, keep)
 
 
-@dataclass(frozen=True)
-class Quadrature:
-    """Rules in cells, where ranges are taken to be linear about the centre.
-
-    Attributes:
-        problem: The problem.
-        step: Size of cells that were never halved, (n,).
-    """
-
-    problem: Problem
-    step: Array
-
-    def moments(self, likelihood: Likelihood, pool: Pool, slopes: Array, count: int, runs: int) -> CellSums:
-        """What rules of so many nodes along each axis come to.
-
-        Args:
-            likelihood: The readings.
-            pool: The cells.
-            slopes: Of their ranges by the state, (N, B, n).
-            count: Nodes along each axis.
-            runs: The number of runs M.
-        """
-        cells = self._cell_moments(likelihood, pool, slopes, count)
-        return CellSums(*self._joined_moments(pool, cells, runs), cells[0])
-
-    def boxes(self, likelihood: Likelihood, pool: Pool) -> tuple[Array, Array, Array]:
-        """Each cell in 3^n boxes as wide as its nodes weigh: centres, widths (N, n) and log masses (N,)."""
-        size = self.problem.space.size
-        places, shares = nodes(3, size)
-        ends = np.concatenate([[0.0], np.cumsum(nodes(3, 1)[1])]) - 0.5
-        box = np.stack(np.unravel_index(np.arange(len(places)), (3,) * size), -1)
-        middle, width = 0.5 * (ends[box] + ends[box + 1]), ends[box + 1] - ends[box]
-        step = self.step * 0.5 ** pool.level[:, None]
-        centres = pool.centre[:, None] + middle * step[:, None]
-        log, _, _ = evaluate(
-            self.problem, likelihood, np.repeat(pool.run, len(places)), centres.reshape(-1, size)
-        )
-        mass = log + (np.log(shares) + np.log(step).sum(axis=1)[:, None]).ravel()
-        return centres.reshape(-1, size), (width * step[:, None]).reshape(-1, size), mass
-
-    def _cell_moments(
-        self, likelihood: Likelihood, pool: Pool, slopes: Array, count: int
-    ) -> tuple[Array, Array, Array]:
-        """Log mass (N,) of each cell, and mean (N, n) and covariance (N, n, n) about its centre."""
-        places, weights = nodes(count, self.problem.space.size)
-        size, beams = places.shape[1], pool.ranges.shape[1]
-        log_mass = np.empty(len(pool.run))
-        mean, second = np.empty((len(pool.run), size)), np.empty((len(pool.run), size, size))
-        rows = max(1, VALUES_AT_ONCE // (len(places) * beams))
-        for start in range(0, len(pool.run), rows):
-            part = slice(start, start + rows)
-            step = self.step * 0.5 ** pool.level[part, None]
-            away = places * step[:, None]  # (K, P, n)
-            expected = pool.ranges[part, None] + np.einsum("kpi,kbi->kpb", away, slopes[part])
-            log = likelihood.log_density(pool.run[part], expected)
-            prior = np.repeat(pool.prior[part, None], len(places), axis=1)
-            uneven = ~pool.even[part]
-            if uneven.any():
-                points = pool.centre[part][uneven, None] + away[uneven]
-                prior[uneven] = self.problem.prior.log_density(self.problem.space.wrap(points))
-            log = np.minimum(
-                log + prior, pool.bound[part, None]
-            )  # a wall met at a slant ends before it can exceed it
-            top = np.maximum(log.max(axis=1), IMPOSSIBLE_NATS)
-            mass = weights * np.exp(log - top[:, None])
-            total = mass.sum(axis=1)
-            with np.errstate(divide="ignore"):
-                log_mass[part] = np.where(
-                    top > IMPOSSIBLE_NATS, top + np.log(total) + np.log(step).sum(axis=1), -np.inf
-                )
-            mass /= np.where(total > 0, total, 1.0)[:, None]
-            mean[part] = np.einsum("kp,kpi->ki", mass, away)
-            second[part] = np.einsum("kp,kpi,kpj->kij", mass, away, away)
-        second -= mean[:, :, None] * mean[:, None]
-        return log_mass, mean, second
-
-    def _joined_moments(
-        self, pool: Pool, cells: tuple[Array, Array, Array], runs: int
-    ) -> tuple[Array, Array, Array]:
-        log_mass, within, second = cells
-        top = np.full(runs, -np.inf)
-        np.maximum.at(top, pool.run, log_mass)
-        mass = np.exp(log_mass - np.where(top > -np.inf, top, 0.0)[pool.run])
-        total = np.bincount(pool.run, mass, runs)
-        with np.errstate(divide="ignore"):
-            log_integral = top + np.log(total)
-        share = mass / np.where(total > 0, total, 1.0)[pool.run]
-        mean, covariance = weighted_moments(self.problem.space, pool.run, pool.centre + within, share, runs)
-        size = second.shape[1]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integrate(
+    boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums,
+    places: Array, shares: Array, keep: bool,
+) -> tuple[IntArray, Array, Array]:  # fmt: skip
+    size, beams = boxes.step.shape[1], boxes.ranges.shape[1]
+    kept, cells = 0, np.empty(64 if keep else 0, np.int64)
+    centres, steps = np.empty((cells.size, size)), np.empty((cells.size, size))
+    wait_at, wait_step, wait_bound = np.empty((STACK, size)), np.empty((STACK, size)), np.empty(STACK)
+    at, step = np.zeros(3), np.zeros(3)
+    walls, logs = np.empty((beams, 4)), np.empty(places.shape[0])
+    first, second = np.zeros(size), np.zeros((size, size))
+    for cell in order:
+        run = boxes.run[cell]
+        weigh = np.log(boxes.weigh[cell])
+        top, total, coarse = -np.inf, 0.0, -np.inf
+        _load(boxes, cell, walls)
+        first[:], second[:] = 0.0, 0.0
+        waiting = 1
+        wait_bound[0] = boxes.bound[cell]
         for i in range(size):
+            wait_at[0, i], wait_step[0, i] = 0.0, boxes.step[cell, i]
+            wait_bound[0] += np.log(boxes.step[cell, i])
+        while waiting:
+            waiting -= 1
+            bound, volume = wait_bound[waiting], 0.0
+            for i in range(size):
+                at[i], step[i] = wait_at[waiting, i], wait_step[waiting, i]
+                volume += np.log(step[i])
+            if bound + weigh - log_total[run] > NEGLIGIBLE_NATS:
+                axis, wide = _widest(boxes, terms, cell, at, step, walls)
+                if wide > WIDE_BOX:
+                    if left[run] > 0 and waiting + 2 <= STACK:
+                        left[run] -= 1
+                        _wait(
+                            boxes, terms, cell, at, step, axis, walls, wait_at, wait_step, wait_bound, waiting
+                        )
+                        waiting += 2
+                        continue
+                    coarse = np.logaddexp(coarse, bound)
+            highest = _at_nodes(boxes, terms, cell, at, step, walls, places, logs)
+            if not highest > IMPOSSIBLE_NATS:
+                continue
+            if highest + volume > top:
+                shrink = np.exp(top - highest - volume)
+                total *= shrink
+                first *= shrink
+                second *= shrink
+                top = highest + volume
+            mass = 0.0
+            for node in range(places.shape[0]):
+                share = shares[node] * np.exp(logs[node] + volume - top)
+                mass += share
+                for i in range(size):
+                    away = at[i] + places[node, i] * step[i]
+                    first[i] += share * away
+                    for j in range(i + 1):
+                        second[i, j] += share * away * (at[j] + places[node, j] * step[j])
+            total += mass
+            if mass > 0:
+                log_total[run] = np.logaddexp(log_total[run], top + np.log(mass))
+            if keep:
+                if kept == cells.size:
+                    cells, centres, steps = _longer(cells), _taller(centres), _taller(steps)
+                cells[kept], centres[kept], steps[kept] = cell, at[:size], step[:size]
+                kept += 1
+        found.coarse[cell] = coarse
+        found.log_mass[cell] = top + np.log(total) if total > 0 else -np.inf
+        for i in range(size):
+            found.mean[cell, i] = first[i] / total if total > 0 else 0.0
+            for j in range(i + 1):
+                value = second[i, j] / total if total > 0 else 0.0
+                found.second[cell, i, j] = found.second[cell, j, i] = value
+    return cells[:kept], centres[:kept], steps[:kept]
+
+
+@njit(cache=True, nogil=True)
+def _longer(values: IntArray) -> IntArray:
+    out = np.empty(2 * values.size, np.int64)
+    out[: values.size] = values
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _taller(values: Array) -> Array:
+    out = np.empty((2 * values.shape[0], values.shape[1]))
+    out[: values.shape[0]] = values
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _load(boxes: Boxes, cell: int, walls: Array) -> None:
+    """What the ranges of a cell follow from: range, slopes by the place, slope by the heading over range."""
+    turns = boxes.step.shape[1] == 3
+    for beam in range(walls.shape[0]):
+        walls[beam, 0] = boxes.ranges[cell, beam]
+        walls[beam, 1], walls[beam, 2] = boxes.slopes[cell, beam, 0], boxes.slopes[cell, beam, 1]
+        known = turns and 0.0 < walls[beam, 0] < np.inf
+        walls[beam, 3] = boxes.slopes[cell, beam, 2] / walls[beam, 0] if known else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _wait(
+    boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, axis: int, walls: Array,
+    wait_at: Array, wait_step: Array, wait_bound: Array, waiting: int,
+) -> None:  # fmt: skip
+    """Halve a box along an axis; of the halves, which both wait, the heavier is to come first."""
+    size = wait_at.shape[1]
+    whole, middle = wait_bound[waiting], at[axis]
+    step[axis] *= 0.5
+    at[axis] = middle - 0.5 * step[axis]
+    one = min(whole, _most_in(boxes, terms, cell, at, step, walls))
+    at[axis] = middle + 0.5 * step[axis]
+    other = min(whole, _most_in(boxes, terms, cell, at, step, walls))
+    for half in range(2):
+        for i in range(size):
+            wait_at[waiting + half, i], wait_step[waiting + half, i] = at[i], step[i]
+        ahead = (half == 1) == (other >= one)
+        wait_at[waiting + half, axis] = middle + (0.5 if ahead else -0.5) * step[axis]
+        wait_bound[waiting + half] = other if ahead else one
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reach(r: float, a: float, b: float, turn: float, step: Array) -> float:
+    """By how much a range can differ in a box from that at its centre, which has slopes a, b and r turn."""
+    reach = 0.5 * (abs(a) * step[0] + abs(b) * step[1])
+    half = 0.5 * step[2]
+    if half > 0:
+        reach += half * abs(turn) * (r + reach) + 0.5 * half * half * r * (1.0 + 2.0 * turn * turn)
+    return float(reach)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> tuple[int, float]:
+    """Along which axis the log density bends most over a box, and by how much."""
+    size, run = boxes.step.shape[1], boxes.run[cell]
+    sine, cosine = np.sin(at[2]), np.cos(at[2])
+    one, two, three = 0.0, 0.0, 0.0
+    for term in range(terms.beam.size):
+        precision, beam = terms.precision[run, term], terms.beam[term]
+        r = walls[beam, 0]
+        if precision == 0.0 or r == np.inf:
+            continue
+        shrink = 1.0 / max(cosine - walls[beam, 3] * sine, LEAST_COSINE)
+        a, b, turn = walls[beam, 1] * shrink, walls[beam, 2] * shrink, 0.0
+        here = max((r + walls[beam, 1] * at[0] + walls[beam, 2] * at[1]) * shrink, 0.0)
+        if size == 3:
+            turn = (sine + walls[beam, 3] * cosine) * shrink
+        if not terms.gaussian:
+            away = abs(here - terms.centre[run, term]) - 2 * _reach(here, a, b, turn, step)
+            if away > 0:
+                precision = min(precision, 1.0 / (TAIL_SHARE * away) ** 2)
+        one += a * a * precision
+        two += b * b * precision
+        three += here * here * turn * turn * precision
+    one = (one + abs(boxes.curve[cell, 0, 0])) * step[0] ** 2
+    two = (two + abs(boxes.curve[cell, 1, 1])) * step[1] ** 2
+    if size == 3:
+        three = (three + abs(boxes.curve[cell, 2, 2])) * step[2] ** 2
+    axis = 0 if one >= two else 1
+    if three > max(one, two):
+        axis = 2
+    return axis, max(one, two, three)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> float:
+    """Log of a bound on the mass of a box."""
+    size, run = boxes.step.shape[1], boxes.run[cell]
+    most = boxes.level[cell] + terms.common[run]
+    for i in range(size):
+        slope = boxes.slope[cell, i]
+        for j in range(size):
+            slope += boxes.curve[cell, i, j] * at[j]
+            most += 0.5 * at[i] * boxes.curve[cell, i, j] * at[j]
+            most += abs(boxes.curve[cell, i, j]) * step[i] * step[j] / 8
+        most += boxes.slope[cell, i] * at[i] + 0.5 * abs(slope) * step[i] + np.log(step[i])
+    sine, cosine = np.sin(at[2]), np.cos(at[2])
+    for term in range(terms.beam.size):
+        if terms.precision[run, term] == 0.0:
+            continue
+        beam = terms.beam[term]
+        r = walls[beam, 0]
+        if r == np.inf:
+            most += term_at(terms, run, term, r)
+            continue
+        shrink = 1.0 / max(cosine - walls[beam, 3] * sine, LEAST_COSINE)
+        here = max((r + walls[beam, 1] * at[0] + walls[beam, 2] * at[1]) * shrink, 0.0)
+        turn = (sine + walls[beam, 3] * cosine) * shrink if size == 3 else 0.0
+        reach = _reach(here, walls[beam, 1] * shrink, walls[beam, 2] * shrink, turn, step)
+        most += best_in(terms, run, term, here - reach, here + reach)
+    return float(most)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at_nodes(
+    boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array, places: Array, logs: Array
+) -> float:
+    """Log of prior times likelihood at the nodes of a box; gives the greatest."""
+    size, run, count = boxes.step.shape[1], boxes.run[cell], places.shape[0]
+    common = boxes.level[cell] + terms.common[run]
+    for node in range(count):
+        log = common
+        for i in range(size):
+            x = at[i] + places[node, i] * step[i]
+            log += boxes.slope[cell, i] * x
             for j in range(size):
-                covariance[:, i, j] += np.bincount(pool.run, share * second[:, i, j], runs)
-        return mean, covariance, log_integral
+                log += 0.5 * x * boxes.curve[cell, i, j] * (at[j] + places[node, j] * step[j])
+        logs[node] = log
+    headings = 1 if size == 2 or count == 1 else NODES  # which vary fastest
+    for heading in range(headings):
+        sine, cosine = 0.0, 1.0
+        if size == 3:
+            angle = at[2] + places[heading, 2] * step[2]
+            sine, cosine = np.sin(angle), np.cos(angle)
+        for term in range(terms.beam.size):
+            precision, beam = terms.precision[run, term], terms.beam[term]
+            if precision == 0.0:
+                continue
+            shrink = 1.0 / max(cosine - walls[beam, 3] * sine, LEAST_COSINE)
+            r, a, b = walls[beam, 0] * shrink, walls[beam, 1] * shrink, walls[beam, 2] * shrink
+            r += a * at[0] + b * at[1]
+            a, b = a * step[0], b * step[1]
+            aim = terms.aim[run, term]
+            if terms.gaussian and r < np.inf and abs(aim) < np.inf:
+                for node in range(heading, count, headings):
+                    off = max(r + a * places[node, 0] + b * places[node, 1], 0.0) - aim
+                    logs[node] -= 0.5 * precision * off * off
+            else:
+                for node in range(heading, count, headings):
+                    here = max(r + a * places[node, 0] + b * places[node, 1], 0.0)
+                    logs[node] += term_at(terms, run, term, here)
+    highest = -np.inf
+    for node in range(count):  # a wall met at a slant ends before it can exceed its cap
+        logs[node] = min(logs[node], boxes.cap[cell])
+        highest = max(highest, logs[node])
+    return float(highest)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def survey(boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array) -> None:
+    """Log density at the centres of cells, (N,), and bounds from models where these hold all over, (N,)."""
+    size = boxes.step.shape[1]
+    places, at, step = np.zeros((1, size)), np.zeros(3), np.zeros(3)
+    walls, one = np.empty((boxes.ranges.shape[1], 4)), np.empty(1)
+    for cell in range(boxes.run.size):
+        volume = 0.0
+        for i in range(size):
+            step[i] = boxes.step[cell, i]
+            volume += np.log(step[i])
+        _load(boxes, cell, walls)
+        _at_nodes(boxes, terms, cell, at, step, walls, places, one)
+        logs[cell] = one[0] if one[0] > IMPOSSIBLE_NATS else -np.inf
+        if straight[cell]:
+            bounds[cell] = _most_in(boxes, terms, cell, at, step, walls) - volume

@@ -1,36 +1,41 @@
-"""Halving of coarse cells where readings ask for it: sharp ridges, jumps of ranges, edges of the prior.
+"""Which cells of a prior a run's readings ask for, and what they come to.
 
-In each round those that may hold more of the belief than is allowed to err are halved along every axis: where
-they are wide for what the readings tell, or where the ranges of a cell and its neighbours do not lie on a
-line, so that something jumps or bends between them.
+Coarse cells that can hold the readings are integrated with the ranges of one wall for each beam. Where a
+jump, a bend or the prior's end crosses a cell that may hold more than is allowed to err, it is halved along
+every axis, with ranges cast anew.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, IntArray
 from ..problem import Problem
-from ..space import deviations_apart
-from .coarse_cells import CoarseCells, nearest_ranges
-from .halving import Halving
-from .likelihood import Likelihood
-from .pool import IMPOSSIBLE_NATS, Pool, evaluate, weighted_moments
-from .quadrature import Quadrature
+from ..space import StateSpace
+from .coarse_cells import CoarseCells, models_at
+from .halving import BENT_SCALES, Halving
+from .likelihood import IMPOSSIBLE_NATS, Likelihood, add_best
+from .pool import Pool, weighted_moments
+from .quadrature import NODES, Sums, integrate, nodes
+from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners
 
 SEARCH_NATS = 40.0  # below the best bound: coarse cells worse than that are looked at only if need be
-ENOUGH_NATS = 25.0  # below the best cell: none worse than that can count
-NEGLIGIBLE_SHARE = 1e-7  # of a belief: cells that hold less are not halved
-DROPPED_SHARE = 1e-14  # of a belief: cells that hold less are left out
-WIDE_CELL = 5.0  # curvature of the log density over a cell that three nodes along each axis are enough for
-JUMP_SHARE = {2: 0.1, 3: 0.02}  # of a cell's greatest mass: what a jump across it may make the sum err by
+REST_SHARE = 1e-6  # of a belief: what all cells that were not looked at may hold
+WORTH_HALVING = 1e-3  # of the worst cell's error: the others may prove to hold less
+DROPPED_SHARE = 1e-9  # of a belief: cells that hold less are left out
+LOOKED_AT_SHARE = 1e-5  # of a belief: in cells that hold less nothing is looked for between their corners
+JUMP_SHARE = {2: 0.1, 3: 0.01}  # of the greatest mass of cells that jumps cross: the least they may err by
+MOST_DISPLACED = 0.3  # the same, of a single cell
 CALM_SHARE = 0.5  # of the accuracy: what cells that are halved no more may err by together
-NODES = 3  # along each axis of a cell
-MAX_ROUNDS = 20
-ATTEMPTS = 3  # at cells that the rules agree on
+RULE_ERROR = 2e-3  # of mean and covariance, in deviations: what rules of three nodes may err by
+HALVED_AT_ONCE = 4000  # cells of a run in one round, those that may err most
+MAX_ROUNDS = 40
+NEGLIGIBLE_SHARE = 1e-7  # of a belief: cells that may err by less are not halved
+LEFT_SHARE = 0.5  # of what is allowed: what cells that are not halved in a round may err by
+UNSEEN_NATS = 20.0  # by which a cell may be likelier than was thought where something was not seen in it
+CUT_NODES = 4  # along each axis of a cell in which the prior ends
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,6 @@ class Refined:
         error: What jumps, bends and cells that are still wide may make mean and covariance err by, in
             deviations, (M,).
         pool: The cells.
-        log_mass: Of each, (N,).
     """
 
     mean: Array
@@ -52,7 +56,6 @@ class Refined:
     log_integral: Array
     error: Array
     pool: Pool
-    log_mass: Array
 
 
 @dataclass(frozen=True)
@@ -73,147 +76,204 @@ class Refinement:
 
     def answer(self, likelihood: Likelihood) -> Refined:
         """Mean, covariance and evidence of M runs."""
-        runs = len(likelihood.readings)
         bounds = self._bounds(likelihood)
         floor = bounds.max(axis=1) - SEARCH_NATS
         found = self._refined(likelihood, bounds, floor)
-        best = np.full(runs, -np.inf)
-        np.maximum.at(best, found.pool.run, found.pool.log)
-        again = np.flatnonzero((best < floor + ENOUGH_NATS) & (bounds.min(axis=1) < floor))
+        lower = found.log_integral + np.log(REST_SHARE / np.exp(self.coarse.log_volumes).sum())
+        lower = np.where(found.log_integral > -np.inf, lower, -np.inf)
+        rest = np.where(bounds < floor[:, None], bounds, -np.inf).max(axis=1)
+        again = np.flatnonzero((lower < floor) & (rest >= lower) & (rest > IMPOSSIBLE_NATS))
         if not len(again):
             return found
-        lower = np.where(best > -np.inf, best - ENOUGH_NATS, -np.inf)[again]
-        part = Likelihood(self.problem.sensor, likelihood.readings[again])
-        more = self._refined(part, bounds[again], lower)
-        rest = ~np.isin(found.pool.run, again)
+        more = self._refined(likelihood.rows(again), bounds[again], lower[again])
         more.pool.run = again[more.pool.run]
-        pool = Pool.joined([found.pool.rows(rest), more.pool])
-        mass = np.concatenate([found.log_mass[rest], more.log_mass])
         for name in ("mean", "covariance", "log_integral", "error"):
             getattr(found, name)[again] = getattr(more, name)
-        return Refined(found.mean, found.covariance, found.log_integral, found.error, pool, mass)
-
-    @cached_property
-    def _halving(self) -> Halving:
-        return Halving(self.problem, self.coarse.step)
-
-    @cached_property
-    def _quadrature(self) -> Quadrature:
-        return Quadrature(self.problem, self.coarse.step)
+        kept = found.pool.rows(~np.isin(found.pool.run, again))
+        pool = Pool.joined([kept, more.pool])
+        return Refined(found.mean, found.covariance, found.log_integral, found.error, pool)
 
     def boxes(self, likelihood: Likelihood, found: Refined) -> tuple[Array, Array, Array]:
-        """Boxes about the nodes of the cells, to be drawn from: see `Quadrature.boxes`."""
-        return self._quadrature.boxes(likelihood, found.pool)
+        """One run's cells in boxes about the nodes of rules: centres, sizes (N, n) and log masses (N,)."""
+        pool = found.pool
+        size = self.problem.space.size
+        order = np.flatnonzero(pool.log_mass > -np.inf)
+        left = np.full(1, self.most_cells)
+        found_again = Sums(*(part.copy() for part in pool.sums))
+        cell, away, step = integrate(
+            pool.boxes, likelihood.terms, order, found.log_integral.copy(), left, found_again, True
+        )
+        places, shares = nodes(NODES, size)
+        ends = np.concatenate([[0.0], np.cumsum(nodes(NODES, 1)[1])]) - 0.5
+        box = np.stack(np.unravel_index(np.arange(len(places)), (NODES,) * size), -1)
+        middle, width = 0.5 * (ends[box] + ends[box + 1]), ends[box + 1] - ends[box]
+        centres = (pool.centre[cell] + away)[:, None] + middle * step[:, None]
+        flat = centres.reshape(-1, size)
+        logs = self.problem.prior.log_density(self.problem.space.wrap(flat))
+        if likelihood.scales.min(initial=np.inf) < np.inf:
+            ranges = np.asarray(self.problem.sensor.expected(flat))
+            logs = logs + likelihood.log_density(np.zeros(len(flat), np.int64), ranges)
+        logs = logs + (np.log(shares) + np.log(step).sum(axis=1)[:, None]).ravel()
+        return flat, (width * step[:, None]).reshape(-1, size), logs
+
+    @property
+    def _halving(self) -> Halving:
+        return Halving(self.problem)
 
     def _bounds(self, likelihood: Likelihood) -> Array:
         """The most that prior times likelihood may be in each coarse cell, (M, G)."""
-        coarse, sensor = self.coarse, self.problem.sensor
-        targets = likelihood.targets[:, coarse.beams]
-        bounds = np.empty((len(targets), len(coarse.centres)))
-        beams = len(sensor.bearings)
-        nearest = np.empty((len(coarse.centres), len(coarse.beams)))
-        readings = likelihood.readings
-        if len(coarse.beams) < beams:
-            readings = np.full_like(readings, np.nan)
-            readings[:, :, coarse.beams] = likelihood.readings[:, :, coarse.beams]
-        searched = Likelihood(sensor, readings)
-        for run in range(len(targets)):
-            nearest_ranges(targets[run], coarse.bands, nearest)
-            expected = nearest
-            if len(coarse.beams) < beams:
-                expected = np.ones((len(nearest), beams))
-                expected[:, coarse.beams] = nearest
-            rows = np.array([run])
-            bounds[run] = searched.log_density(rows, expected[None])[0] + coarse.log_prior
+        column = np.full(len(self.problem.sensor.bearings), -1)
+        column[self.coarse.beams] = np.arange(len(self.coarse.beams))
+        bounds = np.empty((len(likelihood.readings), len(self.coarse.centres)))
+        terms = likelihood.terms
+        add_best(
+            terms, column[terms.beam], likelihood.tops, self.coarse.bands, self.coarse.prior.most, bounds
+        )
         return bounds
 
     def _refined(self, likelihood: Likelihood, bounds: Array, floor: Array) -> Refined:
+        coarse, runs = self.coarse, len(floor)
         run, cell = np.nonzero((bounds >= floor[:, None]) & (bounds > IMPOSSIBLE_NATS))
-        centre = self.coarse.centres[cell]
-        log, prior, ranges = evaluate(self.problem, likelihood, run, centre)
-        ones = np.ones(len(run))
-        pool = Pool(
-            run, centre, np.zeros(len(run), np.int64), log, np.maximum(bounds[run, cell], log), prior,
-            np.inf * ones, ones, ones > 1, ones > 1, ranges,
-        )  # fmt: skip
-        for attempt in range(ATTEMPTS):
-            pool, errors = self._halved_as_needed(likelihood, pool, len(floor))
-            found, coarse_rule = self._integrated(likelihood, pool, errors, len(floor))
-            again = coarse_rule > CALM_SHARE * self.accuracy
-            if not again.any() or attempt + 1 == ATTEMPTS:
-                break
-            pool.wide = np.where(again[pool.run], np.inf, pool.wide)
-        return found
-
-    def _halved_as_needed(self, likelihood: Likelihood, pool: Pool, runs: int) -> tuple[Pool, Array]:
-        """The cells once no more are to be halved, and what jumps in each may err by, (N,)."""
+        centre, step = coarse.centres[cell], coarse.steps[cell]
+        prior = PriorModel(*(part[cell] for part in coarse.prior))
+        if coarse.models is None:
+            model = models_at(self.problem, centre, step, prior.anchor)
+        else:
+            model = RangeModel(*(part[cell] for part in coarse.models))
+        pool = self._halving.pool(likelihood, run, centre, step, model, prior, bounds[run, cell])
+        left = np.full(runs, self.most_cells) - np.bincount(run, minlength=runs)
         for _ in range(MAX_ROUNDS):
-            pool, errors = self._errors(pool, runs)
-            split = self._to_halve(pool, errors, runs)
+            pool, errors = self._integrated(likelihood, pool, left, runs, False)
+            split = self._to_halve(pool, errors, left, runs)
             if not split.any():
-                return pool, errors
-            pool = Pool.joined([pool.rows(~split), self._halving.halved(likelihood, pool.rows(split))])
-        return self._errors(pool, runs)
+                pool, errors = self._integrated(likelihood, pool, left, runs, True)
+                split = self._to_halve(pool, errors, left, runs)
+                if not split.any():
+                    break
+            left -= (2**self.problem.space.size - 1) * np.bincount(pool.run[split], minlength=runs)
+            parents = pool.rows(split)
+            pool = Pool.joined([pool.rows(~split), self._halving.halved(likelihood, parents)])
+        return self._finished(pool, errors, runs)
 
     def _integrated(
-        self, likelihood: Likelihood, pool: Pool, errors: Array, runs: int
-    ) -> tuple[Refined, Array]:
-        """Moments by Gauss-Legendre rules in the cells, and by how much rules of fewer nodes differ, (M,)."""
-        slopes = np.zeros((*pool.ranges.shape, self.problem.space.size))
-        if likelihood.measured.any():
-            slopes = np.asarray(self.problem.sensor.jacobian(pool.centre))
-        fine, coarse = (
-            self._quadrature.moments(likelihood, pool, slopes, count, runs) for count in (NODES, NODES - 1)
-        )
-        rule = deviations_apart(self.problem.space, fine[:3], coarse[:3])
-        jumps = np.bincount(pool.run, errors, runs)
-        error = np.where(fine.log_integral > -np.inf, rule + jumps, 0.0)
-        return Refined(fine.mean, fine.covariance, fine.log_integral, error, pool, fine.log_mass), rule
+        self, likelihood: Likelihood, pool: Pool, left: IntArray, runs: int, broken: bool
+    ) -> tuple[Pool, Array]:
+        """The cells that count, and what each may make mean and covariance err by, (N,).
 
-    def _errors(self, pool: Pool, runs: int) -> tuple[Pool, Array]:
-        """The cells that count, and what each may make mean and covariance err by, in deviations, (N,)."""
+        Integrated are those that are whole, or all; of others the centre is taken for the whole.
+        """
+        fresh = pool.rough & (broken | (pool.broken == 0))
+        for _ in range(2):
+            log_total = log_sums(pool.run, pool.log_mass, runs)
+            order = np.flatnonzero(fresh)
+            order = order[np.argsort(-(pool.bound + pool.log_volume)[order])]
+            integrate(pool.boxes, likelihood.terms, order, log_total, left, pool.sums)
+            pool.rough[order] = False
+            log_total = log_sums(pool.run, pool.log_mass, runs)
+            counts, share = self._counts(pool, log_total, runs)
+            with np.errstate(over="ignore", invalid="ignore"):
+                most = np.exp(np.minimum(pool.bound + pool.log_volume - log_total[pool.run], 500.0)) * counts
+                coarse = np.exp(np.minimum(pool.coarse - log_total[pool.run], 500.0)) * counts
+            fresh = ~pool.rough & (counts > 2 * pool.weigh) & (most > NEGLIGIBLE_SHARE)
+            if not fresh.any():
+                break
+            pool.weigh = np.where(fresh, 1.5 * counts, pool.weigh)
+        surprised = self._look(likelihood, pool, share * counts)
+        most[surprised] = np.maximum(most[surprised], 1.0)
+        errors = np.maximum(coarse, self._displaced(pool, most * pool.broken, runs))
+        kept = most > DROPPED_SHARE
+        return pool.rows(kept), errors[kept]
+
+    def _displaced(self, pool: Pool, broken: Array, runs: int) -> Array:
+        """What jumps may make mean and covariance err by in cells of which so much is broken, (N,).
+
+        A jump displaces a share of a cell's mass to either side at random, so that many cells err less: by
+        one over the square root of their number. Some of it has one sign where jumps run along the cells.
+        """
+        sums = np.bincount(pool.run, broken, runs)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            alone = np.sqrt(np.bincount(pool.run, broken**2, runs)) / sums
+        share = np.clip(np.nan_to_num(alone, nan=1.0), JUMP_SHARE[self.problem.space.size], MOST_DISPLACED)
+        return np.asarray(broken * share[pool.run])
+
+    def _counts(self, pool: Pool, log_total: Array, runs: int) -> tuple[Array, Array]:
+        """How much more than its mass each cell counts, (N,), and its share of the belief, (N,)."""
         space = self.problem.space
-        size = space.size
-        log_volume = self.coarse.log_volume - size * np.log(2.0) * pool.level
-        log_mass = pool.log + log_volume
-        top = np.full(runs, -np.inf)
-        np.maximum.at(top, pool.run, log_mass)
-        shared = np.where(top > -np.inf, top, 0.0)[pool.run]
-        mass = np.exp(log_mass - shared)
-        total = np.bincount(pool.run, mass, runs)
-        with np.errstate(divide="ignore"):
-            log_integral = top + np.log(total)
-        share = mass / np.where(total > 0, total, 1.0)[pool.run]
-        mean, covariance = weighted_moments(space, pool.run, pool.centre, share, runs)
-        width = np.zeros((runs, size))
-        for axis in range(size):
-            squares = (self.coarse.step[axis] * 0.5**pool.level) ** 2 / 12
-            width[:, axis] = np.bincount(pool.run, share * squares, runs)
-        variance = covariance.diagonal(axis1=1, axis2=2) + width
+        share = np.exp(pool.log_mass - np.where(log_total > -np.inf, log_total, 0.0)[pool.run])
+        mean, covariance = joined_moments(space, pool, share, runs)
+        variance = covariance.diagonal(axis1=1, axis2=2)[pool.run]
         away = space.difference(pool.centre, mean[pool.run])
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            apart = np.nan_to_num((away**2 / variance[pool.run]).max(axis=1), nan=0.0)
-            counts = np.maximum(1.0, apart)
-            most = np.exp(np.minimum(pool.bound + log_volume - log_integral[pool.run], 500.0)) * counts
-        errors = most * np.where(pool.wide > WIDE_CELL, 1.0, JUMP_SHARE[size] * pool.broken)
-        kept = most > DROPPED_SHARE
-        if not kept.all():
-            pool, errors = pool.rows(kept), errors[kept]
-        errors = np.where(pool.wide > WIDE_CELL, np.where(errors > NEGLIGIBLE_SHARE, errors, 0.0), errors)
-        return pool, errors
+            apart = np.nan_to_num((away**2 / variance).max(axis=1), nan=1.0, posinf=1.0)
+        return np.maximum(1.0, apart), share
 
-    def _to_halve(self, pool: Pool, errors: Array, runs: int) -> BoolArray:
-        """Which cells to halve: all wide ones that count, and broken ones that may err by too much."""
-        wide = (pool.wide > WIDE_CELL) & (errors > NEGLIGIBLE_SHARE)
-        broken = (pool.wide <= WIDE_CELL) & (errors > NEGLIGIBLE_SHARE)
-        number = np.bincount(pool.run, broken, runs)
-        sum_of = np.bincount(pool.run, np.where(broken, errors, 0.0), runs)
+    def _look(self, likelihood: Likelihood, pool: Pool, share: Array) -> BoolArray:
+        """Cast ranges where the mass of cells is that seem whole; what does not fit there is broken."""
+        size = self.problem.space.size
+        surprised = np.zeros(len(pool.run), dtype=np.bool_)
+        rows = np.flatnonzero(~pool.looked & ~pool.rough & (pool.broken == 0) & (share > LOOKED_AT_SHARE))
+        if not len(rows) or not np.isfinite(likelihood.scales).any():
+            return surprised
+        pool.looked[rows] = True
+        spread = pool.second[rows].diagonal(axis1=1, axis2=2) - pool.mean[rows] ** 2
+        signs = np.concatenate([np.zeros((1, size)), corners(size)])
+        places = pool.mean[rows][:, None] + signs * np.sqrt(np.maximum(spread, 0.0))[:, None]
+        reach = corner_reach(pool.step[rows])[:, None]
+        places = np.clip(places, -reach, reach)
+        seen = np.asarray(self.problem.sensor.expected(pool.centre[rows][:, None] + places))
+        bend = bends(pool.ranges[rows], pool.slopes[rows], places, seen)
+        bad = (likelihood.in_scales(pool.run[rows], bend) > BENT_SCALES).any(axis=1)
+        pool.broken[rows[bad]] = 1.0
+        pool.bound[rows[bad]] += UNSEEN_NATS
+        surprised[rows[bad]] = True
+        return surprised
+
+    def _to_halve(self, pool: Pool, errors: Array, left: IntArray, runs: int) -> BoolArray:
+        """Which broken cells to halve: the worst, until the others may err by no more than is allowed."""
+        split = np.zeros(len(errors), dtype=np.bool_)
         allowed = CALM_SHARE * self.accuracy
-        limit = allowed / np.maximum(number, 1)
-        broken &= (sum_of > allowed)[pool.run] & (errors > limit[pool.run])
-        split = wide | broken
-        counts = np.bincount(pool.run, minlength=runs) + (2**self.problem.space.size - 1) * np.bincount(
-            pool.run, split, runs
-        )
-        split &= (counts <= self.most_cells)[pool.run]
-        return np.asarray(split)
+        errs = np.where(pool.broken > 0, errors, 0.0)
+        sums = np.bincount(pool.run, errs, runs)
+        for run in np.flatnonzero(sums > allowed):
+            rows = np.flatnonzero((pool.run == run) & (errs > NEGLIGIBLE_SHARE))
+            rows = rows[errs[rows] > WORTH_HALVING * errs[rows].max(initial=0.0)]
+            rows = rows[np.argsort(errs[rows])]
+            rows = rows[np.cumsum(errs[rows]) > LEFT_SHARE * allowed]
+            most = min(HALVED_AT_ONCE, max(0, int(left[run])) // (2**self.problem.space.size - 1))
+            split[rows[len(rows) - min(most, len(rows)) :]] = True
+        return split
+
+    def _finished(self, pool: Pool, errors: Array, runs: int) -> Refined:
+        """Moments of the cells; of those in which the prior ends, the part that is possible counts."""
+        space = self.problem.space
+        cut = np.flatnonzero((pool.off > QUADRATIC_NATS) & (pool.log_mass > -np.inf))
+        if len(cut):
+            places, shares = nodes(CUT_NODES, space.size)
+            points = pool.centre[cut][:, None] + places * pool.step[cut][:, None]
+            logs = self.problem.prior.log_density(space.wrap(points))
+            with np.errstate(divide="ignore"):
+                pool.log_mass[cut] += np.log(np.exp(logs - pool.level[cut][:, None]) @ shares)
+        log_total = log_sums(pool.run, pool.log_mass, runs)
+        share = np.exp(pool.log_mass - np.where(log_total > -np.inf, log_total, 0.0)[pool.run])
+        mean, covariance = joined_moments(space, pool, share, runs)
+        error = np.where(log_total > -np.inf, RULE_ERROR + np.bincount(pool.run, errors, runs), 0.0)
+        return Refined(mean, covariance, log_total, error, pool)
+
+
+def log_sums(run: IntArray, logs: Array, runs: int) -> Array:
+    """Logs of the sums of each run's terms, (N,) -> (M,)."""
+    top = np.full(runs, -np.inf)
+    np.maximum.at(top, run, logs)
+    sums = np.bincount(run, np.exp(logs - np.where(top > -np.inf, top, 0.0)[run]), runs)
+    with np.errstate(divide="ignore"):
+        return np.asarray(top + np.log(sums))
+
+
+def joined_moments(space: StateSpace, pool: Pool, share: Array, runs: int) -> tuple[Array, Array]:
+    """Mean (M, n) and covariance (M, n, n) of cells that hold shares of their runs' beliefs."""
+    mean, covariance = weighted_moments(space, pool.run, pool.centre + pool.mean, share, runs)
+    for i in range(space.size):
+        for j in range(space.size):
+            within = pool.second[:, i, j] - pool.mean[:, i] * pool.mean[:, j]
+            covariance[:, i, j] += np.bincount(pool.run, share * within, runs)
+    return mean, covariance
