@@ -14,7 +14,7 @@ from rangefix.evaluation import Results, load, nees, worst_runs
 from rangefix.evaluation.figures.embedded.places import Places
 from rangefix.evaluation.figures.embedded.worst import worst_figure
 from rangefix.evaluation.report.tables import Line
-from rangefix.evaluation.report.worst import MAP, WhereItFails, repeat_command, where_it_fails
+from rangefix.evaluation.report.worst import MAP_ID, WhereItFails, repeat_command, where_it_fails
 
 from .conftest import LABEL
 
@@ -69,7 +69,7 @@ def test_all_worst_runs_are_in_the_map_where_the_walls_say(results: Results, fai
     """Each line has a place in the figure; places keep the ratios of positions, 4 m by 6 m with one scale."""
     lines = [line for _, group in fails.all.groups for line in group]
     assert len(lines) == 3 * 10
-    assert all(line.spot is not None and line.spot.figure == MAP for line in lines)
+    assert all(line.spot is not None and line.spot.figure == MAP_ID for line in lines)
     assert all(0 <= share <= 100 for line in lines if line.spot for share in line.spot.at)
     assert fails.figure is not None
     size = fails.figure.width, fails.figure.height

@@ -19,15 +19,11 @@ from ..results import Results
 from .embedding import Mark, ShownFigure, marks_of
 from .tables import Cell, Line, Spot, Table
 
-MAP = "worst-map"  # the id of the figure
+MAP_ID = "worst-map"  # the id of the figure
 MAX_READINGS_SHOWN = 6  # of a scan with more only the ends are
-RARE = 0.05  # how rarely an honest estimator has a run beyond what the page names
-KEPT = {
-    "--map",
-    "--out",
-    "-o",
-    "-m",
-}  # options of `rangefix run` with a value that --only-run takes, but for runs and seed
+RARE_SHARE = 0.05  # how rarely an honest estimator has a run beyond what the page names
+# Options of `rangefix run` with a value that a repeated run needs, too, but for --runs and --seed.
+KEPT_OPTIONS = ("--map", "--out", "-o")
 Key = tuple[str, str, int]  # estimator, beams, run
 
 
@@ -82,7 +78,7 @@ def where_it_fails(results: Results, runs: Sequence[WorstRun], steps: int) -> Wh
         (label, [Line(f"run {run.run}", _cells(run, moving), spots.get(_key(run))) for run in own])
         for label, own in by_estimator.items()
     ]
-    rare = chdtri(len(names), -np.expm1(np.log1p(-RARE) / (results.runs * steps))) / len(names)
+    rare = chdtri(len(names), -np.expm1(np.log1p(-RARE_SHARE) / (results.runs * steps))) / len(names)
     return WhereItFails(
         first=Table(["run", *columns], [("", first)], frozenset(place + 1 for place in texts)),
         all=Table(columns, every, texts, head="run"),
@@ -121,7 +117,7 @@ def _map(
         for states in ([run.truth for run in drawn], [run.estimate for run in drawn])
     )
     spots = {
-        _key(run): Spot.at_shares(MAP, shares, _tip(run), run.run)
+        _key(run): Spot.at_shares(MAP_ID, shares, _tip(run), run.run)
         for run, shares in zip(drawn, np.concatenate([truths, estimates], axis=1), strict=True)
     }
     return shown, marks_of(labels), spots
@@ -187,7 +183,7 @@ def repeat_command(manifest: Mapping[str, Any]) -> str:
     kept = ["--no-plugins"] if "--no-plugins" in words else []
     for word, value in zip(words[2:], [*words[3:], ""], strict=True):
         name, equals, _ = word.partition("=")
-        if name in KEPT:
+        if name in KEPT_OPTIONS:
             kept += [word] if equals else [word, value]
     runs = ["--runs", str(manifest["runs"]), "--seed", str(manifest["seed"])]
     return f"{shlex.join([*words[:2], study, *kept, *runs])} --only-run"

@@ -16,14 +16,14 @@ from ...consistency.row import Row
 from ..style import symbol
 from .places import Places, colour_of, marker_of
 
-PANEL = 1.9  # inches high
+PANEL_HEIGHT = 1.9  # inches high
 LEFT, RIM, GAP, ABOVE = 0.75, 0.15, 0.42, 0.3  # inches
 NARROWEST, WIDEST = 6.8, 13.0  # inches
-STEP = 0.78  # inches that the label of a folder takes across; turned it takes TURNED
-TURNED = 0.42
+LABEL_ACROSS = 0.78  # inches that the label of a folder takes across; turned it takes LABEL_TURNED
+LABEL_TURNED = 0.42
 LINES, UPRIGHT = 0.55, 1.0  # inches below for the labels, across and turned
 SPREAD = 0.5  # of the step from folder to folder: how far the estimators of one stand apart
-STEPS = (1.0, 2.0, 5.0)  # ticks of a logarithmic axis, times powers of ten
+TICK_MULTIPLES = (1.0, 2.0, 5.0)  # ticks of a logarithmic axis, times powers of ten
 MOST_TICKS = 7
 
 
@@ -41,14 +41,16 @@ def history_figure(
         The figure, and where data stand in each panel: ANEES / n, then the components.
     """
     names = next(row for each in rows.values() for row in each if row is not None).names
-    turned = len(ticks) * STEP > NARROWEST - LEFT - RIM
-    width = min(max(NARROWEST, LEFT + RIM + len(ticks) * TURNED), WIDEST)
+    turned = len(ticks) * LABEL_ACROSS > NARROWEST - LEFT - RIM
+    width = min(max(NARROWEST, LEFT + RIM + len(ticks) * LABEL_TURNED), WIDEST)
     panels, below = 1 + len(names), UPRIGHT if turned else LINES
-    height = below + panels * (PANEL + GAP) - GAP + ABOVE
+    height = below + panels * (PANEL_HEIGHT + GAP) - GAP + ABOVE
     figure, places = Figure(figsize=(width, height)), []
     for panel in range(panels):
-        bottom = below + (panels - 1 - panel) * (PANEL + GAP)
-        axes = figure.add_axes((LEFT / width, bottom / height, 1 - (LEFT + RIM) / width, PANEL / height))
+        bottom = below + (panels - 1 - panel) * (PANEL_HEIGHT + GAP)
+        axes = figure.add_axes(
+            (LEFT / width, bottom / height, 1 - (LEFT + RIM) / width, PANEL_HEIGHT / height)
+        )
         name = names[panel - 1]
         std = f"true standard deviation of {symbol(name)}, {unit(name)}"
         axes.set_title(std if panel else "ANEES / n: 1 is honest")
@@ -117,7 +119,7 @@ def _value_axis(axes: Axes, ends: Sequence[float]) -> None:
 def round_ticks(low: float, high: float) -> list[float]:
     """A few round numbers from 10**low to 10**high; powers of ten where there is no room for more."""
     decades = range(math.floor(low), math.ceil(high) + 1)
-    fine = [by * 10.0**decade for decade in decades for by in STEPS]
+    fine = [by * 10.0**decade for decade in decades for by in TICK_MULTIPLES]
     fine = [tick for tick in fine if low <= math.log10(tick) <= high]
     if len(fine) < 3:
         even = MaxNLocator(MOST_TICKS - 3, steps=[1, 2, 2.5, 5, 10]).tick_values(10**low, 10**high)
@@ -131,7 +133,7 @@ def round_ticks(low: float, high: float) -> list[float]:
 def _folder_axis(axes: Axes, labels: Sequence[str], turned: bool) -> None:
     """A tick for each folder; as many labels as there is room for."""
     count = len(labels)
-    every = math.ceil(count * TURNED / (WIDEST - LEFT - RIM))
+    every = math.ceil(count * LABEL_TURNED / (WIDEST - LEFT - RIM))
     axes.set_xlim(-0.5, count - 0.5)
     axes.set_xticks(range(0, count, every), labels[::every], rotation=90 if turned else 0)
     axes.spines["bottom"].set_visible(any(labels))
