@@ -102,7 +102,8 @@ cli
 evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
-evaluation.figures evaluation.comparison evaluation.trials
+evaluation.figures evaluation.trials
+evaluation.comparison
 evaluation.consistency
 evaluation.results evaluation.study
 evaluation.study.sections evaluation.isolation

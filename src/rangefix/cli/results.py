@@ -120,19 +120,30 @@ def table(
 
 
 def report(
-    folder: Folder,
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            parser=results_folder,
+            metavar="DIR...",
+            help="Folder of results; or several of one study, in this order, on one page.",
+        ),
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", parser=named, metavar="FILE", help="The page; DIR/report.html unless given."
+            "--out",
+            "-o",
+            parser=named,
+            metavar="FILE",
+            help="The page; DIR/report.html unless given, or comparison.html for several folders.",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write one self-contained page about a folder of results."""
-    from ..evaluation import write_report
+    """Write one self-contained page about a folder of results, or about several of the same study."""
+    from ..evaluation import write_comparison, write_report
 
-    path = write_report(folder, out)
+    path = write_report(folders[0], out) if len(folders) == 1 else write_comparison(folders, out)
     if as_json:
         print_json({"report": str(path)})
     else:

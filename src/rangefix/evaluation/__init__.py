@@ -14,7 +14,7 @@ from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
 from .experiment import Experiment, NamedEstimator
 from .monte_carlo import ClusterTls, Progress, repeat_run, run
-from .report import write_report
+from .report import write_comparison, write_report
 from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
 from .study import Study, StudyError, load_study, parse_study, study_names
@@ -65,5 +65,6 @@ __all__ = [
     "summarise",
     "to_csv",
     "worst_runs",
+    "write_comparison",
     "write_report",
 ]

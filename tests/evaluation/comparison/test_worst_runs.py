@@ -51,6 +51,16 @@ def test_an_indefinite_claim_comes_first(results):
     assert (worst.run, worst.nees) == (41, np.inf)
 
 
+def test_they_hold_errors_and_the_readings_of_their_beams():
+    """An error is truth minus estimate; the readings are those of the set of beams that the trial had."""
+    experiment = Experiment(make_problem(), {"prior": PriorOnly}, runs=30, seed=5, beam_sets=[[3], [1, 3]])
+    made = run(experiment, timing=False)
+    for worst in worst_runs(made):
+        used = [2] if worst.beams == "3" else [0, 2]
+        np.testing.assert_array_equal(worst.readings, made.measurement[worst.run, 0, used])
+        np.testing.assert_array_equal(worst.error, worst.truth - worst.estimate)
+
+
 def test_they_are_saved_with_the_results(tmp_path):
     run(Experiment(make_problem(), {"honest": PriorOnly}, runs=12), tmp_path / "r", timing=False)
     lines = list(csv.DictReader(io.StringIO((tmp_path / "r/worst_runs.csv").read_text())))

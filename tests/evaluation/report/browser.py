@@ -38,6 +38,70 @@ return [...document.querySelectorAll('body *')]
   .filter(e => !scrolls(e.parentElement))
   .map(e => e.tagName + '.' + e.getAttribute('class')).slice(0, 5);
 """
+# Texts that stand on each other, of all that can be seen but the line of links, which floats.
+OVERLAPPING = """
+const boxes = [];
+const walker = document.createTreeWalker(document.querySelector('body'), NodeFilter.SHOW_TEXT);
+for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+  const parent = node.parentElement;
+  if (!node.textContent.trim() || parent.closest('nav, script, style, option')) continue;
+  if (getComputedStyle(parent.closest('thead') || parent).position === 'absolute') continue;
+  const range = document.createRange();
+  range.selectNodeContents(node);
+  for (const r of range.getClientRects()) {
+    const seen = r.width > 1 && r.height > 1;
+    if (seen) boxes.push([r.left, r.top, r.right, r.bottom, node.textContent.trim().slice(0, 30)]);
+  }
+}
+boxes.sort((a, b) => a[1] - b[1]);
+const found = [];
+boxes.forEach((a, i) => {
+  for (let j = i + 1; j < boxes.length && boxes[j][1] < a[3] - 4; j++) {
+    const b = boxes[j];
+    if (Math.min(a[2], b[2]) - Math.max(a[0], b[0]) > 1) found.push(a[4] + ' | ' + b[4]);
+  }
+});
+return found.slice(0, 5);
+"""
+# The same of the letters within each figure, at its natural size. A text twice at one place looks like one.
+OVERLAPPING_IN_FIGURES = """
+const found = [];
+for (const image of document.images) {
+  const holder = document.createElement('div');
+  holder.style.cssText = 'position:absolute;left:0;top:0';
+  holder.innerHTML = atob(image.src.split('base64,')[1]).replace(/^[^]*?<svg/, '<svg');
+  document.body.append(holder);
+  const boxes = [...holder.querySelectorAll('g[id^=text_]')].map(g => [g.getBoundingClientRect(), g.id]);
+  boxes.forEach(([a, one], i) => boxes.slice(i + 1).forEach(([b, other]) => {
+    if (Math.min(a.right, b.right) - Math.max(a.left, b.left) > 0.5
+        && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 0.5
+        && ['left', 'top', 'right', 'bottom'].some(side => Math.abs(a[side] - b[side]) > 0.1))
+      found.push(image.alt.slice(0, 20) + ': ' + one + ' | ' + other);
+  }));
+  holder.remove();
+}
+return found.slice(0, 8);
+"""
+# Headings of tables whose text does not stand over that of their column, on the side where the column stands.
+OUT_OF_LINE = """
+const side = (cell, right) => {
+  const range = document.createRange();
+  range.selectNodeContents(cell);
+  const boxes = [...range.getClientRects()].filter(r => r.width > 1);
+  return right ? Math.max(...boxes.map(r => r.right)) : Math.min(...boxes.map(r => r.left));
+};
+const found = [];
+for (const table of document.querySelectorAll('table.rows')) {
+  const row = [...table.querySelectorAll('tbody tr:not(.group)')][0];
+  if (!row || !row.getClientRects().length) continue;
+  [...table.tHead.rows[0].cells].forEach((head, k) => {
+    const cell = row.cells[k], right = getComputedStyle(cell).textAlign === 'right';
+    const apart = Math.abs(side(head, right) - side(cell, right));
+    if (cell.textContent.trim() && apart > 1.5) found.push(head.textContent + ': ' + apart);
+  });
+}
+return found.slice(0, 5);
+"""
 LOW_CONTRAST = """
 const rgb = s => s.match(/[\\d.]+/g).map(Number);
 const linear = v => (v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
@@ -82,8 +146,9 @@ class Browser:
         """A command of the developer tools."""
         return self.call("goog/cdp/execute", {"cmd": command, "params": parameters})
 
-    def open(self, path: Path, width: int = 1280, dark: bool = False) -> None:
-        """Open a file in a window of this width, after a clean slate of logs."""
+    def open(self, path: Path, width: int = 1280, dark: bool = False, scripts: bool = True) -> None:
+        """Open a file in a window of this width, with or without its scripts, after a clean slate of logs."""
+        self.cdp("Emulation.setScriptExecutionDisabled", value=not scripts)
         self.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
                  mobile=width < 600)  # fmt: skip
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}

@@ -152,6 +152,8 @@ def set_in(document: Any, key: str, value: Any) -> None:
         ("space.names", ["x1", "x1"]),
         ("space.heading", "north"),
         ("beam_sets", [1]),
+        ("beam_sets", {"1": [0], "1+2+3": [1, 2, 3]}),
+        ("beam_sets", {"1": [1], "1+2+3": [1, 2, 4]}),
         ("estimators", ["ekf", "ukf"]),
         ("estimators.ekf", 7),
         ("versions", [1, 2]),

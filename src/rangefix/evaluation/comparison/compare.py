@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import unified_diff
@@ -56,6 +57,21 @@ class Difference:
     def is_variance(self) -> bool:
         """Whether tables show the root of it."""
         return self.figure.startswith(("mse_", "claimed_"))
+
+    @property
+    def ratio(self) -> Interval:
+        """B over A, with the interval of their difference over A; of roots where tables show those."""
+        if not (math.isfinite(self.a) and math.isfinite(self.b) and self.a > 0):
+            return Interval(math.nan, math.nan, math.nan)
+        ends = [max(1 + change / self.a, 0.0) for change in self.change]
+        return Interval(*(math.sqrt(end) if self.is_variance else end for end in ends))
+
+    @property
+    def words(self) -> str:
+        """What became of the figure from A to B."""
+        if self.change.value == 0 and self.p == 1.0:
+            return "the same"
+        return ("larger" if self.b > self.a else "smaller") if self.significant else "no difference seen"
 
     @property
     def label(self) -> str:

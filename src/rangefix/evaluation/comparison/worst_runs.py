@@ -28,6 +28,8 @@ class WorstRun:
         step: Measurement after which the error is largest against the claim, from 0.
         names: Components of the state.
         truth, estimate, std: True and estimated state and claimed standard deviations, (n,); m and rad.
+        error: Truth minus estimate, angles the short way round, (n,).
+        readings: Of the beams of the set at that step, m, (B,); inf = met no wall, NaN = not measured.
         nees: Normalised estimation error squared over n, 1 on average if the claim is right; inf where the
             claim is not positive definite.
     """
@@ -40,6 +42,8 @@ class WorstRun:
     truth: Array
     estimate: Array
     std: Array
+    error: Array
+    readings: Array
     nees: float
 
     def flat(self) -> dict[str, object]:
@@ -70,24 +74,25 @@ def worst_runs(results: Results, most: int = MOST_RUNS_KEPT) -> list[WorstRun]:
 
 def _worst(results: Results, estimator: str, beams: str, most: int) -> list[WorstRun]:
     kept: list[WorstRun] = []
+    numbers = results.manifest.get("beam_sets", {}).get(beams)  # from 1; all beams unless told
+    used = slice(None) if numbers is None else np.array(numbers, dtype=int) - 1
     for first, end in results.blocks():
-        trials, truth = (
-            results.source.trials(estimator, beams, first, end),
-            results.source.world(first, end)[0],
-        )
+        trials = results.source.trials(estimator, beams, first, end)
+        truth, measurement = results.source.world(first, end)
         places = np.flatnonzero(trials.ok)
         if not places.size:
             continue
-        errors, size = results.space.difference(truth, trials.mean)[places], truth.shape[-1]
-        flat = nees(errors.reshape(-1, size), trials.covariance[places].reshape(-1, size, size)) / size
-        ratios = np.nan_to_num(flat, nan=np.inf, posinf=np.inf).reshape(errors.shape[:2])
+        errors, size = results.space.difference(truth, trials.mean), truth.shape[-1]
+        squares = nees(errors[places].reshape(-1, size), trials.covariance[places].reshape(-1, size, size))
+        ratios = np.nan_to_num(squares / size, nan=np.inf, posinf=np.inf).reshape(len(places), -1)
         steps = ratios.argmax(1)
         largest = ratios[np.arange(len(places)), steps]
         for place in np.argsort(-largest, kind="stable")[:most]:
             run, step = int(places[place]), int(steps[place])
             std = np.sqrt(np.maximum(trials.covariance[run, step].diagonal(), 0.0))
-            state = (truth[run, step], trials.mean[run, step], std, float(largest[place]))
-            kept.append(WorstRun(estimator, beams, first + run, step, results.space.names, *state))
+            state = (truth[run, step], trials.mean[run, step], std, errors[run, step])
+            seen = measurement[run, step, used], float(largest[place])
+            kept.append(WorstRun(estimator, beams, first + run, step, results.space.names, *state, *seen))
         kept = sorted(kept, key=lambda worst: -worst.nees)[:most]
     return kept
 

@@ -100,7 +100,7 @@ def _reliability(title: str, groups: Sequence[calibration.Reliability]) -> Strip
     cells = []
     for claimed, true, _ in groups:
         kind = "overconfident" if true.low > claimed else "cautious" if true.high < claimed else "honest"
-        cells.append(StripCell(format_number(claimed), *Cell.of(true), kind))
+        cells.append(StripCell(format_number(claimed), *Cell.of(true)[:2], kind))
     above = sum(cell.kind == "overconfident" for cell in cells)
     note = f"the claim, and below it the true error: larger in {above} of {len(groups)} groups of runs"
     return Strip(title, note, cells)
@@ -108,5 +108,5 @@ def _reliability(title: str, groups: Sequence[calibration.Reliability]) -> Strip
 
 def course(figures: Sequence[tuple[Interval, str]]) -> Strip:
     """ANEES / n after each measurement, each with the class that colours its verdict."""
-    cells = [StripCell(str(step), *Cell.of(anees), kind) for step, (anees, kind) in enumerate(figures, 1)]
+    cells = [StripCell(str(step), *Cell.of(anees)[:2], kind) for step, (anees, kind) in enumerate(figures, 1)]
     return Strip("ANEES / n after each measurement", "1 is honest", cells)

@@ -25,6 +25,7 @@ from ..consistency.verdict import (
 from ..results import MAX_RUNS_IN_MEMORY, Results
 from .calibration import Strip, calibration_of, course
 from .tables import Table, accuracy, overview, scores
+from .worst import WhereItFails, where_it_fails
 
 SIGNS: dict[Kind, tuple[str, str]] = {
     "honest": ("\u2713", "honest"),
@@ -121,6 +122,7 @@ class ReportData:
         table, scores: Of all settings after the last measurement.
         accuracy: Who is more accurate on the same truths.
         gates: What gates made of the rows.
+        fails: The worst runs of all, and where they were; None where none went well.
     """
 
     results: Results
@@ -133,6 +135,7 @@ class ReportData:
     scores: Table
     accuracy: Table
     gates: Sequence[GateLine]
+    fails: WhereItFails | None
 
 
 def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
@@ -153,6 +156,7 @@ def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
         scores=scores(last, sampled),
         accuracy=accuracy(compare_estimators(results)),
         gates=check_gates(gates, rows),
+        fails=where_it_fails(results, worst, steps),
     )
 
 

@@ -123,6 +123,8 @@ class Manifest(_Document):
             raise ValueError("plan names other estimators or beams than the manifest")
         if plan.shape[1] != len(self.space.names):
             raise ValueError("plan.shape has other components than space.names")
+        if not all(1 <= beam <= plan.shape[2] for beams in self.beam_sets.values() for beam in beams):
+            raise ValueError("beam_sets name beams that there are not")
         return self
 
 
