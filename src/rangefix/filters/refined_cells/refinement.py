@@ -153,6 +153,8 @@ class Refinement:
             left -= (2**self.problem.space.size - 1) * np.bincount(pool.run[split], minlength=runs)
             parents = pool.rows(split)
             pool = Pool.joined([pool.rows(~split), self._halving.halved(likelihood, parents)])
+        else:  # what was halved last has not been looked at
+            pool, errors = self._integrated(likelihood, pool, left, runs, True)
         return self._finished(pool, errors, runs)
 
     def _integrated(
