@@ -62,7 +62,7 @@ BAD = [  # what is changed, into what, and what is said
     ),
     ("particles = 200", "particles = []", "17: estimators[2].options: particles: an empty list runs nothing"),
     ('"particle"', '"ukf"', "17: estimators[2].options.particles: ukf has no such option; there are"),
-    ('"particle"', '"partikle"', "16: estimators[2].name: no estimator 'partikle'; there are point-mass, "),
+    ('"particle"', '"partikle"', "16: estimators[2].name: no estimator 'partikle'; did you mean particle?"),
     (
         '[[estimators]]\nname = "ekf"\n[[estimators]]',
         "[estimators]",
