@@ -181,7 +181,7 @@ def test_hard_problems(seed: int) -> None:
 def test_more_work_than_a_fix_may_take_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mode that a tenth of the usual work cannot hold."""
     monkeypatch.setattr(Work.__init__, "__defaults__", (0.1 * WORK, 0.0))
-    with pytest.raises(TooManyCells, match="takes more than 2.5e\\+06 rays"):
+    with pytest.raises(TooManyCells, match=r"takes more than 2\.5e\+06 rays"):
         compare(draw(325))
 
 
