@@ -82,6 +82,7 @@ def test_walks_among_walls_like_a_dense_grid(tries, seed):
     assert errors[:, :2].max() < 0.05
 
 
+@pytest.mark.study
 def test_drives_among_walls_like_a_dense_grid():
     """Three moves by odometry, any component correlated with any: 7 % of the deviations, 0.1 nats.
 
