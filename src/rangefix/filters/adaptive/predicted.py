@@ -26,7 +26,7 @@ from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kerne
 from .target import Target, TooManyCells
 
 MAX_POINTS_MOVED = 20_000
-TERM_COST = 0.015  # of a Gaussian at a point, in rays
+TERM_COST = 0.06  # of a Gaussian at a point, in rays: 12 ns
 WALL_REACH_FACTOR = 1.7  # times the farthest of the steps tried: how far walls matter
 WALL_DIRECTIONS = TWO_PI / 120 * np.arange(120, dtype=float)  # in which walls are looked for, rad
 STEP_DRAWS = 128  # steps tried from each point, where walls are near
