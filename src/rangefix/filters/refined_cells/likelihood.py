@@ -101,13 +101,15 @@ def add_best(terms: Terms, beams: IntArray, tops: Array, bands: Array, log_prior
         out: Bounds, (M, G).
     """
     for run in range(out.shape[0]):
-        out[run, :] = log_prior + terms.common[run]
+        for cell in range(out.shape[1]):
+            out[run, cell] = log_prior[cell] + terms.common[run]
         for term in range(terms.beam.size):
             if terms.precision[run, term] == 0.0:
                 continue
             beam = beams[term]
             if beam < 0:
-                out[run, :] += tops[run, term]
+                for cell in range(out.shape[1]):
+                    out[run, cell] += tops[run, term]
                 continue
             aim = terms.aim[run, term]
             for cell in range(out.shape[1]):

@@ -1,4 +1,7 @@
-"""Integrals over cells in which ranges follow a model: boxes in halves, and Gauss-Legendre rules in each."""
+"""Integrals over cells in which ranges follow a model: boxes in halves, and Gauss-Legendre rules in each.
+
+Loops are over numbers: expressions of whole arrays would have numpy's own code compiled with them.
+"""
 
 from __future__ import annotations
 
@@ -116,12 +119,14 @@ def _integrate(
         weigh = np.log(boxes.weigh[cell])
         top, total, coarse = -np.inf, 0.0, -np.inf
         _load(boxes, cell, walls)
-        first[:], second[:] = 0.0, 0.0
         waiting = 1
         wait_bound[0] = boxes.bound[cell]
         for i in range(size):
             wait_at[0, i], wait_step[0, i] = 0.0, boxes.step[cell, i]
             wait_bound[0] += np.log(boxes.step[cell, i])
+            first[i] = 0.0
+            for j in range(size):
+                second[i, j] = 0.0
         while waiting:
             waiting -= 1
             bound, volume = wait_bound[waiting], 0.0
@@ -145,8 +150,7 @@ def _integrate(
             if highest + volume > top:
                 shrink = np.exp(top - highest - volume)
                 total *= shrink
-                first *= shrink
-                second *= shrink
+                _scale(first, second, shrink)
                 top = highest + volume
             mass = 0.0
             for node in range(places.shape[0]):
@@ -163,7 +167,9 @@ def _integrate(
             if keep:
                 if kept == cells.size:
                     cells, centres, steps = _longer(cells), _taller(centres), _taller(steps)
-                cells[kept], centres[kept], steps[kept] = cell, at[:size], step[:size]
+                cells[kept] = cell
+                for i in range(size):
+                    centres[kept, i], steps[kept, i] = at[i], step[i]
                 kept += 1
         found.coarse[cell] = coarse
         found.log_mass[cell] = top + np.log(total) if total > 0 else -np.inf
@@ -175,17 +181,29 @@ def _integrate(
     return cells[:kept], centres[:kept], steps[:kept]
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scale(first: Array, second: Array, factor: float) -> None:
+    """Multiply first and second moments by a factor."""
+    for i in range(first.size):
+        first[i] *= factor
+        for j in range(first.size):
+            second[i, j] *= factor
+
+
 @njit(cache=True, nogil=True)
 def _longer(values: IntArray) -> IntArray:
     out = np.empty(2 * values.size, np.int64)
-    out[: values.size] = values
+    for row in range(values.size):
+        out[row] = values[row]
     return out
 
 
 @njit(cache=True, nogil=True)
 def _taller(values: Array) -> Array:
     out = np.empty((2 * values.shape[0], values.shape[1]))
-    out[: values.shape[0]] = values
+    for row in range(values.shape[0]):
+        for i in range(values.shape[1]):
+            out[row, i] = values[row, i]
     return out
 
 

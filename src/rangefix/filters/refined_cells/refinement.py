@@ -133,7 +133,8 @@ class Refinement:
 
     def _refined(self, likelihood: Likelihood, bounds: Array, floor: Array) -> Refined:
         coarse, runs = self.coarse, len(floor)
-        run, cell = np.nonzero((bounds >= floor[:, None]) & (bounds > IMPOSSIBLE_NATS))
+        started = np.nonzero((bounds >= floor[:, None]) & (bounds > IMPOSSIBLE_NATS))
+        run, cell = map(np.ascontiguousarray, started)  # as views, all loops would be compiled twice
         centre, step = coarse.centres[cell], coarse.steps[cell]
         prior = PriorModel(*(part[cell] for part in coarse.prior))
         if coarse.models is None:
