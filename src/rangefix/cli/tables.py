@@ -280,10 +280,7 @@ def _difference_cells(each: Difference) -> Iterator[str]:
     yield from (f"  {each.label}", str(each.runs), format_number(a), format_number(b))
     yield f"{b / a:.3g}" if a and math.isfinite(a) and math.isfinite(b) else "-"
     yield "-" if each.adjusted != each.adjusted else f"{each.adjusted:.2g}"
-    if each.change.value == 0 and each.p == 1.0:
-        yield "the same"
-    else:
-        yield ("B is larger" if b > a else "B is smaller") if each.significant else "no difference seen"
+    yield f"B is {each.words}" if each.words in ("larger", "smaller") else each.words
 
 
 def _brief(value: object) -> str:

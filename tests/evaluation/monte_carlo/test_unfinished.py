@@ -181,6 +181,7 @@ def test_more_runs_go_on_where_fewer_ended(tmp_path: Path) -> None:
     estimator = Stops(1000)
     run(experiment({"stops": estimator}, runs=40), tmp_path, timing=False)
     assert estimator.updates == 10 + 3
+    assert {path.name for path in tmp_path.rglob("parts/**/*.npz")} == {"00000000-00000040.npz"}
 
 
 def test_runs_lost_in_a_row_are_counted_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,8 @@ from rangefix.evaluation.results import FILE, load_pictures, read_if_valid
 from rangefix.filters.estimator import sample_belief, show_belief
 from rangefix.filters.particle import ParticleFilter
 
+from ..figures.conftest import MOVING
+
 TWO_MODES = """
 runs = 6
 [map]
@@ -39,31 +41,16 @@ options = { particles = 500 }
 [[estimators]]
 name = "ekf"
 """
-DRIVE = """
-runs = 4
-[map]
-kind = "floor-plan"
-outer_m = [[0, 0], [6, 0], [6, 4], [0, 4]]
-walls_m = [[3, 0, 3, 2.5]]
-[sensor]
-bearings_deg = [0, 90, 180, 270]
-std_m = 0.1
-[state]
-heading = "unknown"
-[motion]
-kind = "odometry"
-steps = 5
-floor_m = 0.02
-[prior]
-kind = "gaussian"
-std_m = 0.1
-heading_std_deg = 5
+DRIVE = (
+    MOVING
+    + """
 [[estimators]]
 name = "particle"
 options = { particles = 200 }
 [[estimators]]
 name = "ekf"
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ from ..results import (
     ResultsError,
     read_json,
     remove,
+    runs_of_part,
     trials_path,
     world_path,
 )
@@ -32,7 +33,6 @@ from ..results import (
 LOCK = ".lock"
 OURS = (TIMING, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
 ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
-PART = re.compile(r"(\d{8,})-(\d{8,})\.npz")
 
 
 class Older(NamedTuple):
@@ -201,20 +201,20 @@ def _parts(folder: Path) -> list[Path]:
     """All files that are called like parts and lie in the folder itself, not behind a link."""
     root = folder.resolve()
     found = [*folder.glob("parts/world/*.npz"), *folder.glob("parts/*/*/*.npz")]
-    return [
-        path for path in found if PART.fullmatch(path.name) and path.parent.resolve().is_relative_to(root)
-    ]
+    return [path for path in found if runs_of_part(path) and path.parent.resolve().is_relative_to(root)]
 
 
 def _orphans(folder: Path, plan: FolderLayout) -> list[Path]:
     """The parts that are not of a plan."""
     pairs = product(plan.estimators, plan.beams)
-    places = {trials_path(folder, *pair, 0, 1).parent for pair in pairs} | {world_path(folder, 0, 1).parent}
+    trials = {trials_path(folder, *pair, 0, 1).parent for pair in pairs}
+    places = {*trials, world_path(folder, 0, 1).parent}
 
     def belongs(part: Path) -> bool:
-        first, end = map(int, part.stem.split("-"))
+        first, end = runs_of_part(part) or (0, 0)
         whole = min(first + plan.block, plan.runs)
-        begun = end < whole and not part.with_name(f"{first:08d}-{whole:08d}.npz").exists()
+        begun = part.parent in trials and end < whole  # and it is unfinished: its whole part is not there
+        begun = begun and not part.with_name(f"{first:08d}-{whole:08d}.npz").exists()
         return first % plan.block == 0 and (end == whole or begun) and part.parent in places
 
     return [part for part in _parts(folder) if not belongs(part)]

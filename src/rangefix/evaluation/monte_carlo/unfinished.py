@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ..results import FolderLayout, Part, if_valid, read_trials, remove, trials_path, write_part
-
-NAME = re.compile(r"(\d{8,})-(\d{8,})\.npz")
+from ..results import (
+    FolderLayout,
+    Part,
+    if_valid,
+    read_trials,
+    remove,
+    runs_of_part,
+    trials_path,
+    write_part,
+)
 
 
 class Place(NamedTuple):
@@ -64,9 +70,9 @@ class Unfinished:
 
     def _ends(self, place: Place) -> list[int]:
         """The ends of what is there of a part, the last first."""
-        found = (NAME.fullmatch(path.name) for path in trials_path(self.folder, *place).parent.glob("*.npz"))
-        runs = (tuple(map(int, name.groups())) for name in found if name)
-        return sorted((end for first, end in runs if first == place.first and end < place.end), reverse=True)
+        found = map(runs_of_part, trials_path(self.folder, *place).parent.glob("*.npz"))
+        ends = (end for first, end in filter(None, found) if first == place.first and end < place.end)
+        return sorted(ends, reverse=True)
 
     def _remove(self, place: Place, ends: list[int]) -> None:
         for end in ends:

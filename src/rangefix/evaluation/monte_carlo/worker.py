@@ -110,7 +110,7 @@ class Worker:
         done = 0 if saved is None else len(saved["status"])
 
         def arrays(outcome: Outcome) -> dict[str, NDArray[Any]]:
-            whole = concatenate([*before, outcome])
+            whole = concatenate([*before, outcome]) if before else outcome
             return part_arrays(whole, evidence_floor(problem.sensor, all_readings[: len(whole.status)]))
 
         def save(outcome: Outcome) -> None:

@@ -20,6 +20,7 @@ from .folder import (
     TIMING,
     WORST_RUNS,
     FolderLayout,
+    runs_of_part,
     trials_path,
     world_path,
 )

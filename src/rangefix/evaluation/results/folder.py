@@ -22,6 +22,7 @@ WORST_RUNS = "worst_runs.csv"
 REPORT = "report.html"
 FIGURES = "figures"
 PARTS = "parts"
+PART_NAME = re.compile(r"(\d{8,})-(\d{8,})\.npz")
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,12 @@ class FolderLayout:
 def run_blocks(runs: int, size: int) -> list[tuple[int, int]]:
     """Cut runs into blocks of a size: first run and end of each."""
     return [(first, min(first + size, runs)) for first in range(0, runs, size)]
+
+
+def runs_of_part(path: Path) -> tuple[int, int] | None:
+    """The first run of a part and the run after its last, by the name of its file; None for other names."""
+    named = PART_NAME.fullmatch(path.name)
+    return (int(named[1]), int(named[2])) if named else None
 
 
 def world_path(folder: Path, first: int, end: int) -> Path:
