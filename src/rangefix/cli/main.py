@@ -17,6 +17,7 @@ import typer
 from .. import __version__
 from ..errors import printable
 from .app import Command, ExitCode, Stopped, app, say, warn
+from .bounds import bounds
 from .check import check
 from .estimators import estimators
 from .maps import RangesCommand, ranges
@@ -26,7 +27,7 @@ from .studies import new, studies, validate
 
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Studies": (studies, new, validate, run),
+    "Studies": (studies, new, validate, run, bounds),
     "Results": (report, plot, table, compare),
     "Estimators and maps": (estimators, check, ranges),
     "The paper": (paper,),

@@ -8,11 +8,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
+import numpy as np
 from rich.table import Table
 
 from ..evaluation import PairedComparison, Results, Row
+from ..evaluation.bounds.catalogue import NOT_BELOW
+from ..evaluation.bounds.catalogue import Row as BoundRow
 from ..evaluation.comparison.compare import Comparison, Difference
-from ..evaluation.consistency.formatting import beams_in_words, format_number, format_percent, unit
+from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
@@ -62,6 +65,24 @@ def table1_notes(paper: Paper) -> list[str]:
         f"{inside} All 14 at once come out for {agreeing} of {paper.draws} draws"
         + ("." if agreeing else ": the rows hardly come from a single draw."),
     ]
+
+
+def bounds(rows: Sequence[BoundRow], components: Sequence[str], title: str) -> Table:
+    """Deviations of the optimum and of bounds, and their variances as shares of the optimum's."""
+    columns = ["", *(f"std {name}, {unit(name)}" for name in components)]
+    columns += [f"variance {name}\nof the optimum's" for name in components]
+    table = new_table(title, columns)
+    for beams in dict.fromkeys(row.beams for row in rows):
+        table.add_row(beams_in_words(beams), style="bold")
+        for row in (row for row in rows if row.beams == beams and row.bound is not None):
+            assert row.bound is not None
+            stds = np.sqrt(np.maximum(np.diagonal(row.bound.matrix), 0.0))
+            shown = [format_number(factor(name) * std) for name, std in zip(components, stds, strict=True)]
+            shares = [""] * len(components)
+            if row.of_optimum is not None and row.name not in NOT_BELOW:
+                shares = [format_percent(share) for share in row.of_optimum]
+            table.add_row(f"  {row.name}", *shown, *shares)
+    return table
 
 
 def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> list[Table]:

@@ -11,6 +11,7 @@ from .models.noise import Gaussian, RangeProportional, StudentT
 from .models.odometry import Odometry
 from .models.product_prior import WithHeading, WithVelocity
 from .models.rangefinder import Rangefinder, sweep
+from .models.squared_cosine_prior import SquaredCosine
 from .models.uniform_prior import Uniform
 from .option_units import option_units
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
@@ -41,6 +42,7 @@ __all__ = [
     "Rangefinder",
     "Sensor",
     "SingleRunEstimator",
+    "SquaredCosine",
     "StateSpace",
     "Stationary",
     "StudentT",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -178,6 +179,43 @@ class ExactPositionFilter(BriefRepr):
             if np.asarray(belief.estimate.log_evidence)[run] > -np.inf:
                 draws[run] = self._drawn(belief.readings[run], size, rng)
         return draws
+
+    def restricted(self, kept: Sequence[BoolArray]) -> tuple[ExactPositionFilter, float]:
+        """The filter of somebody who knows besides that the place is in some of the pieces.
+
+        Args:
+            kept: For each of the `parts`, which of its pieces, (P,).
+
+        Returns:
+            A filter whose prior is this one's within those pieces, normalised, and their probability.
+
+        Raises:
+            ValueError: If the prior gives these pieces no probability.
+        """
+        nothing = np.zeros(len(self.problem.sensor.bearings))
+        parts = []
+        for part, pieces_kept in zip(self.parts, kept, strict=True):
+            every = part.pieces
+            pieces = Pieces(
+                every.corners[pieces_kept], every.counts[pieces_kept], every.centres[pieces_kept],
+                every.log_areas[pieces_kept], every.ranges[pieces_kept], every.slopes[pieces_kept],
+                every.lows[pieces_kept], every.highs[pieces_kept],
+            )  # fmt: skip
+            moment = np.empty(2), np.empty((2, 2))
+            log_integral = (
+                moments(pieces, nothing, nothing, part.factor, self._rules, *moment)
+                if len(pieces.counts)
+                else -np.inf
+            )
+            if log_integral > -np.inf:
+                log_share = part.log_share + log_integral - part.log_integral
+                parts.append(PriorPart(log_share, part.factor, pieces, log_integral))
+        if not parts:
+            raise ValueError("the prior gives these pieces no probability")
+        total = float(np.logaddexp.reduce([part.log_share for part in parts]))
+        other = copy(self)
+        other.__dict__["parts"] = tuple(replace(part, log_share=part.log_share - total) for part in parts)
+        return other, math.exp(total)
 
     @cached_property
     def _rules(self) -> Rules:

@@ -9,7 +9,16 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from ....arrays import Array
-from ....filters import GaussianPrior, Mixture, RangeMap, StateSpace, Uniform, pose_space, position_space
+from ....filters import (
+    GaussianPrior,
+    Mixture,
+    RangeMap,
+    SquaredCosine,
+    StateSpace,
+    Uniform,
+    pose_space,
+    position_space,
+)
 from ....filters.models.product_prior import WithHeading, WithVelocity
 from ....filters.problem import SpacedPrior
 from ....raster import Raster
@@ -140,6 +149,25 @@ class UniformPrior(PriorSection):
         return self.lower_m, self.upper_m
 
 
+class SquaredCosinePrior(PriorSection):
+    """Falls smoothly to nothing at the ends of a box of free space: the square of half a cosine wave."""
+
+    alternatives: ClassVar = (frozenset({"lower_m", "upper_m"}),)
+    kind: Literal["squared-cosine"]
+    lower_m: Point | None = Field(default=None, description="lower corner of the box; the map's unless given")
+    upper_m: Point | None = Field(default=None, description="upper corner of the box; the map's unless given")
+
+    @model_validator(mode="after")
+    def _both(self) -> SquaredCosinePrior:
+        if (self.lower_m is None) != (self.upper_m is None):
+            raise ValueError("give both corners of the box, lower_m and upper_m, or neither")
+        return self
+
+    def place(self, room: RangeMap, space: StateSpace, start: Array | None) -> SquaredCosine:
+        """The prior of x1 and x2 alone."""
+        return SquaredCosine(room, space, self.lower_m, self.upper_m)
+
+
 class CentredPrior(PriorSection):
     """Gaussian about a place, cut off at walls; about the start of a drive unless the place is given."""
 
@@ -172,13 +200,17 @@ class CentredPrior(PriorSection):
         return np.broadcast_to(np.array(self.std_m, dtype=float), (2,))
 
 
+AnySinglePrior = UniformPrior | CentredPrior | SquaredCosinePrior
+
+
 class MixturePrior(Section):
     """One of several priors, by chance."""
 
     alternatives: ClassVar = (frozenset({"parts", "weights"}),)
     kind: Literal["mixture"]
     parts: Annotated[
-        list[Annotated[UniformPrior | CentredPrior, Field(discriminator="kind")]], Field(min_length=1)
+        list[Annotated[AnySinglePrior, Field(discriminator="kind")]],
+        Field(min_length=1),
     ] = Field(description='tables [[prior.parts]], each with, for example, kind = "uniform"')
     weights: list[Positive] | None = Field(
         default=None,
@@ -204,7 +236,7 @@ class MixturePrior(Section):
         return Mixture(priors, self.weights)
 
 
-AnyPrior = Annotated[UniformPrior | CentredPrior | MixturePrior, Field(discriminator="kind")]
+AnyPrior = Annotated[AnySinglePrior | MixturePrior, Field(discriminator="kind")]
 
 
 def box_with_most_free_space(room: RangeMap, size: Array) -> tuple[Array, Array]:

@@ -1,0 +1,83 @@
+"""THE table of bounds: `rangefix bounds` reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array
+from ...filters.problem import Problem
+from ..experiment import Experiment
+from .beam_subset import with_beams
+from .bound import Bound, NoBoundError
+from .cramer_rao import cramer_rao
+from .known_walls import known_walls
+from .optimum import optimum
+from .posterior_cramer_rao import posterior_cramer_rao
+from .symmetry import symmetry
+from .van_trees import van_trees
+
+BOUNDS: tuple[tuple[str, Callable[[Problem], Bound]], ...] = (
+    ("optimum", optimum),
+    ("known-walls", known_walls),
+    ("van-trees", van_trees),
+    ("symmetry", symmetry),
+    ("cramer-rao", cramer_rao),
+)
+TRAJECTORY_BOUND = "posterior-cramer-rao"
+NAMES = (*(name for name, _ in BOUNDS), TRAJECTORY_BOUND)
+OPTIMUM = "optimum"
+NOT_BELOW = frozenset({OPTIMUM})  # what estimators reach, and so no bound
+LOCAL = frozenset({"cramer-rao"})  # of unbiased estimators at one state only
+
+
+class Row(NamedTuple):
+    """What one entry of the table says of a set of beams.
+
+    Attributes:
+        beams: The set's label, such as "1+2".
+        name: The entry.
+        bound: What was computed, or None.
+        refused: Why nothing was; empty otherwise.
+        of_optimum: Variance over that of the optimum, by component, (n,); None where there is no optimum, and
+            of local bounds, which are about something else.
+    """
+
+    beams: str
+    name: str
+    bound: Bound | None
+    refused: str
+    of_optimum: Array | None
+
+
+def bounds_of(experiment: Experiment, names: Sequence[str] = NAMES) -> Iterator[Row]:
+    """How good anybody could be who knows what is true, for every set of beams of an experiment.
+
+    Args:
+        experiment: The experiment; its true problem, controls and sets of beams count.
+        names: The entries that are asked for.
+    """
+    for beams, beam_set in zip(experiment.beam_labels, experiment.beam_sets, strict=True):
+        best: Array | None = None
+        for name in (name for name in NAMES if name in names):
+            try:
+                bound = _compute(name, experiment, beam_set)
+            except NoBoundError as error:
+                yield Row(beams, name, None, " ".join(str(error).split()), None)
+                continue
+            variances = np.diagonal(bound.matrix)
+            best = variances if name == OPTIMUM else best
+            yield Row(beams, name, bound, "", None if best is None or name in LOCAL else variances / best)
+
+
+def _compute(name: str, experiment: Experiment, beam_set: Sequence[int]) -> Bound:
+    problem = with_beams(experiment.truth, beam_set)
+    if name == TRAJECTORY_BOUND:
+        return posterior_cramer_rao(problem, experiment.control_sequence)
+    if experiment.steps > 1:
+        raise NoBoundError("computed here for one measurement")
+    if name == "cramer-rao" and experiment.start is not None:
+        return cramer_rao(problem, np.asarray(experiment.start, dtype=float))
+    return dict(BOUNDS)[name](problem)

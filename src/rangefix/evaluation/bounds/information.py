@@ -1,0 +1,156 @@
+"""Fisher information of priors and, on average over them, of readings: what Van Trees' bound is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Array
+from ...filters.exact.partition import TooManyPieces, partition
+from ...filters.models.gaussian_prior import GaussianPrior
+from ...filters.models.product_prior import WithHeading, WithVelocity
+from ...filters.models.squared_cosine_prior import SquaredCosine
+from ...filters.models.uniform_prior import Uniform
+from ...filters.problem import Prior, Problem, RangeMap
+from ...filters.space import StateSpace
+from .bound import NoBoundError
+from .continuity import MAX_PIECES, require_gaussian
+from .draws import average
+
+LOG_AT_ENDS = float(np.log(1e-12))  # a density at its ends, relative to its peak
+NODES = (24, 40)  # Gauss-Legendre nodes along the sides of a triangle: the error, the answer
+INFORMATION_DRAWS = 16_384
+STANDARD_ERRORS = 4.0  # added to the mean information of draws
+
+
+def prior_information(prior: Prior, space: StateSpace, room: RangeMap) -> Array:
+    """Fisher information of a prior density, E[(d log p / d x)(d log p / d x)'], (n, n).
+
+    Raises:
+        NoBoundError: If the density is not below 1e-12 of its peak at the ends of its support, where it would
+            jump, or it is of a kind that is not computed here.
+    """
+    if isinstance(prior, Uniform):
+        raise NoBoundError("the prior is uniform: its density jumps at the ends of its support")
+    if isinstance(prior, SquaredCosine):
+        return prior.fisher_information
+    law = gaussian_law(prior, space)
+    if law is not None:
+        mean, covariance = law
+        _require_free(mean, covariance, space, room)
+        return np.asarray(np.linalg.inv(covariance))
+    if isinstance(prior, WithHeading) and prior.std is not None and isinstance(prior.prior, SquaredCosine):
+        _require_narrow(prior.std)
+        information = np.zeros((space.size, space.size))
+        information[np.ix_(space.position_indices, space.position_indices)] = prior.prior.fisher_information
+        heading = space.names.index("heading")
+        information[heading, heading] = prior.std**-2
+        return information
+    raise NoBoundError("computed here for Gaussian and squared-cosine priors, whose densities end in nothing")
+
+
+def gaussian_law(prior: Prior, space: StateSpace) -> tuple[Array, Array] | None:
+    """Mean (n,) and covariance (n, n) of a prior that is Gaussian but for walls; None for another."""
+    if isinstance(prior, GaussianPrior):
+        return prior.peak, prior.root @ prior.root.T
+    if not isinstance(prior, WithHeading | WithVelocity):
+        return None
+    inner = gaussian_law(prior.prior, prior.prior.space)
+    if inner is None or (isinstance(prior, WithHeading) and prior.std is None):
+        return None
+    first = [space.names.index(name) for name in prior.prior.space.names]
+    second = [space.names.index(name) for name in prior.others]
+    mean, covariance = np.array(prior.mean), np.zeros((space.size, space.size))
+    mean[first] = inner[0]
+    covariance[np.ix_(first, first)] = inner[1]
+    others = np.array([prior.std]) if isinstance(prior, WithHeading) else prior.stds
+    covariance[np.ix_(second, second)] = np.diag(np.asarray(others, dtype=float) ** 2)
+    return mean, covariance
+
+
+def _require_free(mean: Array, covariance: Array, space: StateSpace, room: RangeMap) -> None:
+    """Refuse a Gaussian that walls cut off where it is not below 1e-12 of its peak, or that wraps round.
+
+    Raises:
+        NoBoundError: If they do.
+    """
+    where = space.position_indices
+    if not room.is_free(mean[where][None])[0]:
+        raise NoBoundError("the prior's peak is not in free space")
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance[np.ix_(where, where)]))
+    ends = (room.segments.reshape(-1, 2, 2) - mean[where]) @ whiten.T
+    if len(ends):
+        start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+        share = np.clip(-(start * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-300), 0, 1)
+        nearest = ((start + share[:, None] * along) ** 2).sum(-1).min()
+        if -0.5 * nearest > LOG_AT_ENDS:
+            raise NoBoundError(
+                f"walls cut the prior off at {np.sqrt(nearest):.1f} deviations, where its density is above "
+                "1e-12 of its peak"
+            )
+    for column in np.flatnonzero(space.is_angle):
+        _require_narrow(float(np.sqrt(covariance[column, column])))
+
+
+def _require_narrow(std: float) -> None:
+    if -0.5 * (np.pi / std) ** 2 > LOG_AT_ENDS:
+        raise NoBoundError(f"the heading's deviation of {np.rad2deg(std):.0f} deg reaches half a turn")
+
+
+def mean_information(problem: Problem) -> tuple[Array, Array]:
+    """Mean over the prior of the readings' information sum g g' / sigma^2, from above.
+
+    At a known heading gradients are constant on the pieces that see the same walls, and the prior is summed
+    over these; else over draws.
+
+    Returns:
+        Mean information (n, n) plus its error, so that its inverse is safe, and the error (n, n).
+    """
+    stds = require_gaussian(problem)
+    pieces = _over_pieces(problem, stds)
+    if pieces is None:
+
+        def answer(states: Array, _: Array) -> Array:
+            gradients = problem.sensor.jacobian(states)
+            return np.asarray(np.einsum("kbi,kbj,b->kij", gradients, gradients, stds**-2.0))
+
+        mean, error = average(problem, INFORMATION_DRAWS, answer)
+        error = STANDARD_ERRORS * error
+    else:
+        mean, error = pieces
+    above = np.diag(error.sum(axis=1))  # no less than any symmetric matrix within the error
+    return mean + above, above
+
+
+def _over_pieces(problem: Problem, stds: Array) -> tuple[Array, Array] | None:
+    """The same as sums over pieces and the sums' error; None where there are none."""
+    space, room, sensor = problem.space, problem.sensor.room, problem.sensor
+    if space.names != ("x1", "x2") or space.heading is None or not len(room.segments):
+        return None
+    angles = space.heading + sensor.bearings
+    directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+    lower, upper = problem.prior.support
+    try:
+        pieces = partition(room.segments, directions, lower, upper, room.is_free, most_pieces=MAX_PIECES)
+    except TooManyPieces:
+        return None
+    informations = np.einsum("pbi,pbj,b->pij", pieces.slopes, pieces.slopes, stds**-2.0)
+    sums = []
+    for nodes in NODES:
+        mass = np.array(
+            [_mass(problem.prior, pieces.corners[k, :n], nodes) for k, n in enumerate(pieces.counts)]
+        )
+        sums.append(np.einsum("p,pij->ij", mass / mass.sum(), informations))
+    return sums[1], np.abs(sums[1] - sums[0])
+
+
+def _mass(prior: Prior, corners: Array, nodes: int) -> float:
+    """The prior's probability of a convex polygon (C, 2): Gauss-Legendre rules in its triangles."""
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    u, v = np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1), indexing="ij")
+    weights = 0.25 * np.outer(w, w) * u
+    one, two = corners[1:-1] - corners[0], corners[2:] - corners[0]
+    doubled = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    places = corners[0] + u[..., None] * (
+        (1 - v)[..., None] * one[:, None, None] + v[..., None] * two[:, None, None]
+    )
+    return float((np.exp(prior.log_density(places)) * weights * doubled[:, None, None]).sum())

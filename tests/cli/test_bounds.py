@@ -1,0 +1,82 @@
+"""The command `bounds`: its table, its JSON, and refusals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .conftest import Said
+
+STUDY = """
+name = "hall"
+runs = 10
+beam_sets = [[1], [2]]
+[map]
+kind = "rectangle"
+width_m = 4.0
+length_m = 6.0
+[sensor]
+bearings_deg = [326.3, 0.0]
+std_m = 0.05
+[[estimators]]
+name = "ekf"
+"""
+SMOOTH = '[prior]\nkind = "squared-cosine"\n'
+
+
+def _write(tmp_path: Path, more: str = "") -> Path:
+    path = tmp_path / "hall.toml"
+    path.write_text(STUDY + more)
+    return path
+
+
+def test_the_table_has_what_applies_and_says_why_not(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Beam 1 of the paper's room: 0.913 and 1.37 m, of which 40 % of the variance is noise."""
+    said = rangefix("bounds", _write(tmp_path))
+    assert said.code == 0
+    lines = [" ".join(line.split()) for line in said.out.splitlines()]
+    assert "optimum 0.913 1.37" in lines
+    assert "known-walls 0.578 0.867 40 % 40 %" in lines
+    assert (
+        "symmetry does not apply for beams 1: no motion of the map leaves map, sensor and prior alike"
+        in lines
+    )
+    assert sum(line.startswith("van-trees does not apply: the prior is uniform") for line in lines) == 1
+
+
+def test_json_has_matrices_and_reasons(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """One document; a refused entry has a reason in place of figures, and is no mistake unless named."""
+    said = rangefix("bounds", _write(tmp_path), "--json")
+    rows = {(row["beams"], row["name"]): row for row in json.loads(said.out)["rows"]}
+    assert said.code == 0
+    assert rows["2", "optimum"]["variances"]["x2"] == pytest.approx(0.0024624, rel=1e-3)
+    assert rows["2", "symmetry"]["share_of_optimum"]["x1"] == pytest.approx(1.0)
+    assert "refused" in rows["1", "van-trees"]
+    assert "matrix" not in rows["1", "van-trees"]
+
+
+def test_a_named_bound_that_does_not_apply_is_a_mistake(
+    rangefix: Callable[..., Said], tmp_path: Path
+) -> None:
+    """One line on standard error and exit code 2, with and without JSON; unknown names likewise."""
+    study = _write(tmp_path)
+    for name in ("van-trees", "posterior-cramer-rao"):
+        said = rangefix("bounds", study, "--only", name)
+        assert (said.code, said.out) == (2, "")
+        reason = "the prior is uniform: its density jumps at the ends of its support"
+        assert said.err.splitlines() == [f"rangefix: {name} does not apply: {reason}"]
+    assert "did you mean van-trees" in rangefix("bounds", study, "--only", "van-tree").err
+
+
+def test_a_squared_cosine_prior_in_a_study(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """It is read from [prior], and Van Trees' bound of beam 2 comes out in closed form."""
+    said = rangefix("bounds", _write(tmp_path, SMOOTH), "--only", "van-trees", "--json")
+    rows = {row["beams"]: row["variances"] for row in json.loads(said.out)["rows"]}
+    assert said.code == 0
+    assert rows["2"]["x1"] == pytest.approx(4 / 3.141592653589793**2, rel=1e-9)
+    mistaken = rangefix("validate", _write(tmp_path, SMOOTH + "lower_m = [1.0, 1.0]\n"))
+    assert mistaken.code == 2
+    assert "give both corners of the box" in mistaken.err

@@ -1,0 +1,141 @@
+"""The optimum and what noise alone costs, against the paper's room and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+from scipy.stats.qmc import Sobol
+
+from rangefix.arrays import Array
+from rangefix.evaluation.bounds import Bound, NoBoundError
+from rangefix.evaluation.bounds.beam_subset import with_beams
+from rangefix.evaluation.bounds.known_walls import known_walls
+from rangefix.evaluation.bounds.optimum import optimum
+from rangefix.filters import (
+    Gaussian,
+    Problem,
+    RandomWalk,
+    Rangefinder,
+    Stationary,
+    Uniform,
+    pose_space,
+    position_space,
+)
+from rangefix.maps import FloorPlan, RectangularRoom
+
+from ..conftest import make_problem
+
+# of the paper's room at 0.05 m, found with other code: G11, G22
+OPTIMA = {(1,): (0.83357, 1.87637), (2,): (4 / 3, 0.0024624), (1, 2, 3): (0.1976, 0.0012992)}
+
+
+def _close(bound: Bound, expected: tuple[float, float], share: float = 0.003) -> None:
+    """Within a share of each figure and three of the bound's own errors."""
+    off = np.abs(np.diagonal(bound.matrix) - expected)
+    assert (off <= share * np.array(expected) + 3 * np.diagonal(bound.error)).all(), bound
+
+
+@pytest.mark.parametrize("beams", OPTIMA)
+def test_the_optimum_is_that_of_other_code(beams: tuple[int, ...]) -> None:
+    """G of the optimal estimate in the paper's room, within 0.3 % and three standard errors."""
+    _close(optimum(with_beams(make_problem(), beams)), OPTIMA[beams])
+
+
+def test_one_beam_at_a_wall_has_a_closed_form() -> None:
+    """Beam 2 says nothing of x1, and x2 is uniform plus noise, cut off at both ends.
+
+    E[P22] = s^2 - (s^3 / L) * c, c = E-integral of the cut Gaussian's defect at both ends, by quadrature.
+    """
+    std, length = 0.05, 6.0
+    y = np.linspace(-8 * std, length + 8 * std, 40_001)
+    x = np.linspace(0, length, 20_001)
+    step = x[1] - x[0]
+    moments: Array = np.zeros(3)
+    expected = 0.0
+    for reading in y[::20]:
+        weights = np.exp(-0.5 * ((reading - x) / std) ** 2) * step
+        weights[[0, -1]] *= 0.5
+        moments = np.array([weights.sum(), weights @ x, weights @ x**2])
+        if moments[0] > 0:
+            expected += moments[2] - moments[1] ** 2 / moments[0]
+    expected *= (y[20] - y[0]) / (length * std * np.sqrt(2 * np.pi))
+    matrix = optimum(with_beams(make_problem(), [2])).matrix
+    np.testing.assert_allclose(matrix, np.diag([4 / 3, expected]), rtol=1e-6, atol=1e-9)
+
+
+def test_known_walls_split_noise_from_ambiguity() -> None:
+    """Told the wall: as other code says of beam 1, all of beam 2, and less than the optimum."""
+    one, two = (with_beams(make_problem(), [beam]) for beam in (1, 2))
+    _close(known_walls(one), (0.334, 0.751))
+    np.testing.assert_allclose(known_walls(two).matrix, optimum(two).matrix, rtol=1e-9, atol=1e-12)
+    assert np.linalg.eigvalsh(optimum(one).matrix - known_walls(one).matrix).min() > 0
+
+
+def test_known_walls_of_draws_are_those_of_brute_force() -> None:
+    """Three beams: sums over the cells of the room that see the same walls, 4096 scrambled draws.
+
+    Cells of 5 cm at 0.3 m of noise add nothing that counts. The band is 4 standard errors of as many
+    independent draws, which scrambled ones undercut.
+    """
+    problem = make_problem(0.3)
+    axes = [np.arange(0.025, size, 0.05) for size in (4.0, 6.0)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    hits = problem.sensor.room.cast(problem.space.poses(cells), problem.sensor.bearings)
+    walls = np.round(hits.normals.reshape(len(cells), -1), 3)
+    _, labels = np.unique(walls, axis=0, return_inverse=True)
+    groups = [np.flatnonzero(labels.ravel() == label) for label in range(labels.max() + 1)]
+    shares = Sobol(4, rng=np.random.default_rng(7)).random(4096)
+    truths = (shares[:, 0] * len(cells)).astype(int)
+    readings = hits.ranges[truths] + 0.3 * ndtri(shares[:, 1:] * (1 - 2e-9) + 1e-9)
+    found = []
+    for truth, reading in zip(truths, readings, strict=True):
+        same = groups[labels.ravel()[truth]]
+        logs = -0.5 * (((reading - hits.ranges[same]) / 0.3) ** 2).sum(-1)
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+        mean = weights @ cells[same]
+        found.append(weights @ cells[same] ** 2 - mean**2)
+    bound = known_walls(problem)
+    error = np.std(found, axis=0) / np.sqrt(len(found))
+    assert (np.abs(np.mean(found, axis=0) - bound.matrix.diagonal()) < 4 * error).all()
+
+
+def test_in_an_l_shape_known_walls_cost_less_than_the_optimum() -> None:
+    """A floor plan that is not convex, one beam."""
+    room = FloorPlan([[0, 0], [6, 0], [6, 3], [3, 3], [3, 6], [0, 6]])
+    space = position_space()
+    sensor = Rangefinder(room, np.deg2rad([30.0]), Gaussian(0.1), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+    best, told = optimum(problem), known_walls(problem)
+    assert (best.error < 1e-9).all()
+    assert np.linalg.eigvalsh(best.matrix - told.matrix).min() > 0
+
+
+def test_masked_readings_say_the_same_as_fewer_beams() -> None:
+    """`with_beams` takes the noise of its beams along."""
+    problem = make_problem()
+    stds = np.array([0.05, 0.1, 0.2])
+    sensor = Rangefinder(problem.sensor.room, problem.sensor.bearings, Gaussian(stds), problem.space)
+    fewer = with_beams(Problem(problem.space, problem.motion, sensor, problem.prior), [3, 1]).sensor
+    np.testing.assert_array_equal(fewer.gaussian_stds, [0.2, 0.05])
+    reading = np.array([2.0, np.nan, 3.0])
+    expected = np.array([2.1, 2.2, 2.9])
+    assert sensor.log_density(reading, expected) == pytest.approx(
+        fewer.log_density(reading[[2, 0]], expected[[2, 0]])
+    )
+
+
+def test_what_is_not_computed_is_refused() -> None:
+    """An object that moves, known walls at an unknown heading, and poses seen by two beams."""
+    problem = make_problem()
+    moving = Problem(problem.space, RandomWalk(problem.space, 0.1), problem.sensor, problem.prior)
+    with pytest.raises(NoBoundError, match="stands still"):
+        optimum(moving)
+    space, room = pose_space(), RectangularRoom(4.0, 6.0)
+    sensor = Rangefinder(room, np.deg2rad([0.0, 90.0]), Gaussian(0.05), space)
+    pose = Problem(space, Stationary(space), sensor, Uniform(room, space))
+    with pytest.raises(NoBoundError, match="known heading"):
+        known_walls(pose)
+    with pytest.raises(NoBoundError, match="from 3 beams on"):
+        optimum(pose)
