@@ -37,7 +37,7 @@ class Faulty(PriorOnly):
             measurement[guilty] = 0
         if self.fault == "shape" and guilty.any():
             return belief[:, :1]
-        if self.fault in ("nan", "inf"):
+        if self.fault in ("nan", "inf", "1e101"):
             return np.where(guilty[:, None], float(self.fault), belief)
         return np.where(guilty[:, None], 100.0, belief) if self.fault == "diverge" else belief
 
@@ -60,6 +60,7 @@ def run(estimator, first=0, count=RUNS):
         ("shape", "error", "estimate() at measurement 1 failed: ValueError: mean has shape (1, 1)"),
         ("nan", "nan", "an estimate is not finite at measurement 1"),
         ("inf", "nan", "an estimate is not finite at measurement 1"),
+        ("1e101", "nan", "an estimate is beyond 1e+100 at measurement 1"),
         ("diverge", "diverged", "-inf"),
     ],
 )
