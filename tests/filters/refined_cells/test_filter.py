@@ -26,7 +26,7 @@ from rangefix.filters import (
     position_space,
     velocity_space,
 )
-from rangefix.filters.estimator import numerical_error
+from rangefix.filters.optional_methods import numerical_error
 from rangefix.filters.refined_cells import RefinedPointMassFilter, coarse_cells
 from rangefix.filters.refined_cells.coarse_cells import cover
 from rangefix.filters.space import StateSpace, deviations_apart

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..estimator import BriefRepr, Estimate, Image, brief
+from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.motion import Stationary
+from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import deviations_apart, is_definite
