@@ -229,7 +229,7 @@ def test_a_true_pose_for_all_runs():
         ('[prior]\nkind = "gaussian"\nmean_m = [1, 1]\n', r"prior\.std_m: is missing \(standard deviation"),
         (
             '[prior]\nkind = "gausian"\n',
-            r"prior\.kind: no kind 'gausian'; there are uniform, gaussian, mixture",
+            r"prior\.kind: no kind 'gausian'; there are uniform, gaussian, squared-cosine, mixture",
         ),
         ('[prior]\nkind = "gaussian"\nmean_m = [9, 9]\nstd_m = 0.1\n', r"prior: only 0 of the prior"),
         (
