@@ -102,7 +102,7 @@ cli
 evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
-evaluation.figures evaluation.trials
+evaluation.figures evaluation.trials evaluation.bounds
 evaluation.comparison
 evaluation.consistency
 evaluation.results evaluation.study
