@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rangefix.evaluation.bounds import NoBoundError
+from rangefix.evaluation.bounds import NoBoundError, prior_points
 from rangefix.evaluation.bounds import weiss_weinstein as module
 from rangefix.evaluation.bounds.weiss_weinstein import weiss_weinstein
 from rangefix.filters import (
@@ -37,6 +37,7 @@ def quick(monkeypatch):
     sizes = {"POINTS": 256, "LOOK_POINTS": 64, "CHOICE_POINTS": 256, "MOST_POINTS": 24, "HALF_COMPASS": 4}
     for name, value in sizes.items():
         monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(prior_points, "ACCURATE_SHARE", 1e9)
 
 
 @pytest.mark.study
@@ -84,7 +85,7 @@ def test_where_all_is_linear_and_gaussian_it_is_nearly_kalman_s() -> None:
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
-    ("name", "value"), [("POINTS", 64), ("SETS", 4), ("RIDGE", 1.0), ("RIDGE", 0.0), ("MOST_POINTS", 3)]
+    ("name", "value"), [("POINTS", 64), ("RIDGE", 1.0), ("RIDGE", 0.0), ("MOST_POINTS", 3)]
 )
 def test_no_grid_lifts_it_above_kalman_s(monkeypatch, name, value) -> None:
     """Few points and badly chosen or badly conditioned weights make it looser, not wrong."""
@@ -100,7 +101,7 @@ def test_any_prior_will_do() -> None:
     space, room = problem.space, problem.sensor.room
     parts = [GaussianPrior([1.5, 1.5], 0.2 * np.eye(2), space, room), Uniform(room, space)]
     problem = replace(problem, prior=Mixture(parts, [2, 1]))
-    matrix, best = weiss_weinstein(problem).matrix, optimum(problem, 200)
+    matrix, best = weiss_weinstein(problem).matrix, optimum(problem, 60)
     assert excess(matrix, best) < 4
     assert (np.diagonal(matrix) > 0.1 * np.diagonal(best.covariance)).all()
 
@@ -163,7 +164,7 @@ def test_noise_that_is_not_gaussian_is_refused() -> None:
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", range(2))
 def test_it_is_below_the_optimum_of_random_problems(number) -> None:
     """No variance above the exact filter's E[P] over 200 truths by 4 standard errors."""
     problem = random_problem(number)

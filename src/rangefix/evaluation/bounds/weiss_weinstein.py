@@ -12,10 +12,10 @@ from ...arrays import Array, IntArray
 from ...filters.problem import Problem
 from .bound import Bound
 from .gaussian_readings import GaussianReadings, squared_distance
-from .prior_points import NEGLIGIBLE, SAFETY, WIDE, PriorPoints, is_wide, mean_and_error, point_sets
+from .prior_points import NEGLIGIBLE, SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
 from .shifts import Shifts
 
-SETS, POINTS = 16, 2048  # independent sets of points that the bound is summed over, and points in each
+POINTS = 2048  # in each of the sets that the bound is summed over
 CHOICE_SETS, CHOICE_POINTS = 4, 1024  # of those that choose and weigh the test points
 LOOK_POINTS = 256  # at which all test points are tried
 MOST_POINTS = 48  # test points that are used
@@ -80,9 +80,8 @@ def weiss_weinstein(problem: Problem) -> Bound:
         functions.sums(points) for points in islice(point_sets(problem.prior, CHOICE_POINTS, 5), CHOICE_SETS)
     ]
     weights = _weights(choice)
-    sets = islice(point_sets(problem.prior, POINTS, seed=6), SETS)
     matrix, error = _safe(
-        *mean_and_error(np.array([_bound_with(weights, functions.sums(each)) for each in sets]))
+        *summed(problem.prior, POINTS, 6, lambda points: _bound_with(weights, functions.sums(points)))
     )
     conditions = [
         "Gaussian noise; one measurement of an object that stands still",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +15,10 @@ from ...filters.models.uniform_prior import Uniform
 from ...filters.problem import Prior, Problem
 from .bound import Bound, NoBoundError
 from .gaussian_readings import GaussianReadings, squared_distance
-from .prior_points import SAFETY, WIDE, PriorPoints, is_wide, mean_and_error, point_sets
+from .prior_points import SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
 from .shifts import Shifts
 
-SETS, POINTS = 16, 4096  # independent sets of points, and points in each, that the bound is summed over
+POINTS = 4096  # in each of the sets that the bound is summed over
 LOOK_POINTS, CHOICE_POINTS = 128, 1024  # at which all shifts are tried, and then the best of them
 BEST = 6  # shifts that are tried again
 BEST_MOVES = 4  # of the place that are tried with every turn
@@ -122,13 +121,13 @@ class Direction:
     def bound(self) -> tuple[float, float]:
         """The bound of E[(u'e)^2] with the error subtracted, and that error."""
         intervals = self._intervals()
-        sums = []
-        for points in islice(point_sets(self.problem.prior, POINTS, seed=3), SETS):
-            confusion = Confusion(self.problem, points)
+        weights = np.array([(interval.high**2 - interval.low**2) / 4 for interval in intervals])
+
+        def integral(points: PriorPoints) -> Array:
             shifts = np.stack([_shifts_in(interval, points.share) for interval in intervals])
-            weights = np.array([(interval.high**2 - interval.low**2) / 4 for interval in intervals])
-            sums.append(weights @ confusion.probabilities(shifts))
-        mean, error = mean_and_error(np.array(sums))
+            return np.asarray(weights @ Confusion(self.problem, points).probabilities(shifts))
+
+        mean, error = summed(self.problem.prior, POINTS, 3, integral)
         return max(float(mean - error), 0.0), float(error)
 
     def _intervals(self) -> list[Interval]:
