@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rangefix.evaluation.bounds import NoBoundError, prior_points
+from rangefix.evaluation.bounds import NoBoundError
 from rangefix.evaluation.bounds import weiss_weinstein as module
+from rangefix.evaluation.bounds.state_pairs import prior_points
 from rangefix.evaluation.bounds.weiss_weinstein import weiss_weinstein
 from rangefix.filters import (
     Gaussian,

@@ -7,8 +7,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ndtr
 
-from rangefix.evaluation.bounds import NoBoundError, prior_points, shifts
+from rangefix.evaluation.bounds import NoBoundError
 from rangefix.evaluation.bounds import ziv_zakai as module
+from rangefix.evaluation.bounds.state_pairs import prior_points, shifts
 from rangefix.evaluation.bounds.ziv_zakai import ziv_zakai, ziv_zakai_along
 from rangefix.filters import (
     Gaussian,

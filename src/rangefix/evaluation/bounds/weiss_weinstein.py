@@ -11,9 +11,9 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters.problem import Problem
 from .bound import Bound
-from .gaussian_readings import GaussianReadings, squared_distance
-from .prior_points import NEGLIGIBLE, SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
-from .shifts import Shifts
+from .state_pairs.gaussian_readings import GaussianReadings, squared_distance
+from .state_pairs.prior_points import NEGLIGIBLE, SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
+from .state_pairs.shifts import Shifts
 
 POINTS = 2048  # in each of the sets that the bound is summed over
 CHOICE_SETS, CHOICE_POINTS = 4, 1024  # of those that choose and weigh the test points

@@ -14,9 +14,9 @@ from ...filters.models.product_prior import WithHeading
 from ...filters.models.uniform_prior import Uniform
 from ...filters.problem import Prior, Problem
 from .bound import Bound, NoBoundError
-from .gaussian_readings import GaussianReadings, squared_distance
-from .prior_points import SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
-from .shifts import Shifts
+from .state_pairs.gaussian_readings import GaussianReadings, squared_distance
+from .state_pairs.prior_points import SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
+from .state_pairs.shifts import Shifts
 
 POINTS = 4096  # in each of the sets that the bound is summed over
 LOOK_POINTS, CHOICE_POINTS = 128, 1024  # at which all shifts are tried, and then the best of them

@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Array
-from ...filters.problem import Problem
+from ....arrays import Array
+from ....filters.problem import Problem
 from .gaussian_readings import GaussianReadings
 from .prior_points import point_sets
 

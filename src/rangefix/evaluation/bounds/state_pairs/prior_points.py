@@ -8,8 +8,8 @@ from itertools import islice
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
-from ...filters.problem import Prior, Problem
+from ....arrays import Array, BoolArray
+from ....filters.problem import Prior, Problem
 
 SETS = 16  # independent sets of points in a sum
 MORE_POINTS = 4  # times as many, where the error is more than its share

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Array
-from ...filters.models.motion import Stationary
-from ...filters.problem import Problem
-from .bound import NoBoundError
+from ....arrays import Array
+from ....filters.models.motion import Stationary
+from ....filters.problem import Problem
+from ..bound import NoBoundError
 
 
 @dataclass(frozen=True)
