@@ -18,10 +18,14 @@ from .optimum import optimum
 from .posterior_cramer_rao import posterior_cramer_rao
 from .symmetry import symmetry
 from .van_trees import van_trees
+from .weiss_weinstein import weiss_weinstein
+from .ziv_zakai import ziv_zakai
 
 BOUNDS: tuple[tuple[str, Callable[[Problem], Bound]], ...] = (
     ("optimum", optimum),
     ("known-walls", known_walls),
+    ("ziv-zakai", ziv_zakai),
+    ("weiss-weinstein", weiss_weinstein),
     ("van-trees", van_trees),
     ("symmetry", symmetry),
     ("cramer-rao", cramer_rao),
