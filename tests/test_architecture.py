@@ -103,6 +103,7 @@ evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
 evaluation.figures evaluation.trials
+evaluation.planning
 evaluation.comparison
 evaluation.consistency
 evaluation.results evaluation.study

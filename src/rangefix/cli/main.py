@@ -19,7 +19,9 @@ from ..errors import printable
 from .app import Command, ExitCode, Stopped, app, say, warn
 from .check import check
 from .estimators import estimators
+from .map_accuracy import map_accuracy
 from .maps import RangesCommand, ranges
+from .plan import plan
 from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
@@ -29,6 +31,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
     "Estimators and maps": (estimators, check, ranges),
+    "Planning": (plan, map_accuracy),
     "The paper": (paper,),
 }
 
