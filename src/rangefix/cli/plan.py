@@ -94,7 +94,7 @@ def plan(
     if as_json:
         print_json(_document(given.name, found, seconds) | {"figures": [str(path) for path in pictures]})
         return
-    _show(given.title or given.name, found, seconds, len(candidates))
+    _show(given.name, found, seconds, len(candidates))
     for path in pictures:
         from .screen import console
 
@@ -169,12 +169,12 @@ def _draw(found: Plan, problem: Problem, centres: Array, out: Path) -> list[Path
     return list(paths.values())
 
 
-def _show(title: str, found: Plan, seconds: list[float], candidates: int) -> None:
+def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None:
     from .screen import console, new_table
 
     unit = {"trace": "m²", "det": "m⁴", "largest": "m²", "information": "nats, of this beam"}[found.criterion]
     columns = ["beams", "direction,\ndeg", "position,\nrms m", f"{found.criterion},\n{unit}", "± (draws)"]
-    table = new_table(f"{title}: planned beams", [*columns, "ms per\nupdate"])
+    table = new_table(f"Planned beams: {name}", [*columns, "ms per\nupdate"])
     for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1):
         direction = "by readings" if step.bearing is None else f"{_degrees(step.bearing):.2f}"
         error = f"{step.error:.2g}" if step.error else "exact"

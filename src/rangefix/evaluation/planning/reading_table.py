@@ -22,7 +22,7 @@ CORE = 7.0  # widths of the noise beyond the expected ranges, in which readings 
 GROWTH = 1.5  # from one reading's interval to the next, beyond the core
 FARTHEST = 1e9  # widths
 TAIL = 1e-10  # probability of readings that may be left out
-BLOCK = 128  # readings whose expected ranges are looked up together
+READINGS_AT_ONCE = 128  # readings whose expected ranges are looked up together
 ZERO = 1e-18  # probability of a reading that counts as none
 SHARPEN = 1 / 24  # Sheppard's correction: what bins blur, the table sharpens
 
@@ -50,8 +50,8 @@ class ReadingTable:
     def blocks(self) -> list[tuple[slice, slice, Array]]:
         """Readings, the bins that can give them, and the part of the table that belongs to both."""
         blocks, count = [], self.probability.shape[1]
-        for start in range(0, count, BLOCK):
-            readings = slice(start, min(start + BLOCK, count))
+        for start in range(0, count, READINGS_AT_ONCE):
+            readings = slice(start, min(start + READINGS_AT_ONCE, count))
             rows = np.flatnonzero(self.probability[: self.bins, readings].max(axis=1) > ZERO)
             if len(rows):
                 bins = slice(int(rows[0]), int(rows[-1]) + 1)
