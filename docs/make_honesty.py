@@ -28,7 +28,7 @@ from tests.filters.families import FAMILIES, POSITION, Drawn, draw  # noqa: E402
 
 from rangefix.evaluation import nees  # noqa: E402
 from rangefix.filters import Estimate, build  # noqa: E402
-from rangefix.filters.estimator import numerical_error  # noqa: E402
+from rangefix.filters.optional_methods import numerical_error  # noqa: E402
 from rangefix.filters.registry import BUILT_IN  # noqa: E402
 
 MOST_OFF = 0.05  # of a mean, in deviations of the exact posterior: more is a miss

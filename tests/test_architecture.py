@@ -116,7 +116,7 @@ filters.point_mass filters.exact filters.particle filters.kalman filters.registr
 filters.refined_cells
 filters.models filters.images
 filters.estimator filters.sampling filters.compiled filters.plugin_line filters.option_units
-filters.measurement
+filters.measurement filters.optional_methods filters.estimate
 filters.problem
 filters.space
 maps

@@ -20,7 +20,7 @@ from rangefix.cli.screen import console
 from rangefix.errors import printable
 from rangefix.evaluation import Experiment, NamedEstimator, load, run, summarise, to_csv
 from rangefix.evaluation.comparison.worst_runs import worst_runs, worst_runs_csv
-from rangefix.evaluation.monte_carlo import backends
+from rangefix.evaluation.monte_carlo import backends, cost
 from rangefix.evaluation.results import MANIFEST
 
 from ..evaluation.conftest import make_problem
@@ -125,6 +125,21 @@ def test_validate_says_what_would_run(rangefix: Callable[..., Said], touched: Pa
     assert "reads: plan.toml" in rangefix("validate", "p.toml", "--no-plugins").out
     for name in ("paper", "drive"):
         assert rangefix("validate", name, "--no-plugins").code == 0
+
+
+def test_validate_refuses_what_run_would_for_its_memory(
+    rangefix: Callable[..., Said], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line, the same as that of `run`, and nothing is allocated."""
+    ours = STUDY.partition('[[estimators]]\nname = "theirs')[0]
+    (tmp_path / "large.toml").write_text(
+        ours + '[[estimators]]\nname = "particle"\noptions = { particles = 3000000 }\n'
+    )
+    monkeypatch.setattr(cost, "machine_memory_gb", lambda: 0.5)
+    said, run = rangefix("validate", "large.toml"), rangefix("run", "large.toml")
+    assert (said.code, said.out, said.err.count("\n")) == (2, "", 1)
+    assert re.search("about .* GB of memory, .*more than the .* of --memory-gb", said.err)
+    assert said.err == run.err
 
 
 def test_no_plugins_is_one_line_that_names_it(rangefix: Callable[..., Said], touched: Path) -> None:

@@ -19,6 +19,14 @@ class Stops:
 sys.meta_path.insert(0, Stops())
 from rangefix.cli import main
 """
+WHILE_TYPER_READS_COMMANDS = """
+import os, signal, sys
+import typer.main
+from rangefix.cli import main
+
+typer.main.get_command = lambda app: os.kill(os.getpid(), signal.SIGINT)
+main(["studies"])
+"""
 IN_A_DESTRUCTOR = """
 import os, signal, sys, time
 from rangefix.cli import main
@@ -39,7 +47,12 @@ main(["wait"])
 
 
 @pytest.mark.parametrize(
-    "code", [AT_IMPORT, *(IN_A_DESTRUCTOR.format(name=name) for name in ("SIGINT", "SIGTERM"))]
+    "code",
+    [
+        AT_IMPORT,
+        WHILE_TYPER_READS_COMMANDS,
+        *(IN_A_DESTRUCTOR.format(name=name) for name in ("SIGINT", "SIGTERM")),
+    ],
 )
 def test_one_line(code: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

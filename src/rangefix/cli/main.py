@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         code = app(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
-    except (Stopped, typer.Abort) as stopped:
+    except (Stopped, typer.Abort, KeyboardInterrupt) as stopped:  # the last before typer has begun
         warn(str(stopped) or "stopped")
         code = ExitCode.INTERRUPTED
     except Exception as error:

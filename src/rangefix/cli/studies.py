@@ -153,10 +153,12 @@ def validate(
     no_plugins: NoPlugins = False,
     as_json: Json = False,
 ) -> None:
-    """Check a study, but for the code of plug-ins, and say what would run; nothing is run or written."""
+    """Check a study and the memory it takes, but no code of plug-ins; say what would run, and run nothing."""
+    from ..evaluation.monte_carlo.cost import check_memory
     from ..evaluation.study.outline import outline
 
     told = outline(read_study(study, runs, seed, map_path, not no_plugins))
+    check_memory(told.experiment)
     if as_json:
         print_json(told.as_json())
         return

@@ -1,6 +1,7 @@
 """What an estimator believes after measuring."""
 
-from .estimator import EachRun, Estimate, Estimator, SingleRunEstimator
+from .estimate import Estimate
+from .estimator import EachRun, Estimator, SingleRunEstimator
 from .measurement import check_measurement, check_reading
 from .models.beam_noise import BeamMixture, Quantised
 from .models.confined import Confined, in_line_of_sight, sample_runs

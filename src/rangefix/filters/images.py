@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ..arrays import TWO_PI, Array, wrap
-from .estimator import Image
+from .optional_methods import Image
 from .problem import Problem
 from .space import StateSpace
 

@@ -20,14 +20,13 @@ from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
 from .point_mass.turning_ranges import directions
 from .problem import Prior, Problem
 from .refined_cells.coarse_cells import CELLS, SEARCH_BEAMS
-from .refined_cells.filter import RUNS_AT_ONCE
+from .refined_cells.filter import USUAL_CELLS, run_bytes, runs_at_once
 from .refined_cells.halving import VALUES_AT_ONCE
 from .registry import BUILT_IN, resolve
 
 FLOAT = 8.0  # bytes
 FREE_PROBES = 4096  # points at which a prior is asked how much of its box it allows
 MAX_BELIEF_BYTES = 128e6  # of the runs that are worked on at once
-USUAL_CELLS = 4000.0  # that follow the readings of a run; rarely ten times as many
 LEAST_RUNS = 2  # that are worked on at once to see how much a run takes
 
 
@@ -113,10 +112,10 @@ def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed
     searched = min(beams, SEARCH_BEAMS)
     coarse = 2 * CELLS[size] * FLOAT * (size**2 + 4 * size + (6.0 + size) * searched)
     most = REFINED_CELLS if options["most_cells"] is None else options["most_cells"]
-    cells = min(float(most), USUAL_CELLS) * RUNS_AT_ONCE
-    a_cell = 2 * size**2 + 5 * size + 11 + beams * (2 + size)
-    peak = coarse + 3 * FLOAT * cells * a_cell + 6 * FLOAT * VALUES_AT_ONCE
-    what = f"{cells:.6g} cells of {RUNS_AT_ONCE} runs with {_beams(beams)}"
+    runs = runs_at_once(problem)
+    share = min(float(most) / USUAL_CELLS, 1.0)
+    peak = coarse + share * runs * run_bytes(size, beams) + 6 * FLOAT * VALUES_AT_ONCE
+    what = f"{share * USUAL_CELLS * runs:.6g} cells of {runs} runs with {_beams(beams)}"
     return MemoryNeed(coarse, peak, what, "take a smaller most_cells or fewer beams")
 
 

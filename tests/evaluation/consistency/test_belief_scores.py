@@ -28,7 +28,7 @@ from rangefix.evaluation.figures.style import CLAIMED
 from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.results import FolderLayout, read_part, trials_path, write_part
 from rangefix.filters import EachRun, build, pose_space, position_space
-from rangefix.filters.estimator import CanSample, sample_belief
+from rangefix.filters.optional_methods import CanSample, sample_belief
 
 from ..conftest import PriorOnly, make_problem
 

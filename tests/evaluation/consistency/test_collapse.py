@@ -14,7 +14,7 @@ from rangefix.cli.tables import remarks
 from rangefix.evaluation import Experiment, decide, load, run, summarise, to_csv
 from rangefix.evaluation.consistency.metrics import MIN_EFFECTIVE
 from rangefix.filters import EachRun, build
-from rangefix.filters.estimator import effective_particles
+from rangefix.filters.optional_methods import effective_particles
 
 from ..conftest import PriorOnly, make_problem
 

@@ -308,3 +308,22 @@ def test_a_worker_that_is_killed_is_replaced(tmp_path):
     )
     with pytest.raises(ResultsError, match="workers died 3 times"):
         run(made, tmp_path / "never", workers=2, timing=False)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are held back on POSIX systems only")
+def test_workers_begin_deaf_to_ctrl_c(tmp_path: Path) -> None:
+    """A terminal sends it to all processes: one that is still importing would print where it was."""
+    script = tmp_path / "begin.py"
+    script.write_text(
+        "import signal\n"
+        "from joblib import Parallel, delayed\n"
+        "from rangefix.evaluation.monte_carlo.backends import _begun\n"
+        "def held():\n"
+        "    return signal.pthread_sigmask(signal.SIG_BLOCK, set())\n"
+        "if __name__ == '__main__':\n"
+        "    pool = Parallel(n_jobs=2, return_as='generator_unordered')\n"
+        "    with _begun(pool, (delayed(held)() for _ in range(4))) as found:\n"
+        "        assert held() == set()\n"
+        "        assert list(found) == 4 * [{signal.SIGINT}]\n"
+    )
+    subprocess.run([sys.executable, str(script)], check=True, timeout=60)

@@ -13,7 +13,7 @@ from rangefix.evaluation import load, load_study, parse_study, run, summarise
 from rangefix.evaluation.consistency.formatting import factor, unit
 from rangefix.evaluation.drawing import draw
 from rangefix.evaluation.results import FILE, load_pictures, read_if_valid
-from rangefix.filters.estimator import sample_belief, show_belief
+from rangefix.filters.optional_methods import sample_belief, show_belief
 from rangefix.filters.particle import ParticleFilter
 
 from ..figures.conftest import MOVING

@@ -37,7 +37,7 @@ class Faulty(PriorOnly):
             measurement[guilty] = 0
         if self.fault == "shape" and guilty.any():
             return belief[:, :1]
-        if self.fault in ("nan", "inf"):
+        if self.fault in ("nan", "inf", "1e101"):
             return np.where(guilty[:, None], float(self.fault), belief)
         return np.where(guilty[:, None], 100.0, belief) if self.fault == "diverge" else belief
 
@@ -60,6 +60,7 @@ def run(estimator, first=0, count=RUNS):
         ("shape", "error", "estimate() at measurement 1 failed: ValueError: mean has shape (1, 1)"),
         ("nan", "nan", "an estimate is not finite at measurement 1"),
         ("inf", "nan", "an estimate is not finite at measurement 1"),
+        ("1e101", "nan", "an estimate is beyond 1e+100 at measurement 1"),
         ("diverge", "diverged", "-inf"),
     ],
 )
@@ -200,3 +201,19 @@ def test_timing_is_per_update_and_run():
     faulty = Faulty(make_problem(), fault="raise")
     assert np.isnan(seconds_per_update(trial, faulty, np.full((4, 2, 3), 5.0)))
     assert runs_to_time(trial, faulty, np.full((4, 2, 3), 5.0)) == 0
+
+
+def test_runs_that_take_much_longer_than_the_first_do_not_break_the_budget_of_timing():
+    """The first four take 10 ms each, the others 1 s: after a look at what seemed to fit, four remain."""
+
+    class Uneven(PriorOnly):
+        def update(self, belief, measurement, rngs):
+            nonlocal now
+            now += float(np.where(measurement[:, 0] > 3, 1.0, 0.01).sum())
+            return belief
+
+    now = 0.0
+    trial, estimator = Trial(make_problem(), np.zeros((0, 0)), seed=3), Uneven(make_problem())
+    readings = np.tile(np.arange(40.0)[:, None, None], (1, 1, 3))
+    assert runs_to_time(trial, estimator, readings, clock=lambda: now) == 4
+    assert runs_to_time(trial, estimator, np.zeros_like(readings), clock=lambda: now) in (9, 10)  # rounding

@@ -17,8 +17,8 @@ from rangefix.arrays import Array
 from rangefix.filters import EachRun, build
 from rangefix.filters.adaptive import AdaptivePointMassFilter
 from rangefix.filters.adaptive.target import STATE_COST, WORK, TooManyCells, Work
-from rangefix.filters.estimator import numerical_error
 from rangefix.filters.exact import ExactPositionFilter
+from rangefix.filters.optional_methods import numerical_error
 from rangefix.filters.space import NO_DIRECTION
 
 from ..families import HEADING, POSITION, Drawn, draw

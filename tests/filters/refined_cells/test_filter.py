@@ -26,9 +26,10 @@ from rangefix.filters import (
     position_space,
     velocity_space,
 )
-from rangefix.filters.estimator import numerical_error
-from rangefix.filters.refined_cells import RefinedPointMassFilter
-from rangefix.filters.space import deviations_apart
+from rangefix.filters.optional_methods import numerical_error
+from rangefix.filters.refined_cells import RefinedPointMassFilter, coarse_cells
+from rangefix.filters.refined_cells.coarse_cells import cover
+from rangefix.filters.space import StateSpace, deviations_apart
 from rangefix.maps import FloorPlan, RectangularRoom
 
 from ..families import POSITION, draw
@@ -205,3 +206,35 @@ if __name__ == "__main__":
             f"{(rows[:, 0] / np.maximum(rows[:, 1], LEAST_ERROR)).max():.2f} times, "
             f"{time.perf_counter() - start:.0f} s"
         )
+
+
+def test_more_beams_than_cells_can_hold_are_refused_before_a_ray_is_cast() -> None:
+    problem = still(RectangularRoom(width=4.0, length=6.0), np.linspace(0, 6.28, 10_000), 0.05)
+    start = time.process_time()
+    with pytest.raises(
+        ValueError, match=r"10000 beams take about 3\.8 GB, more than 1: take at most 2596 beams"
+    ):
+        build("point-mass", problem)
+    assert time.process_time() - start < 2.0  # casting takes 25 s
+
+
+@pytest.mark.parametrize("space", [position_space(0.3), pose_space()])
+def test_beams_that_do_not_tell_cells_apart_are_not_cast(
+    space: StateSpace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Casting only those that do gives the same cells, bit by bit, as casting all, as other sensors do."""
+
+    class Other(Rangefinder):
+        """Of a kind that is not known."""
+
+    monkeypatch.setattr(coarse_cells, "RANGES_AT_ONCE", 1 << 40)  # so that both ask the same places
+    room, bearings = RectangularRoom(width=4.0, length=6.0), np.linspace(-3, 3, 40)
+    covers = []
+    for kind in (Rangefinder, Other):
+        sensor = kind(room, bearings, Gaussian(np.linspace(0.02, 0.06, 40)), space, blind_sector=1.0)
+        problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+        covers.append(cover(problem, np.full(space.size, 0.3), 1))
+    few, every = covers
+    assert (few.bands == every.bands).all()
+    assert (few.centres == every.centres).all()
+    assert few.log_integral == every.log_integral

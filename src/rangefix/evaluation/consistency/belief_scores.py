@@ -19,7 +19,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, wrap
 from ...filters import StateSpace
-from ...filters.estimator import sample_belief
+from ...filters.optional_methods import sample_belief
 from ..results import PREFIX, BeliefScores
 from ..seeds import streams
 from .scores import BINS

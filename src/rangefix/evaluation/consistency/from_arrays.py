@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray, wrap
-from ..results import KEPT_DRAWS, HalfArray, Status, keep_draws
+from ..results import KEPT_DRAWS, HalfArray, Status, is_finite, keep_draws
 from .intervals import LEVEL, Interval, share_interval
 from .metrics import METRICS, RunBlock
 from .row import Row
@@ -72,7 +72,8 @@ def credibility(
             first 39 are used. With them the verdict holds for beliefs of any shape, and judges the shape.
 
     Returns:
-        One row. Runs with a number that is not finite are left out and counted as failed ("nan").
+        One row. Runs with a number that is not finite, or beyond 1e100, are left out and count as failed
+        ("nan").
 
     Raises:
         ValueError: If the shapes do not fit.
@@ -95,7 +96,7 @@ def credibility(
         raise ValueError(f"{size} components have {len(names)} names")
     kept = None if draws is None else _kept(np.asarray(draws, dtype=float), mean, covariance, turning)
     errors = np.where(turning, wrap(truth - mean), truth - mean)
-    sound = np.isfinite(errors).all(-1) & np.isfinite(covariance).all((-2, -1))
+    sound = is_finite(errors, covariance)
     status = np.where(sound, Status.OK.code, Status.NAN.code)
     block = RunBlock(
         names,

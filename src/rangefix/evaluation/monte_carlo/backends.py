@@ -13,6 +13,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
+from multiprocessing import resource_tracker
 from pathlib import Path
 from threading import Lock, Thread
 from time import monotonic, sleep
@@ -149,8 +150,11 @@ def on_workers(
 def _begun(pool: Any, calls: Iterator[Any]) -> Iterator[Iterator[tuple[Task, Part]]]:
     """The parts that a pool finishes, whose processes do not see Ctrl-C: a terminal sends it to all of them.
 
-    Ours gets it when they have begun, and ends them.
+    Ours gets it when they have begun, and ends them. The process that watches over semaphores begins first:
+    beginning it lets Ctrl-C through again.
     """
+    if sys.platform != "win32":
+        resource_tracker.ensure_running()
     held_back = (
         set() if sys.platform == "win32" else signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     )

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters import Stationary
-from ...filters.estimator import filtered, show_belief
+from ...filters.estimator import filtered
+from ...filters.optional_methods import show_belief
 from ..experiment import Experiment, NamedEstimator
 from ..isolation import undisturbed
 from ..results import FILE, Picture, read_if_valid, scene, write_part

@@ -37,6 +37,7 @@ from .outcome import (
     concatenate,
     failed_outcome,
     failures_of,
+    is_finite,
     with_status,
 )
 from .parts import Part, if_valid, outcome_of, part_arrays, read_if_valid, read_trials, read_world

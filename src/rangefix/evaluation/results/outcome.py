@@ -13,6 +13,7 @@ from ...arrays import Array, BoolArray, IntArray
 from ...errors import cut
 from .draws import HalfArray
 
+LARGEST = 1e100  # m or rad, and m^2: the squares of estimates are summed over runs
 CORRELATION_ROUNDING = 1e-6  # of a correlation matrix: less below zero, or asymmetric, is no mistake
 # What an estimator may say of its own computation, by array name: `filters.estimator.diagnostics_of`.
 DIAGNOSTICS = ("effective_particles", "numerical_error", "mean_resultant")
@@ -80,7 +81,7 @@ def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     A covariance with a negative eigenvalue, or one that is not symmetric, is none: "error". A singular one
     claims certainty, which a collapsed filter does in earnest: it stays, and its NEES is infinite.
     """
-    finite = np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1)) & (log_evidence != np.inf)
+    finite = is_finite(mean, covariance) & (log_evidence != np.inf)
     sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
     status = np.zeros(len(mean), dtype=np.int8)
     reasons: dict[int, str] = {}
@@ -88,14 +89,25 @@ def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     for found, wrong, text in (
         (Status.DIVERGED, log_evidence == -np.inf, unexplained),
         (Status.ERROR, ~is_covariance(sound), "estimate(): the covariance is not "),
-        (Status.NAN, ~finite, "estimate(): an estimate is not finite"),
+        (Status.NAN, ~finite, "estimate(): an estimate is "),
     ):
         for place in np.flatnonzero(wrong.any(1)):
             step = int(wrong[place].argmax())
-            fault = _fault(covariance[place, step]) if found is Status.ERROR else ""
+            fault = ""
+            if found is Status.ERROR:
+                fault = _fault(covariance[place, step])
+            elif found is Status.NAN:
+                estimate = mean[place, step], covariance[place, step], log_evidence[place, step]
+                fault = f"beyond {LARGEST:g}" if all(np.isfinite(e).all() for e in estimate) else "not finite"
             status[place] = found.code
             reasons[int(place)] = f"{text}{fault} at measurement {step + 1}"
     return Outcome(mean, covariance, log_evidence, status, reasons)
+
+
+def is_finite(mean: Array, covariance: Array) -> BoolArray:
+    """Whether estimates (..., n), (..., n, n) are numbers whose squares can be summed over runs."""
+    means, covariances = np.abs(mean) <= LARGEST, np.abs(covariance) <= LARGEST
+    return np.asarray(means.all(-1) & covariances.all((-2, -1)))
 
 
 def is_covariance(covariance: Array) -> BoolArray:

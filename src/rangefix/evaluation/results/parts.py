@@ -23,6 +23,7 @@ from .outcome import (
     Status,
     diagnostics_of,
     is_covariance,
+    is_finite,
 )
 
 Part = dict[str, NDArray[Any]]
@@ -155,10 +156,10 @@ def _fault(part: Part) -> str:
         return "status: no such status"
     if len(failed) != len(part["reasons"]) or not np.array_equal(failed, np.flatnonzero(~ok)):
         return "failed: they are not the runs that are not ok"
-    if not np.isfinite(part["mean"][ok]).all():
-        return "mean: not finite, of a run that is ok"
     covariance = part["covariance"][ok]
-    if not np.isfinite(covariance).all() or not is_covariance(covariance).all():
+    if not is_finite(part["mean"][ok], np.zeros_like(covariance)).all():
+        return "mean: not finite, of a run that is ok"
+    if not is_finite(part["mean"][ok], covariance).all() or not is_covariance(covariance).all():
         return "covariance: not one, of a run that is ok"
     for name in DIAGNOSTICS:
         if name in part and not (part[name][ok] >= 0).all():

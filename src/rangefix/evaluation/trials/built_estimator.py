@@ -11,7 +11,8 @@ import numpy as np
 from ...arrays import Array, real_floats
 from ...errors import message_of
 from ...filters import EachRun, Estimate, Estimator
-from ...filters.estimator import diagnostics_of, filtered
+from ...filters.estimator import filtered
+from ...filters.optional_methods import diagnostics_of
 from ...filters.plugin_line import plugin_line
 from ..consistency.belief_scores import RANK_DRAWS, belief_arrays, choose_draws, draw_belief, measure
 from ..experiment import Builder, NamedEstimator

@@ -21,6 +21,7 @@ from .trial import Trial
 PASSES = 6  # the median of so many lies between the least and the greatest in 97 of 100 cases
 BUDGET_S = 0.6  # of all passes over one estimator on one set of beams
 WARM_RUNS = 4
+UNEVEN_S = 2e-3  # an update: those that take longer may take very different times, which a second look tells
 
 
 def runs_to_time(
@@ -47,8 +48,18 @@ def runs_to_time(
     start = clock()
     if np.isnan(seconds_per_update(trial, estimator, few, clock=clock)):
         return 0
-    spent = max(clock() - start, 1e-9)
-    return int(min(len(measurement), max(len(few), budget / PASSES * len(few) / spent)))
+    each = max(clock() - start, 1e-9) / len(few)
+    count = _that_fit(budget, each, len(measurement), len(few))
+    if each > UNEVEN_S and count > len(few):
+        start = clock()
+        seconds_per_update(trial, estimator, measurement[:count], clock=clock)
+        count = _that_fit(budget, (clock() - start) / count, count, len(few))
+    return count
+
+
+def _that_fit(budget: float, seconds: float, most: int, least: int) -> int:
+    """How many runs of so many seconds fit all passes into a budget."""
+    return int(min(most, max(least, budget / PASSES / seconds)))
 
 
 def seconds_per_update(

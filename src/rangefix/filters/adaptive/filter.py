@@ -10,10 +10,11 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array
-from ..estimator import BriefRepr, Estimate, Image, brief
+from ..estimate import BriefRepr, Estimate, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
 from ..models.motion import Stationary
+from ..optional_methods import Image
 from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores

@@ -12,7 +12,7 @@ from unittest import SkipTest
 
 import numpy as np
 
-from ..estimator import Estimate
+from ..estimate import Estimate
 from ..problem import Problem
 from .claims import SURE, CheckFailure, Subject, claim, deviations, need, need_agreement
 from .problems import (

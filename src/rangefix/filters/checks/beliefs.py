@@ -10,7 +10,9 @@ from unittest import SkipTest
 import numpy as np
 
 from ...arrays import Array
-from ..estimator import Estimate, Estimator, sample_belief
+from ..estimate import Estimate
+from ..estimator import Estimator
+from ..optional_methods import sample_belief
 from ..problem import Problem
 from .claims import CheckFailure, Subject, claim, deviations, need, need_agreement, need_same
 from .problems import CONTROL, answer, generators, pose_problem, position_problem, readings, repeated, settled

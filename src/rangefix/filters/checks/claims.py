@@ -11,7 +11,8 @@ from unittest import SkipTest
 import numpy as np
 
 from ...arrays import Array
-from ..estimator import EachRun, Estimate, Estimator
+from ..estimate import Estimate
+from ..estimator import EachRun, Estimator
 from ..problem import Problem
 from ..registry import build, resolve
 

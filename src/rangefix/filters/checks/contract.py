@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ..estimator import Estimate, Estimator
+from ..estimate import Estimate
+from ..estimator import Estimator
 from ..option_units import units_of
 from .claims import Subject, claim, need, need_same
 from .problems import CONTROL, answer, generators, position_problem, readings, settled

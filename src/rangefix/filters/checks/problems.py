@@ -10,7 +10,8 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array, BoolArray
-from ..estimator import Estimate, Estimator, filtered
+from ..estimate import Estimate
+from ..estimator import Estimator, filtered
 from ..models.gaussian_prior import GaussianPrior
 from ..models.motion import Stationary
 from ..models.noise import Gaussian

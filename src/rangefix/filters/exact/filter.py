@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
-from ..estimator import BriefRepr, Estimate, brief
+from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
 from ..models.gaussian_prior import GaussianPrior
 from ..models.mixture_prior import Mixture

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
-from ..estimator import Estimate
+from ..estimate import Estimate
 from ..measurement import impossible_runs
 from ..problem import Prior, Problem, Sensor
 from ..sampling import gaussian_draws

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
-from ..estimator import BriefRepr, Estimate, brief
+from ..estimate import BriefRepr, Estimate, brief
 from ..problem import Problem
 
 MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint covariance of its beams

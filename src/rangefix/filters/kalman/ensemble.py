@@ -12,9 +12,10 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import BriefRepr, Estimate, Image
+from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_measurement, impossible_runs
+from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array
-from ..estimator import Estimate
+from ..estimate import Estimate
 from ..measurement import check_reading, impossible_runs
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws

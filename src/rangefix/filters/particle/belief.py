@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array, BoolArray
-from ..estimator import BriefRepr
+from ..estimate import BriefRepr
 from ..problem import Prior
 
 

@@ -23,10 +23,11 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..estimator import BriefRepr, Estimate, Image
+from ..estimate import BriefRepr, Estimate
 from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.motion import Stationary
+from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite

@@ -11,10 +11,11 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, Array, IntArray
-from ..estimator import BriefRepr, Estimate, Image
+from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
 from ..measurement import check_measurement
 from ..models.motion import Stationary
+from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import StateSpace, deviations_apart, is_definite

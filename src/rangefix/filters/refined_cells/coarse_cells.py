@@ -7,13 +7,15 @@ reading in the gap fits neither.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import TWO_PI, Array, IntArray
+from ..models.noise import Gaussian
+from ..models.rangefinder import Rangefinder
 from ..problem import Problem
 from .range_model import (
     INSET_SHARE,
@@ -86,7 +88,8 @@ def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
     centres, steps = _lattice(problem, shift)
     beams = np.unique(np.linspace(0, len(sensor.bearings) - 1, SEARCH_BEAMS).round().astype(np.int64))
     rng = np.random.default_rng(seed)
-    rows = max(1, RANGES_AT_ONCE // (CUT_SIDE**size * len(sensor.bearings)))
+    searched, beams_cast = _cast_only(problem, beams)
+    rows = max(1, RANGES_AT_ONCE // (CUT_SIDE**size * len(searched.sensor.bearings)))
     parts = []
     for start in range(0, len(centres), rows):
         part, step = centres[start : start + rows], steps[start : start + rows]
@@ -96,7 +99,7 @@ def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
         cut = possible.any(axis=1) & ~whole
         for some, side in ((whole, PLACES_A_SIDE[size]), (cut, CUT_SIDE)):
             if some.any():
-                parts.append(_asked(problem, part[some], step[some], beams, side, rng))
+                parts.append(_asked(searched, part[some], step[some], beams_cast, side, rng))
     if not sum(len(part[0]) for part in parts):
         raise ValueError("the prior allows no cell: it is too narrow, or outside free space")
     found = [np.concatenate([part[k] for part in parts]) for k in range(13)]
@@ -111,6 +114,15 @@ def models_at(problem: Problem, centres: Array, steps: Array, anchor: Array) -> 
     ranges, slopes = model_about(problem, centres, anchor)
     seen = np.asarray(problem.sensor.expected(centres[:, None] + offsets))
     return RangeModel(ranges, slopes, bends(ranges, slopes, offsets, seen))
+
+
+def _cast_only(problem: Problem, beams: IntArray) -> tuple[Problem, IntArray]:
+    """The problem with a sensor of some of its beams, where its kind can be cut, and their places in it."""
+    sensor = problem.sensor
+    if type(sensor) is not Rangefinder or len(beams) == len(sensor.bearings):
+        return problem, beams
+    few = replace(sensor, bearings=sensor.bearings[beams], noise=Gaussian(1.0), blind_sector=0.0)
+    return replace(problem, sensor=few), np.arange(len(beams))
 
 
 def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..estimator import BriefRepr, Estimate, Image, brief
+from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.motion import Stationary
+from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import deviations_apart, is_definite
@@ -21,7 +22,10 @@ from .coarse_cells import CoarseCells, cover
 from .likelihood import Likelihood
 from .refinement import Refined, Refinement
 
-RUNS_AT_ONCE = 16
+MOST_RUNS_AT_ONCE = 16
+USUAL_CELLS = 4000.0  # that follow the readings of a run; rarely ten times as many
+CELLS_GB = 1.0  # of the usual cells of the runs that are worked on at once; one that takes more is refused
+FLOAT, COPIES = 8, 3  # bytes, and of each cell while some are halved
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 OTHER_SEED = 1  # of the places of the second lattice, by which the error is told
 FIRST_SEED = 0
@@ -61,7 +65,8 @@ class RefinedPointMassFilter(BriefRepr):
             says by how much.
 
     Raises:
-        ValueError: If the problem is of another kind, an option is not positive, or the prior allows no cell.
+        ValueError: If the problem is of another kind, an option is not positive, the prior allows no cell, or
+            the cells of one measurement of so many beams would take more than 1 GB.
     """
 
     problem: Problem
@@ -80,6 +85,13 @@ class RefinedPointMassFilter(BriefRepr):
             raise ValueError(f"accuracy must be between 0 and 1, got {self.accuracy}")
         if not self.most_cells > 0:
             raise ValueError(f"most_cells must be positive, got {self.most_cells}")
+        beams, most = len(self.problem.sensor.bearings), most_beams(self.problem.space.size)
+        if beams > most:
+            raise ValueError(
+                f"the cells of one measurement of {beams} beams take about "
+                f"{run_bytes(self.problem.space.size, beams) / 1e9:.2g} GB, more than {CELLS_GB:g}: "
+                f"take at most {most} beams"
+            )
         self.coarse  # noqa: B018 (cast before the first update, and refuses what does not fit)
 
     @cached_property
@@ -122,8 +134,9 @@ class RefinedPointMassFilter(BriefRepr):
         mean, covariance, log_evidence = (np.array(part) for part in belief.estimate)
         error = belief.error.copy()
         told = np.flatnonzero((log_evidence > -np.inf) & ~np.isnan(measurement).all(axis=1))
-        for start in range(0, len(told), RUNS_AT_ONCE):
-            some = told[start : start + RUNS_AT_ONCE]
+        at_once = runs_at_once(self.problem)
+        for start in range(0, len(told), at_once):
+            some = told[start : start + at_once]
             found = self._answer(self.coarse, readings[some])
             log_evidence[some] = found.log_integral - self.coarse.log_integral
             possible = found.log_integral > -np.inf
@@ -145,8 +158,9 @@ class RefinedPointMassFilter(BriefRepr):
         mean, covariance, log_evidence = belief.estimate
         errors = belief.error.copy()
         some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
-        for start in range(0, len(some), RUNS_AT_ONCE):
-            part = some[start : start + RUNS_AT_ONCE]
+        at_once = runs_at_once(self.problem)
+        for start in range(0, len(some), at_once):
+            part = some[start : start + at_once]
             other = self._answer(self.other_coarse, belief.readings[part])
             mine, theirs = (mean[part], covariance[part], None), (other.mean, other.covariance, None)
             differs = deviations_apart(self.problem.space, mine, theirs)
@@ -193,3 +207,21 @@ class RefinedPointMassFilter(BriefRepr):
         flat = (found.log_integral > -np.inf) & ~is_definite(found.covariance, SUM_ROUNDING)
         found.covariance[flat] += np.diag(coarse.steps[0] ** 2 / 12)
         return found
+
+
+def run_bytes(size: int, beams: int) -> float:
+    """What the usual cells of one run take, with so many components and beams."""
+    a_cell = 2 * size**2 + 5 * size + 11 + beams * (2 + size)
+    return COPIES * FLOAT * USUAL_CELLS * a_cell
+
+
+def most_beams(size: int) -> int:
+    """The most beams of which the usual cells of one run fit."""
+    none, one = run_bytes(size, 0), run_bytes(size, 1)
+    return int((CELLS_GB * 1e9 - none) / (one - none))
+
+
+def runs_at_once(problem: Problem) -> int:
+    """Of how many runs the usual cells fit."""
+    fit = CELLS_GB * 1e9 / run_bytes(problem.space.size, len(problem.sensor.bearings))
+    return max(1, min(MOST_RUNS_AT_ONCE, int(fit)))
