@@ -15,6 +15,8 @@ from .one_beam import noise_of_beam
 
 PRIOR_CELLS = 15_000  # of a prior, about so many
 MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
+ACCURACY = 0.1  # deviations by which the cells of a posterior may be off: plans average over many
+MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
@@ -166,7 +168,7 @@ def posterior_cells(problem: Problem, readings: Array) -> list[Cells]:
     """
     check_plannable(problem)
     still = replace(problem, motion=Stationary(problem.space))
-    estimator = RefinedPointMassFilter(still)
+    estimator = RefinedPointMassFilter(still, accuracy=ACCURACY, most_cells=MOST_CELLS)
     rngs = [np.random.default_rng(0) for _ in readings]  # never drawn from
     belief = estimator.update(estimator.init(problem.prior, rngs), readings, rngs)
     found = []
