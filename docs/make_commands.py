@@ -41,7 +41,7 @@ def page() -> str:
     for group, commands in GROUPS.items():
         lines += ["", f"## {group}"]
         for command in commands:
-            lines += ["", *_command(tree.commands[command.__name__])]
+            lines += ["", *_command(tree.commands[command.__name__.replace("_", "-")])]
     return "\n".join(lines) + "\n"
 
 

@@ -102,7 +102,8 @@ cli
 evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
-evaluation.figures evaluation.trials evaluation.bounds
+evaluation.figures evaluation.trials
+evaluation.planning evaluation.bounds
 evaluation.comparison
 evaluation.consistency
 evaluation.results evaluation.study

@@ -17,6 +17,8 @@ def test_the_page_is_up_to_date() -> None:
     made = runpy.run_path(str(DOCS / "make_commands.py"))
     page: str = made["page"]()
     assert (DOCS / "commands.md").read_text(encoding="utf-8") == page
-    commands = [command.__name__ for commands in made["GROUPS"].values() for command in commands]
+    commands = [
+        command.__name__.replace("_", "-") for commands in made["GROUPS"].values() for command in commands
+    ]
     assert len(commands) >= 11
     assert all(f"\n### rangefix {name}\n" in page for name in commands)

@@ -129,6 +129,15 @@ class Rangefinder:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)
         return self.space.from_pose_gradients(gradients)
 
+    def look(self, states: Array) -> tuple[Array, Array]:
+        """`expected` and `jacobian` of one cast: (..., n) -> (..., B) m and (..., B, n)."""
+        hits = self.room.cast(self.space.poses(states), self.bearings)
+        ranges, gradients = hits.ranges, hits.gradients
+        if self.max_incidence < RIGHT_ANGLE:
+            lost = self._grazing(gradients)
+            ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
+        return ranges, self.space.from_pose_gradients(gradients)
+
     def _grazing(self, gradients: Array) -> BoolArray:
         """Which beams are lost: |d range / d x| is 1 / cos(incidence), and 0 for a wall met edge-on."""
         slopes = np.hypot(gradients[..., 0], gradients[..., 1])

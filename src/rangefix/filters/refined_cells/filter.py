@@ -178,7 +178,7 @@ class RefinedPointMassFilter(BriefRepr):
         draws = gaussian_draws(mean, covariance, size, space, rngs)
         for run, rng in enumerate(rngs):
             if np.asarray(log_evidence)[run] > -np.inf:
-                centres, steps, logs = self._boxes(belief, run)
+                centres, steps, logs = self.boxes(belief, run)
                 draws[run] = cell_draws(centres, logs, steps, (mean[run], covariance[run]), size, space, rng)
         return draws
 
@@ -186,10 +186,10 @@ class RefinedPointMassFilter(BriefRepr):
         """The probabilities of a run's cells, for pictures."""
         if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
             raise NotImplementedError("nothing is possible any more: there is no density to show")
-        centres, _, logs = self._boxes(belief, run)
+        centres, _, logs = self.boxes(belief, run)
         return image_of_points(centres, self.problem, logs)
 
-    def _boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
+    def boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
         """Boxes about the nodes of a run's cells: centres (N, n), widths (N, n) and log masses (N,)."""
         likelihood = self._likelihood(self.coarse, belief.readings[run : run + 1])
         refinement = self._refinement(self.coarse)

@@ -1,0 +1,113 @@
+"""The command `map-accuracy`: how accurate a position is going to be at each place of a map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import Json, named, print_json
+from .plan import read_candidates
+from .studies import Map, NoPlugins, StudyFile, read_study
+
+SCHEMA = 1
+
+
+def map_accuracy(
+    study: StudyFile,
+    step_m: Annotated[
+        float, typer.Option("--step-m", metavar="METRES", help="From one place to the next, m.")
+    ] = 0.1,
+    beams_deg: Annotated[
+        str | None,
+        typer.Option(
+            "--beams-deg",
+            metavar="DEGREES",
+            help="Beams to read: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from the heading; the "
+            "study's own unless given.",
+        ),
+    ] = None,
+    map_path: Map = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", parser=named, metavar="DIR", help="Folder for the picture and the grid of numbers."
+        ),
+    ] = None,
+    no_plugins: NoPlugins = False,
+    as_json: Json = False,
+) -> None:
+    """How accurate a position is going to be at each place of a map, from gradients of the ranges."""
+    world = read_study(study, None, None, map_path, not no_plugins).world()
+
+    import numpy as np
+
+    from ..evaluation.planning.accuracy_map import accuracy_map
+    from ..evaluation.planning.cells import check_plannable, turned
+
+    problem = world.assumed or world.truth
+    sensor = check_plannable(problem)
+    if beams_deg is not None:
+        sensor = turned(sensor, read_candidates(beams_deg, problem))
+    found = accuracy_map(problem, sensor, step_m)
+    std, (worst, direction) = found.position_std, found.worst()
+    known = np.isfinite(std)
+    if not known.any():
+        raise ValueError(f"no place in free space is met at steps of {step_m:g} m: take smaller ones")
+    files: list[Path] = []
+    if out is not None:
+        from ..evaluation.figures.files import encoded
+        from ..evaluation.figures.planning.accuracy import draw_accuracy
+        from ..evaluation.figures.style import styled
+        from ..evaluation.results import write_bytes
+        from ..evaluation.results.npz import write_npz
+
+        with styled():
+            picture = encoded(draw_accuracy(found, np.asarray(sensor.room.segments)), ["png"])["png"]
+        files = [out / "accuracy.png", out / "accuracy.npz"]
+        write_bytes(files[0], picture)
+        write_npz(
+            files[1],
+            {
+                "schema": np.array(SCHEMA),
+                "x1_m": found.x1,
+                "x2_m": found.x2,
+                "position_std_m": std,
+                "worst_std_m": worst,
+                "worst_direction_rad": direction,
+                "covariance_m2": found.covariance,
+                "beams_seen": found.beams_seen.astype(np.int32),
+                "bearings_rad": found.bearings,
+                "heading_rad": np.array(found.heading),
+            },
+        )
+    shares = (0.05, 0.5, 0.95, 1.0)
+    figures = [[float(np.quantile(values[known], share)) for share in shares] for values in (std, worst)]
+    if as_json:
+        names = ("q05", "median", "q95", "max")
+        rows = [dict(zip(names, row, strict=True)) for row in figures]
+        document = {
+            "places": int(known.sum()),
+            "step_m": step_m,
+            "beams": len(found.bearings),
+            "what": "information from range gradients: local, no bound near jumps",
+            "position_std_m": rows[0],
+            "worst_std_m": rows[1],
+            "files": [str(path) for path in files],
+        }
+        print_json(document)
+        return
+    from .screen import console, new_table
+
+    table = new_table("Expected deviations over the map, m", ["", "5 %", "median", "95 %", "largest"])
+    for name, row in zip(("position", "worst direction"), figures, strict=True):
+        table.add_row(name, *(f"{value:.4g}" for value in row))
+    screen = console()
+    screen.print(table)
+    screen.say(
+        f"{int(known.sum())} places, {len(found.bearings)} beams. Information from gradients of the ranges: "
+        "local, and no bound near jumps."
+    )
+    for path in files:
+        screen.say(str(path))

@@ -1,0 +1,225 @@
+"""The command `plan`: which beams to measure, before any is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .app import Json, named, names_from, one_of, print_json
+from .studies import Map, NoPlugins, Seed, StudyFile, read_study
+
+if TYPE_CHECKING:
+    from ..arrays import Array
+    from ..evaluation.planning.selection import Plan
+    from ..filters import Problem
+
+RESOLUTION_DEG = 0.36  # of the paper's rangefinder
+CRITERIA = ("trace", "det", "largest", "information")
+METHODS = ("greedy", "exchange", "exhaustive")
+PICTURES = (".png", ".svg", ".pdf")
+MEASURED = "beams"  # a word for --candidates-deg: those of the study
+
+
+def plan(
+    study: StudyFile,
+    beams: Annotated[int, typer.Option("--beams", "-b", min=1, metavar="N", help="How many beams.")] = 3,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=names_from(lambda: CRITERIA),
+            help="What is made least on average: trace, det or largest eigenvalue of the position's "
+            "covariance; or, made greatest, information.",
+        ),
+    ] = "trace",
+    method: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=names_from(lambda: METHODS),
+            help="greedy; exchange, which goes on from there; or exhaustive, all sets of few candidates.",
+        ),
+    ] = "exchange",
+    adaptive: Annotated[
+        bool, typer.Option("--adaptive", help="Choose each beam after the readings before it are known.")
+    ] = False,
+    candidates_deg: Annotated[
+        str | None,
+        typer.Option(
+            "--candidates-deg",
+            metavar="DEGREES",
+            help="Directions to choose from: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from the "
+            f"heading; or {MEASURED!r}, the study's own. Every {RESOLUTION_DEG:g} deg outside the blind "
+            "sector unless given.",
+        ),
+    ] = None,
+    truths: Annotated[
+        int,
+        typer.Option(min=2, metavar="N", help="Truths over which is averaged from the second beam on."),
+    ] = 64,
+    seed: Seed = None,
+    map_path: Map = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            parser=named,
+            metavar="PATH",
+            help="A folder, or a picture (.png, .svg, .pdf): the objective round the compass on the map.",
+        ),
+    ] = None,
+    no_plugins: NoPlugins = False,
+    as_json: Json = False,
+) -> None:
+    """Which beams to measure: the expected accuracy of a position before anything is measured."""
+    criterion = one_of(criterion, CRITERIA, "criterion is called")
+    method = one_of(method, METHODS, "method is called")
+    given = read_study(study, None, seed, map_path, not no_plugins)
+    world = given.world()
+
+    from ..evaluation.planning.selection import Planner
+
+    problem = world.assumed or world.truth
+    candidates = read_candidates(candidates_deg, problem)
+    tell = _progress if not as_json and sys.stderr.isatty() else _silent
+    planner = Planner(problem, candidates, criterion, truths, given.seed, tell)  # type: ignore[arg-type]
+    found = planner.plan(beams, method, adaptive)  # type: ignore[arg-type]
+    tell("")
+    seconds = _times(problem, planner.sensor, found, given.seed)
+    pictures = [] if out is None else _draw(found, problem, planner.prior.centres, out)
+    if as_json:
+        print_json(_document(given.name, found, seconds) | {"figures": [str(path) for path in pictures]})
+        return
+    _show(given.name, found, seconds, len(candidates))
+    for path in pictures:
+        from .screen import console
+
+        console().say(str(path))
+
+
+def read_candidates(text: str | None, problem: Problem) -> Array:
+    """Directions that may be chosen, rad, (D,).
+
+    Raises:
+        ValueError: If they are no numbers, or none, or one stands twice.
+    """
+    import numpy as np
+
+    from ..evaluation.planning.cells import beams_alike, check_plannable
+    from ..filters import sweep
+
+    sensor = check_plannable(problem)
+    if text == MEASURED or (text is None and not beams_alike(sensor)):
+        return np.asarray(sensor.bearings[~sensor.blind])
+    if text is None:
+        return sweep(np.deg2rad(RESOLUTION_DEG), sensor.blind_sector)
+    try:
+        if ":" in text:
+            low, high, step = map(float, text.split(":"))
+            degrees = low + step * np.arange(np.floor((high - low) / step * (1 + 1e-12)) + 1)
+        else:
+            degrees = np.array([float(part) for part in text.replace(",", " ").split()])
+    except (ValueError, ZeroDivisionError):
+        raise ValueError(
+            f"--candidates-deg needs numbers such as -90,0,90 or -90:90:15, or {MEASURED!r}, got {text!r}"
+        ) from None
+    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > 100_000:
+        raise ValueError(f"--candidates-deg {text}: name 1 to 100000 finite directions")
+    if len(np.unique(np.round(degrees % 360, 9))) < len(degrees):
+        raise ValueError(f"--candidates-deg {text}: a direction stands twice")
+    return np.deg2rad(degrees)
+
+
+def _times(problem: Problem, sensor: Any, found: Plan, seed: int) -> list[float]:
+    """Seconds of an update with the first 1, 2, ... beams; of an adaptive plan, with even ones instead."""
+    import numpy as np
+
+    from ..evaluation.planning.expected_covariance import some_beams
+    from ..evaluation.planning.update_time import update_seconds
+
+    count = len(found.steps)
+    places = np.linspace(0, len(found.candidates) - 1, count).round().astype(int)
+    if not found.adaptive:
+        bearings = [step.bearing for step in found.steps if step.bearing is not None]
+        places = np.array([int(np.argmin(np.abs(found.candidates - bearing))) for bearing in bearings])
+    return [
+        update_seconds(problem, some_beams(sensor, places[: each + 1]), seed=seed) for each in range(count)
+    ]
+
+
+def _draw(found: Plan, problem: Problem, centres: Array, out: Path) -> list[Path]:
+    from ..evaluation.figures.files import encoded
+    from ..evaluation.figures.planning.compass import draw_plan
+    from ..evaluation.figures.style import styled
+    from ..evaluation.planning.scene import FloorPlan
+    from ..evaluation.results import write_bytes
+
+    suffixes = [out.suffix.lower()[1:]] if out.suffix.lower() in PICTURES else ["png", "svg"]
+    with styled():
+        floor = FloorPlan.of(problem, centres[:, problem.space.position_indices])
+        made = encoded(draw_plan(found, floor), suffixes)
+    single = out.suffix.lower() in PICTURES
+    paths = {suffix: out if single else out / f"plan.{suffix}" for suffix in made}
+    for suffix, content in made.items():
+        write_bytes(paths[suffix], content)
+    return list(paths.values())
+
+
+def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None:
+    from .screen import console, new_table
+
+    unit = {"trace": "m²", "det": "m⁴", "largest": "m²", "information": "nats, of this beam"}[found.criterion]
+    columns = ["beams", "direction,\ndeg", "position,\nrms m", f"{found.criterion},\n{unit}", "± (draws)"]
+    table = new_table(f"Planned beams: {name}", [*columns, "ms per\nupdate"])
+    for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1):
+        direction = "by readings" if step.bearing is None else f"{_degrees(step.bearing):.2f}"
+        error = f"{step.error:.2g}" if step.error else "exact"
+        cells = f"{step.position_std:.4g}", f"{step.value:.4g}", error, f"{1e3 * second:.3g}"
+        table.add_row(str(number), direction, *cells)
+    screen = console()
+    screen.print(table)
+    how = "each chosen after the readings before it" if found.adaptive else f"by {found.method}"
+    screen.say(f"Expected before anything is measured; {how}, of {candidates} directions.")
+    if found.adaptive:
+        screen.say("Times of updates are of as many beams, spread evenly.")
+
+
+def _document(name: str, found: Plan, seconds: list[float]) -> dict[str, Any]:
+    return {
+        "study": name,
+        "criterion": found.criterion,
+        "method": found.method,
+        "adaptive": found.adaptive,
+        "candidates": len(found.candidates),
+        "beams": [
+            {
+                "beam": number,
+                "direction_deg": None if step.bearing is None else _degrees(step.bearing),
+                "position_rms_m": step.position_std,
+                "expected_covariance": step.covariance.tolist(),
+                "value": step.value,
+                "standard_error": step.error,
+                "update_s": second,
+            }
+            for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1)
+        ],
+    }
+
+
+def _degrees(bearing: float) -> float:
+    import numpy as np
+
+    return round(float(np.rad2deg(bearing)), 9)
+
+
+def _progress(text: str) -> None:
+    """What is being done, on one line of the terminal that is written over."""
+    print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def _silent(text: str) -> None:
+    """Nothing."""

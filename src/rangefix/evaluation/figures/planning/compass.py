@@ -1,0 +1,96 @@
+"""A plan of beams on the floor plan: how good each direction is, round the compass, before each beam."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from ....arrays import Array
+from ...planning.scene import FloorPlan
+from ...planning.selection import Plan
+from ..style import COLOURS, label_positions
+
+PANEL = 3.1  # inches
+MOST_PANELS = 8
+INNER, OUTER = 0.12, 0.45  # of the map's shorter side: the worst and the best direction
+GAP = 3.0  # times the usual angle between candidates, at which the curve is broken
+
+
+def draw_plan(plan: Plan, floor: FloorPlan) -> Figure:
+    """One panel for each beam; the curve is further out where a direction is better.
+
+    Args:
+        plan: What was chosen.
+        floor: Walls, and the place about which the compass is drawn.
+    """
+    steps = plan.steps[:MOST_PANELS]
+    columns = min(len(steps), 4)
+    lines = -(-len(steps) // columns)
+    low, high = floor.bounds
+    shape = float(np.clip((high - low)[1] / (high - low)[0], 0.4, 2.0))
+    size = columns * PANEL + 0.3, lines * (PANEL * shape + 0.9)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes in panels[len(steps) :]:
+        axes.set_visible(False)
+    before: list[float] = []
+    for number, (axes, step) in enumerate(zip(panels, steps, strict=False), start=1):
+        _draw_floor(axes, floor)
+        _draw_curve(axes, floor, plan.candidates, step.objective)
+        for bearing in before:
+            _draw_beam(axes, floor, bearing, "0.55", 1.0)
+        if step.bearing is not None:
+            _draw_beam(axes, floor, step.bearing, COLOURS[5], 1.8)
+            before.append(step.bearing)
+        axes.set_title(f"beam {number}: {_direction(step.bearing)}\nthen {step.position_std:.3g} m (rms)")
+    return figure
+
+
+def _direction(bearing: float | None) -> str:
+    return (
+        "by the readings" if bearing is None else f"{np.rad2deg(bearing):.2f}".rstrip("0").rstrip(".") + "°"
+    )
+
+
+def _draw_floor(axes: Axes, floor: FloorPlan) -> None:
+    walls = list(floor.segments.reshape(-1, 2, 2))
+    axes.add_collection(LineCollection(walls, colors="black", linewidths=1.4, capstyle="projecting"))
+    low, high = floor.bounds
+    edge = 0.04 * float((high - low).max())
+    axes.set_xlim(low[0] - edge, high[0] + edge)
+    axes.set_ylim(low[1] - edge, high[1] + edge)
+    axes.plot(*floor.place, marker="+", color="black", markersize=6)
+    label_positions(axes)
+
+
+def _draw_curve(axes: Axes, floor: FloorPlan, bearings: Array, objective: Array) -> None:
+    """The objective: the best direction outermost; on a log scale where all values are positive."""
+    if not np.isfinite(objective).any():
+        return
+    values = np.log(objective) if (objective[np.isfinite(objective)] > 0).all() else objective
+    best, worst = float(np.nanmin(values)), float(np.nanmax(values))
+    share = (worst - values) / (worst - best) if worst > best else np.ones_like(values)
+    short = float((floor.bounds[1] - floor.bounds[0]).min())
+    order = np.argsort(bearings)
+    angle, radius = bearings[order], (short * (INNER + (OUTER - INNER) * share))[order]
+    steps = np.diff(angle)
+    if len(steps) and steps.max() > GAP * np.median(steps):
+        places = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+        angle, radius = np.insert(angle, places, np.nan), np.insert(radius, places, np.nan)
+    points = floor.place + radius[:, None] * _unit(angle + floor.heading)
+    style = "-" if len(bearings) > 12 else "o"
+    axes.plot(*points.T, style, color=COLOURS[0], linewidth=1.1, markersize=3)
+
+
+def _draw_beam(axes: Axes, floor: FloorPlan, bearing: float, colour: str, width: float) -> None:
+    short = float((floor.bounds[1] - floor.bounds[0]).min())
+    line = np.stack(
+        [floor.place, floor.place + 1.1 * OUTER * short * _unit(np.array(bearing + floor.heading))]
+    )
+    axes.plot(*line.T, color=colour, linewidth=width, linestyle=(0, (5, 2)))
+
+
+def _unit(angle: Array) -> Array:
+    return np.stack([np.sin(angle), np.cos(angle)], axis=-1)

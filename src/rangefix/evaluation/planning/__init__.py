@@ -1,0 +1,1 @@
+"""Which beam to measure next: what a position is expected to gain from it, before it is measured."""

@@ -1,0 +1,130 @@
+"""How accurate a position is going to be at each place of a map, by what ranges tell there of small moves.
+
+Each beam brings the information of its reading about its range, along the gradient of the range. This is
+local: beside edges of near objects, where a range jumps, and wherever distant places look alike, the true
+posterior may be better or far worse. It is no bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from ...filters import Problem, Rangefinder
+from ...filters.problem import Noise
+from ...raster import Raster
+from .cells import beams_alike
+from .one_beam import noise_of_beam, noise_width
+from .reading_table import probabilities
+
+RAYS_AT_ONCE = 2_000_000
+MOST_PLACES = 20_000_000  # of the box of the map, walls included
+RANGES = 400  # at which the information of a reading is worked out
+NUDGE = 0.02  # of the noise, by which ranges are moved for it
+
+
+@dataclass(frozen=True)
+class AccuracyMap:
+    """Posterior deviations at the places of a lattice; NaN in walls and beyond them.
+
+    Attributes:
+        x1, x2: Where the places lie, m, (C,) and (R,).
+        covariance: Of x1 and x2, m^2, (R, C, 2, 2).
+        beams_seen: How many beams meet a wall and are not lost, (R, C); -1 in walls.
+        bearings: Of the beams, rad, (B,).
+        heading: At which it was worked out, rad.
+    """
+
+    x1: Array
+    x2: Array
+    covariance: Array
+    beams_seen: IntArray
+    bearings: Array
+    heading: float
+
+    @property
+    def position_std(self) -> Array:
+        """Root of the trace, m, (R, C)."""
+        return np.asarray(np.sqrt(self.covariance[..., 0, 0] + self.covariance[..., 1, 1]))
+
+    def worst(self) -> tuple[Array, Array]:
+        """Deviation in the worst direction, m, and that direction, rad clockwise from +x2, (R, C) each."""
+        a, b, c = (self.covariance[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+        largest = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)
+        return np.sqrt(largest), 0.5 * np.arctan2(2 * b, c - a)
+
+
+def accuracy_map(problem: Problem, sensor: Rangefinder, step: float) -> AccuracyMap:
+    """What a measurement of all beams leaves at each free place of a map, to first order.
+
+    Args:
+        problem: Its prior counts by its covariance, so that what no beam tells stays as uncertain as before.
+        sensor: The beams that are read. Its noise counts by Fisher's information about the expected range.
+        step: From one place to the next, m.
+
+    Raises:
+        ValueError: If the step is not positive, or there are too many places.
+    """
+    if not 0 < step < np.inf:
+        raise ValueError(f"places need a positive distance in m, got {step:g}")
+    lower, upper = sensor.room.bounds
+    counts = np.maximum(1, np.floor((upper - lower) / step + 1e-9)).astype(int)
+    if counts.astype(float).prod() > MOST_PLACES:
+        raise ValueError(
+            f"{counts[0]} x {counts[1]} places are more than {MOST_PLACES}: a step of {step:g} m is small"
+        )
+    raster = Raster(lower, step, (int(counts[0]), int(counts[1])))
+    places = raster.centres.reshape(-1, 2)
+    free = np.flatnonzero(sensor.room.is_free(places))
+    space, mean = problem.space, np.asarray(problem.prior.mean, dtype=float)
+    before = np.linalg.inv(np.asarray(problem.prior.covariance))
+    beams = np.flatnonzero(~sensor.blind)
+    tables = _information(sensor, float(np.hypot(*(upper - lower))))
+    covariance, seen = np.full((len(places), 2, 2), np.nan), np.full(len(places), -1)
+    at_once = max(1, RAYS_AT_ONCE // len(sensor.bearings))
+    for start in range(0, len(free), at_once):
+        part = free[start : start + at_once]
+        states = np.tile(mean, (len(part), 1))
+        states[:, space.position_indices] = places[part]
+        ranges, slopes = sensor.look(states)
+        known = np.isfinite(ranges)
+        weights = np.zeros_like(ranges)
+        for beam in beams:
+            at, told = tables[0] if len(tables) == 1 else tables[beam]
+            weights[:, beam] = np.interp(np.where(known[:, beam], ranges[:, beam], at[-1]), at, told)
+        weights[~known] = 0.0
+        gained = np.matmul(np.swapaxes(slopes * weights[..., None], 1, 2), slopes)
+        after = np.linalg.inv(before + gained)
+        rows = np.array(space.position_indices)
+        covariance[part] = after[:, rows[:, None], rows]
+        seen[part] = (weights > 0).sum(axis=1)
+    shape = raster.shape
+    axes = [lower[axis] + step * (np.arange(shape[axis]) + 0.5) for axis in (0, 1)]
+    return AccuracyMap(
+        axes[0], axes[1], np.swapaxes(covariance.reshape(*shape, 2, 2), 0, 1), seen.reshape(shape).T,
+        sensor.bearings, float(space.poses(mean)[2]),
+    )  # fmt: skip
+
+
+def _information(sensor: Rangefinder, reach: float) -> list[tuple[Array, Array]]:
+    """Ranges, m, and Fisher's information of a reading about each, 1/m^2; of all beams, or of each."""
+    count = len(sensor.bearings)
+    noises = [sensor.noise] if beams_alike(sensor) else [
+        noise_of_beam(sensor.noise, beam, count) for beam in range(count)
+    ]  # fmt: skip
+    return [_fisher(sensor, noise, reach) for noise in noises]
+
+
+def _fisher(sensor: Rangefinder, noise: Noise, reach: float) -> tuple[Array, Array]:
+    """Sum over readings of (d p / d range)^2 / p, by central differences; readings near each range only."""
+    width = noise_width(noise, 0.0, reach)
+    at = np.linspace(0.0, reach, RANGES)
+    told = np.empty(RANGES)
+    for place, expected in enumerate(at):
+        nudged = expected + NUDGE * width * np.array([[-1.0], [0.0], [1.0]])
+        low, middle, high = probabilities(sensor, noise, width, (expected, expected), nudged)
+        some = middle > 0
+        told[place] = ((high - low)[some] ** 2 / middle[some]).sum() / (2 * NUDGE * width) ** 2
+    return at, told

@@ -1,0 +1,192 @@
+"""Compiled loops that bin what is believed by expected range, direction by direction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...arrays import Array
+from ...filters.compiled import njit
+
+TWELFTH = 1 / 12  # of a bin squared: the variance within a bin, which the table of readings takes off
+FARTHEST = 1e300  # m; an expected range beyond it is none
+NARROW = 0.6  # variance of a cell's range, in bins squared, up to which three neighbours hold it
+
+
+def bin_by_range(
+    ranges: Array, slopes: Array, weights: Array, values: Array, widths: Array, low: float, step: float,
+    ends: tuple[float, float], out: Array,
+) -> None:  # fmt: skip
+    """Mass and moments of cells in bins of expected range, for each direction.
+
+    A cell that is spread over a few bins gives mass to three, neighbours or every other one, so that mass,
+    mean and variance of its range are right; a wider one is spread evenly. Moments within a cell follow its
+    range as in linear regression.
+
+    Args:
+        ranges: Expected at the centres, m, (D, N); inf = no wall, or a beam that is lost.
+        slopes: Their derivatives by the state, (D, N, n).
+        weights: (N,).
+        values: Centres, (N, n).
+        widths: (N, n).
+        low, step: Where the first bin begins, and how wide bins are, m.
+        ends: Between which ranges can be, m: what a slope says beyond them is no range.
+        out: Written: (D, C, bins + 1); the last bin is for inf. Masses, the n first moments and, where there
+            is room for them, the second moments of x1 x1, x1 x2 and x2 x2, which stand first in the state.
+    """
+    if out.shape[1] == 3:
+        squares = widths**2 * TWELFTH
+        _bin_places(ranges, slopes, weights, values, squares, low, step, ends[0], ends[1], out)
+    else:
+        _bin_all(ranges, slopes, weights, values, widths, low, step, ends[0], ends[1], out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _bin_places(
+    ranges: Array, slopes: Array, weights: Array, values: Array, squares: Array, low: float, step: float,
+    least: float, most: float, out: Array,
+) -> None:  # fmt: skip
+    """Mass and first moments of x1 and x2: the loop that plans wait for, without loops in it.
+
+    Indices are unsigned: one that may be negative costs numba a branch.
+    """
+    bins = out.shape[2] - 1
+    local = np.empty((bins + 1) * 4)  # mass, x1, x2 and nothing, bin by bin
+    table = local.reshape((bins + 1, 4))[:, :3]
+    centre, along = np.empty(2), np.empty(2)
+    scale, one, two, four = 1.0 / step, np.uintp(1), np.uintp(2), np.uintp(4)
+    for direction in range(ranges.shape[0]):
+        local[:] = 0.0
+        for cell in range(ranges.shape[1]):
+            weight, distance = weights[cell], ranges[direction, cell]
+            x1, x2 = values[cell, 0], values[cell, 1]
+            slope_1, slope_2 = scale * slopes[direction, cell, 0], scale * slopes[direction, cell, 1]
+            along_1, along_2 = slope_1 * squares[cell, 0], slope_2 * squares[cell, 1]
+            spread = along_1 * slope_1 + along_2 * slope_2
+            if spread < 4.0 * NARROW and distance < FARTHEST:
+                apart = 1.0 if spread < NARROW else 2.0  # bins from one to the next of the three
+                place = (distance - low) * scale
+                near = np.uintp(place)
+                off = place - float(near) - 0.5
+                half = 0.5 * weight / apart
+                even, odd = half / apart * (off * off + spread + TWELFTH), half * off
+                first, last, middle = even - odd, even + odd, weight - 2.0 * even
+                slant_1, slant_2 = half * along_1, half * along_2
+                here, reach = near * four, np.uintp(apart) * four
+                before, after = here - reach, here + reach
+                local[before] += first
+                local[before + one] += first * x1 - slant_1
+                local[before + two] += first * x2 - slant_2
+                local[here] += middle
+                local[here + one] += middle * x1
+                local[here + two] += middle * x2
+                local[after] += last
+                local[after + one] += last * x1 + slant_1
+                local[after + two] += last * x2 + slant_2
+            else:
+                centre[0], centre[1] = x1, x2
+                along[0], along[1] = along_1 * step, along_2 * step
+                _add_wide(
+                    table, weight, distance, spread * step * step, centre, along, low, step, least, most
+                )
+        for column in range(3):
+            for each in range(bins + 1):
+                out[direction, column, each] = table[each, column]
+
+
+@njit(cache=True, nogil=True)
+def _bin_all(
+    ranges: Array, slopes: Array, weights: Array, values: Array, widths: Array, low: float, step: float,
+    least: float, most: float, out: Array,
+) -> None:  # fmt: skip
+    """The same for any number of components, and with second moments."""
+    size, columns, bins = values.shape[1], out.shape[1] - 1, out.shape[2] - 1
+    local = np.empty((bins + 1, columns + 1))
+    along, centre = np.zeros(columns), np.zeros(columns)
+    for direction in range(ranges.shape[0]):
+        local[:] = 0.0
+        for cell in range(ranges.shape[1]):
+            weight, distance = weights[cell], ranges[direction, cell]
+            variance = 0.0
+            for axis in range(size):
+                width = widths[cell, axis]
+                centre[axis] = values[cell, axis]
+                along[axis] = slopes[direction, cell, axis] * width * width * TWELFTH  # covariance with range
+                variance += along[axis] * slopes[direction, cell, axis]
+            if columns > size:  # x1 x1, x1 x2 and x2 x2
+                for pair in range(3):
+                    one, other = pair // 2, (pair + 1) // 2
+                    centre[size + pair] = centre[one] * centre[other]
+                    along[size + pair] = centre[one] * along[other] + centre[other] * along[one]
+                    if one == other:
+                        centre[size + pair] += widths[cell, one] ** 2 * TWELFTH
+            spread = variance / (step * step)
+            if spread >= NARROW or math.isinf(distance):
+                _add_wide(local, weight, distance, variance, centre, along, low, step, least, most)
+                continue
+            place = (distance - low) / step
+            near = int(place)
+            off, square = place - near - 0.5, spread + TWELFTH
+            first = 0.5 * (off * off + square - off) * weight
+            last = 0.5 * (off * off + square + off) * weight
+            middle = weight - first - last
+            local[near - 1, 0] += first
+            local[near, 0] += middle
+            local[near + 1, 0] += last
+            for column in range(columns):
+                slant = 0.5 * along[column] / step * weight
+                local[near - 1, 1 + column] += first * centre[column] - slant
+                local[near, 1 + column] += middle * centre[column]
+                local[near + 1, 1 + column] += last * centre[column] + slant
+        for column in range(columns + 1):
+            for each in range(bins + 1):
+                out[direction, column, each] = local[each, column]
+
+
+@njit(cache=True, nogil=True)
+def _add_wide(
+    local: Array, weight: float, distance: float, variance: float, centre: Array, along: Array, low: float,
+    step: float, least: float, most: float,
+) -> None:  # fmt: skip
+    """Add a cell that is spread evenly over several bins, or in which no wall is met, to the last bin."""
+    bins = local.shape[0] - 1
+    if math.isinf(distance):
+        local[bins, 0] += weight
+        for column in range(centre.size):
+            local[bins, 1 + column] += weight * centre[column]
+        return
+    half, place = math.sqrt(3.0 * variance), (distance - low) / step
+    begin = (max(distance - half, least) - low) / step
+    end = (min(distance + half, most) - low) / step
+    if end - begin < 1e-9:
+        begin, end = place - 0.5, place + 0.5
+    density, scale, edge = weight / (end - begin), step / variance, begin
+    for each in range(int(begin), min(int(end), bins - 1) + 1):
+        until = min(end, each + 1.0)
+        mass = density * (until - edge)
+        off = (0.5 * (edge + until) - place) * scale
+        local[each, 0] += mass
+        for column in range(centre.size):
+            local[each, 1 + column] += mass * (centre[column] + off * along[column])
+        edge = until
+
+
+@njit(cache=True, nogil=True)
+def range_ends(ranges: Array, slopes: Array, widths: Array) -> tuple[float, float]:
+    """Between which ranges are expected in cells, m; no cell reaches further than half its diagonal."""
+    low, high, longest = math.inf, 0.0, 0.0
+    for cell in range(widths.shape[0]):
+        longest = max(longest, 0.5 * math.hypot(widths[cell, 0], widths[cell, 1]))
+    for direction in range(ranges.shape[0]):
+        for cell in range(ranges.shape[1]):
+            distance = ranges[direction, cell]
+            if distance < math.inf and (distance - longest < low or distance + longest > high):
+                variance = diagonal = 0.0
+                for axis in range(widths.shape[1]):
+                    variance += (slopes[direction, cell, axis] * widths[cell, axis]) ** 2 / 4.0
+                for axis in range(2):
+                    diagonal += widths[cell, axis] ** 2 / 4.0
+                reach = min(math.sqrt(variance), math.sqrt(diagonal))
+                low, high = min(low, distance - reach), max(high, distance + reach)
+    return max(low, 0.0), high

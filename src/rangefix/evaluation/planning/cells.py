@@ -1,0 +1,178 @@
+"""What is believed, as boxes with probabilities: a prior on a lattice, or what readings leave of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Array, BoolArray
+from ...filters import Problem, Rangefinder, StateSpace
+from ...filters.models.motion import Stationary
+from ...filters.point_mass.grid import build_grid
+from ...filters.refined_cells.filter import RefinedPointMassFilter
+from .one_beam import noise_of_beam
+
+PRIOR_CELLS = 15_000  # of a prior, about so many
+MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
+ACCURACY = 0.1  # deviations by which the cells of a posterior may be off: plans average over many
+MOST_CELLS = 30_000  # of a posterior
+NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
+ROUNDS = 6  # of looking for the size of the cells
+CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Boxes with probabilities; of width zero they are points.
+
+    Attributes:
+        space: The state space.
+        centres: (N, n), m and rad.
+        widths: Along each axis, (N, n); what is believed is spread evenly in each box.
+        weights: Probabilities, which sum to one, (N,).
+    """
+
+    space: StateSpace
+    centres: Array
+    widths: Array
+    weights: Array
+
+    @staticmethod
+    def of(space: StateSpace, centres: Array, weights: Array, widths: Array | float = 0.0) -> Cells:
+        """Cells from arrays; the weights need not sum to one.
+
+        Raises:
+            ValueError: If there is none, or a number does not fit.
+        """
+        centres, weights = np.asarray(centres, dtype=float), np.asarray(weights, dtype=float)
+        if centres.ndim != 2 or centres.shape != (len(weights), space.size) or not len(weights):
+            raise ValueError(
+                f"cells have centres (N, {space.size}) and weights (N,): {centres.shape}, {weights.shape}"
+            )
+        widths = np.broadcast_to(np.asarray(widths, dtype=float), centres.shape)
+        total = weights.sum()
+        sound = np.isfinite(centres).all() and np.isfinite(widths).all() and (widths >= 0).all()
+        if not (sound and (weights >= 0).all() and 0 < total < np.inf):
+            raise ValueError("cells need finite centres, and widths and weights that are at least zero")
+        return Cells(space, centres, widths, weights / total)
+
+    def heavy(self) -> Cells:
+        """The same without the lightest cells, which hold NEGLIGIBLE_MASS together."""
+        order = np.argsort(self.weights)
+        kept = np.sort(order[np.cumsum(self.weights[order]) > NEGLIGIBLE_MASS])
+        return Cells.of(self.space, self.centres[kept], self.weights[kept], self.widths[kept])
+
+    def merged(self, pitch: Array) -> Cells:
+        """Cells no finer than a pitch along each axis, (n,): those of one place become one."""
+        places = np.floor((self.centres - self.centres.min(axis=0)) / pitch).astype(np.int64)
+        shape = places.max(axis=0) + 1
+        _, group = np.unique(np.ravel_multi_index(tuple(places.T), tuple(shape)), return_inverse=True)
+        weights = np.bincount(group, self.weights).astype(float)
+        share = self.weights / weights[group]
+        centres: Array = np.stack([np.bincount(group, share * column) for column in self.centres.T], axis=1)
+        squares = (self.centres - centres[group]) ** 2 + self.widths**2 / 12
+        spread = np.stack([np.bincount(group, share * column) for column in squares.T], axis=1)
+        return Cells.of(self.space, centres, weights, np.sqrt(12 * spread))
+
+    @property
+    def away(self) -> Array:
+        """Centres as differences from the mean, angles the short way round, (N, n)."""
+        mean, _ = self.space.moments(self.centres, self.weights)
+        away = self.space.difference(self.centres, mean)
+        return np.asarray(away - self.weights @ away)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance, the spread in the cells included, (n, n)."""
+        away = self.away
+        spread = np.diag(self.weights @ self.widths**2 / 12)
+        return np.asarray((away * self.weights[:, None]).T @ away + spread)
+
+
+def check_plannable(problem: Problem) -> Rangefinder:
+    """The rangefinder of a problem that measurements can be planned for.
+
+    Raises:
+        ValueError: If the state has other components, or the sensor is somebody else's.
+    """
+    if problem.space.names not in (("x1", "x2"), ("x1", "x2", "heading")):
+        names = ", ".join(problem.space.names)
+        raise ValueError(f"measurements are planned for x1, x2 and heading, not for {names}")
+    if not isinstance(problem.sensor, Rangefinder):
+        kind = type(problem.sensor).__name__
+        raise ValueError(f"measurements are planned for a Rangefinder, whose beams can be turned, not {kind}")
+    return problem.sensor
+
+
+def beams_alike(sensor: Rangefinder) -> bool:
+    """Whether all beams have the same noise, so that a beam may be turned anywhere."""
+    return noise_of_beam(sensor.noise, 0, len(sensor.bearings)) is sensor.noise
+
+
+def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:
+    """The same rangefinder with beams in other directions, or with some of its own.
+
+    Raises:
+        ValueError: If a beam is none of its own, and its beams have noise of their own each.
+    """
+    noise = sensor.noise
+    if not beams_alike(sensor):
+        places = [np.flatnonzero(np.abs(sensor.bearings - bearing) < 1e-9) for bearing in bearings]
+        if not all(len(place) for place in places):
+            raise ValueError(
+                "each beam of this sensor has noise of its own: only its own beams can be planned with"
+            )
+        noise = noise_of_beam(noise, np.array([int(place[0]) for place in places]), len(sensor.bearings))
+    return replace(sensor, bearings=np.asarray(bearings, dtype=float), noise=noise)
+
+
+def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
+    """A problem's prior as cells of one size, about so many as asked for.
+
+    Raises:
+        ValueError: If measurements cannot be planned for the problem.
+    """
+    check_plannable(problem)
+    lower, upper = problem.prior.support
+    size, share = upper - lower, 1.0
+    grid = None
+    for _ in range(ROUNDS):
+        counts = _counts(size, problem.space.is_angle, most / share)
+        grid = build_grid(problem.prior, problem.space, size / counts * (1 + 1e-12), MOST_IN_BOX)
+        kept = int((grid.log_mass > -np.inf).sum())
+        if CLOSE[0] * most <= kept <= CLOSE[1] * most or np.prod(counts) / share > MOST_IN_BOX / 4:
+            break
+        share = max(share * kept / most, 1e-2)
+    assert grid is not None
+    cells = Cells.of(problem.space, grid.centres, np.exp(grid.log_mass), grid.step)
+    return cells.heavy()
+
+
+def _counts(size: Array, is_angle: BoolArray, total: float) -> Array:
+    """Cells along each axis of a box: nearly square in the plane, and a heading's by the same count."""
+    lengths = np.where(is_angle, size[~is_angle].max(), size)
+    counts: Array = np.maximum(1.0, np.round(lengths * (total / lengths.prod()) ** (1 / len(size))))
+    return counts
+
+
+def posterior_cells(problem: Problem, readings: Array) -> list[Cells]:
+    """What readings leave of a problem's prior, run by run: cells that follow the readings.
+
+    Args:
+        problem: Its sensor has the beams that were read.
+        readings: (M, B), m; inf = no return.
+
+    Raises:
+        ValueError: If measurements cannot be planned for the problem.
+    """
+    check_plannable(problem)
+    still = replace(problem, motion=Stationary(problem.space))
+    estimator = RefinedPointMassFilter(still, accuracy=ACCURACY, most_cells=MOST_CELLS)
+    rngs = [np.random.default_rng(0) for _ in readings]  # never drawn from
+    belief = estimator.update(estimator.init(problem.prior, rngs), readings, rngs)
+    found = []
+    for run in range(len(readings)):
+        centres, widths, logs = estimator.boxes(belief, run)
+        found.append(Cells.of(problem.space, centres, np.exp(logs - logs.max()), widths).heavy())
+    return found

@@ -1,0 +1,175 @@
+"""How accurate a position is going to be after one more beam, on average over what the beam may read.
+
+For each direction the cells of a belief are binned by the range that is expected in them. That gives the
+probability of each range and the first moments of the state there; the noise turns both into functions
+p(y) and m(y) of the reading y, and by the law of total variance
+
+    E[P] = S - integral of m(y) m(y)' / p(y) dy,
+
+with S the second moments before the reading. Nothing is drawn at random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from ...filters import Rangefinder
+from .binning import bin_by_range, range_ends
+from .cells import Cells
+from .one_beam import noise_of_beam
+from .reading_table import ReadingTable, reading_table
+
+Criterion = Literal["trace", "det", "largest", "information"]
+CRITERIA: tuple[str, ...] = get_args(Criterion)
+BYTES_AT_ONCE = 200_000_000  # of ranges and slopes
+VALUES_AT_ONCE = 10_000_000  # of binned moments
+IMPROBABLE = 1e-14  # of a reading, over the most probable one: it counts as none
+
+
+@dataclass(frozen=True)
+class ExpectedAccuracy:
+    """What is expected after one more beam, for each of D directions.
+
+    Attributes:
+        covariance: E[P], (D, n, n); m^2 and rad^2. Headings differ the short way round from the mean before.
+        det: E[det P] of x1 and x2, m^4, (D,); NaN unless asked for.
+        largest: E[largest eigenvalue of P] of x1 and x2, m^2, (D,); NaN unless asked for.
+        information: Mutual information of the state and the reading, nats, (D,).
+    """
+
+    covariance: Array
+    det: Array
+    largest: Array
+    information: Array
+
+    @property
+    def trace(self) -> Array:
+        """E[trace P] of x1 and x2: the expected square of the position's error, m^2, (D,)."""
+        return np.asarray(self.covariance[:, 0, 0] + self.covariance[:, 1, 1])
+
+    def objective(self, criterion: Criterion) -> Array:
+        """What a plan makes as small as possible, (D,): for information it is minus that.
+
+        Raises:
+            ValueError: If there is no such criterion.
+        """
+        values = {
+            "trace": self.trace, "det": self.det, "largest": self.largest, "information": -self.information,
+        }  # fmt: skip
+        if criterion not in values:
+            raise ValueError(f"no criterion {criterion!r}; there are {', '.join(values)}")
+        return values[criterion]
+
+
+@dataclass(frozen=True)
+class Views:
+    """What is expected in each cell along each beam.
+
+    Attributes:
+        sensor: The rangefinder, whose beams are the D directions.
+        ranges: m, (D, N); inf = no wall, or a beam that is lost.
+        slopes: Their derivatives by the state, (D, N, n), in single precision: only spreads come of them.
+    """
+
+    sensor: Rangefinder
+    ranges: Array
+    slopes: Array
+
+    @staticmethod
+    def of(cells: Cells, sensor: Rangefinder) -> Views:
+        """Cast the beams of a sensor from the centres of cells."""
+        ranges, slopes = sensor.look(cells.centres)
+        return Views(
+            sensor,
+            np.ascontiguousarray(ranges.T),
+            np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32),
+        )
+
+
+def expected_covariance(belief: Cells, beams: Rangefinder, second: bool = False) -> ExpectedAccuracy:
+    """What is expected after one more reading of one beam, for each beam of a rangefinder.
+
+    Args:
+        belief: What is believed now; x1 and x2 stand first in its states.
+        beams: Its beams are the directions that are compared, from the heading. Its limits, noise (any law,
+            one for all beams or one for each) and blind sector count; a blind beam tells nothing.
+        second: Whether E[det P] and E[largest eigenvalue] are worked out too, which takes longer.
+
+    Raises:
+        ValueError: If the noise is too fine for the ranges.
+    """
+    size, count = belief.space.size, len(beams.bearings)
+    at_once = max(1, int(BYTES_AT_ONCE / (8 * len(belief.centres) * (1 + size))))
+    parts = []
+    for start in range(0, count, at_once):
+        chosen = np.arange(start, min(start + at_once, count))
+        parts.append(after_views(belief, Views.of(belief, some_beams(beams, chosen)), second))
+    joined = [np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ExpectedAccuracy)]
+    before = belief.covariance
+    det, largest = np.linalg.det(before[:2, :2]), np.linalg.eigvalsh(before[:2, :2])[-1]
+    for values, nothing_new in zip(joined, (before, det, largest, 0.0), strict=True):
+        values[beams.blind] = nothing_new
+    return ExpectedAccuracy(*joined)
+
+
+def some_beams(sensor: Rangefinder, beams: IntArray) -> Rangefinder:
+    """A rangefinder with some of the beams of another and their noise, and without a blind sector."""
+    noise = noise_of_beam(sensor.noise, beams, len(sensor.bearings))
+    return replace(sensor, bearings=sensor.bearings[beams], noise=noise, blind_sector=0.0)
+
+
+def after_views(belief: Cells, views: Views, second: bool = False) -> ExpectedAccuracy:
+    """The same where ranges and slopes are known already: no ray is cast."""
+    sensor, count = views.sensor, len(views.ranges)
+    noises = [noise_of_beam(sensor.noise, beam, count) for beam in range(count)]
+    alike: dict[str, list[int]] = {}
+    for beam, noise in enumerate(noises):
+        alike.setdefault("" if noise is sensor.noise else repr(noise), []).append(beam)
+    size = belief.space.size
+    result = ExpectedAccuracy(np.empty((count, size, size)), *np.full((3, count), np.nan))
+    low, high = range_ends(views.ranges, views.slopes, belief.widths)
+    ends = (low, high) if low <= high else (0.0, 1.0)  # where no wall is met anywhere, any will do
+    for group in alike.values():
+        table = reading_table(sensor, noises[group[0]], *ends)
+        columns = 1 + size + 3 * second
+        at_once = max(1, VALUES_AT_ONCE // (columns * (table.bins + table.probability.shape[1])))
+        for start in range(0, len(group), at_once):
+            some = np.array(group[start : start + at_once])
+            part = slice(some[0], some[-1] + 1) if len(some) == some[-1] - some[0] + 1 else some
+            masses = np.empty((len(some), columns, table.bins + 1))
+            bin_by_range(
+                views.ranges[part], views.slopes[part], belief.weights, belief.away, belief.widths,
+                table.low, table.step, ends, masses,
+            )  # fmt: skip
+            _fold(result, some, belief, table, masses)
+    return result
+
+
+def _fold(
+    result: ExpectedAccuracy, beams: IntArray, belief: Cells, table: ReadingTable, masses: Array
+) -> None:
+    """From moments by expected range to moments by reading, and their averages over all readings."""
+    size = belief.space.size
+    by_reading = table.readings_of(masses)
+    p = by_reading[:, 0]
+    probable = p > IMPROBABLE * p.max(axis=1, keepdims=True)
+    p = np.where(probable, p, 1.0)
+    means = np.where(probable[:, None], by_reading[:, 1 : 1 + size], 0.0)
+    explained = np.matmul(means / p[:, None], np.swapaxes(means, 1, 2))
+    covariance = belief.covariance - explained
+    result.covariance[beams] = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+    result.information[beams] = masses[:, 0] @ table.minus_entropy - (p * np.log(p)).sum(axis=1)
+    if masses.shape[1] > 1 + size:
+        seconds = np.where(probable[:, None], by_reading[:, 1 + size :], 0.0)
+        a, b, c = (
+            seconds[:, pair] / p - means[:, pair // 2] * means[:, (pair + 1) // 2] / p**2 for pair in range(3)
+        )
+        a, c = np.maximum(a, 0.0), np.maximum(c, 0.0)
+        weight = np.where(probable, p, 0.0)
+        result.det[beams] = (weight * np.maximum(a * c - b * b, 0.0)).sum(axis=1)
+        root = np.sqrt((0.5 * (a - c)) ** 2 + b * b)
+        result.largest[beams] = (weight * (0.5 * (a + c) + root)).sum(axis=1)

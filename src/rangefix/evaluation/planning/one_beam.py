@@ -1,0 +1,56 @@
+"""The noise of single beams, and how wide it is: what a table of readings needs to know of any noise."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from ...filters.problem import Noise
+
+PROBES = 33  # expected ranges at which the width is looked for
+LADDER = np.geomspace(1e-7, 1e4, 1000)  # m; offsets at which it is looked for
+SMALL = 0.1  # share of the expected ranges at which the noise may be finer
+HALF_HEIGHT = np.sqrt(2 * np.log(2))  # standard deviations from a Gaussian's peak to half its height
+
+
+def noise_of_beam(noise: Noise, beam: int | IntArray, beams: int) -> Any:
+    """The noise of one beam, or of several, of a rangefinder with so many; itself if beams are alike."""
+    if not is_dataclass(noise) or isinstance(noise, type):
+        return noise
+    own: dict[str, Any] = {}
+    for field in fields(noise):
+        value = getattr(noise, field.name)
+        if is_dataclass(value):
+            inner = noise_of_beam(value, beam, beams)
+            if inner is not value:
+                own[field.name] = inner
+        elif np.ndim(value) == 1 and len(value) == beams and (beams > 1 or np.ndim(beam) == 0):
+            own[field.name] = np.asarray(value)[beam]
+    return replace(noise, **own) if own else noise
+
+
+def noise_width(noise: Noise, low: float, high: float) -> float:
+    """The standard deviation that a Gaussian of the same width at half its height would have, m.
+
+    Where it differs from range to range it is the one that a tenth of the ranges fall short of: just before a
+    wall, short readings of a beam mixture have no room and no width.
+
+    Args:
+        noise: Of one beam.
+        low, high: Expected ranges between which it is looked for, m.
+    """
+    expected = np.linspace(low, high, PROBES)[:, None]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        peak = np.asarray(noise.log_density(expected, expected))
+        ahead = np.asarray(noise.log_density(expected + LADDER, expected))
+        behind = np.asarray(noise.log_density(expected - LADDER, expected))
+    top = np.maximum(peak, np.maximum(ahead, behind).max(axis=1, keepdims=True) - np.log(2))
+    half = np.maximum(ahead, behind) < top - np.log(2)
+    widths: Array = LADDER[half.argmax(axis=1)]
+    widths = widths[half.any(axis=1)]
+    if not len(widths):
+        raise ValueError("a noise whose density does not fall off has no width: nothing can be planned")
+    return float(np.quantile(widths, SMALL) / HALF_HEIGHT)

@@ -1,0 +1,96 @@
+"""`rangefix plan` and `rangefix map-accuracy`: what they print, write and refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.cli import main
+
+
+def call(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments])
+    return int(ended.value.code or 0)
+
+
+FEW = ("--candidates-deg", "-90:90:45", "--truths", "4")
+
+
+def test_a_plan_in_words_and_as_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """One beam is exact; the document says the same as the table, and the picture is there."""
+    picture = tmp_path / "plan.svg"
+    assert call("plan", "paper", "--beams", "1", *FEW, "--json", "--out", str(picture)) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["beams"][0]["direction_deg"] == 0
+    assert told["beams"][0]["value"] == pytest.approx(1.3358, abs=1e-4)
+    assert told["beams"][0]["standard_error"] == 0
+    assert told["figures"] == [str(picture)]
+    assert b"beam 1: 0" in picture.read_bytes()
+    assert call("plan", "paper", "--beams", "1", *FEW) == 0
+    text = capsys.readouterr().out
+    assert "1.336" in text
+    assert "exact" in text
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_narrow_screens(
+    width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No line is wider than the screen."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert call("plan", "paper", "--beams", "1", *FEW) == 0
+    assert call("map-accuracy", "paper", "--step-m", "0.5") == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= width
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--criterion", "traec"), "trace"),
+        (("--method", "best"), "exchange"),
+        (("--candidates-deg", "north"), "--candidates-deg needs numbers"),
+        (("--candidates-deg", "0:90:0"), "--candidates-deg"),
+        (("--candidates-deg", "0,360"), "stands twice"),
+        (("--candidates-deg", "180"), "blind sector"),
+        (("--candidates-deg", "0,10", "--beams", "3"), "1 to 2 beams"),
+        (("--method", "exhaustive"), "choose by exchange"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, one line, in the words that were typed."""
+    assert call("plan", "paper", *arguments) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+
+
+def test_a_map_of_accuracy(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Amid the room two squarely met walls leave the noise, r and r; the worst direction is told."""
+    assert call("map-accuracy", "paper", "--step-m", "0.5", "--beams-deg", "0,90,10", "--json") == 0
+    assert call(
+        "map-accuracy", "paper", "--step-m", "0.5", "--beams-deg", "0,90", "--out", str(tmp_path)
+    ) == 0  # fmt: skip
+    capsys.readouterr()
+    with np.load(tmp_path / "accuracy.npz") as grid:
+        assert grid["schema"] == 1
+        assert grid["position_std_m"].shape == (12, 8)
+        assert grid["position_std_m"][6, 4] == pytest.approx(0.05 * np.sqrt(2), rel=2e-3)
+        assert grid["beams_seen"][6, 4] == 2
+    assert (tmp_path / "accuracy.png").stat().st_size > 10_000
+    assert call("map-accuracy", "paper", "--step-m", "0.5", "--beams-deg", "0", "--out", str(tmp_path)) == 0
+    with np.load(tmp_path / "accuracy.npz") as grid:
+        assert np.sin(grid["worst_direction_rad"][6, 4]) ** 2 == pytest.approx(1.0)  # along x1
+        assert grid["worst_std_m"][6, 4] == pytest.approx(4 / np.sqrt(12), rel=1e-3)
+
+
+@pytest.mark.parametrize("step", ["0", "nan", "-1", "1e-6"])
+def test_steps_that_cannot_be(step: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2 and one line."""
+    assert call("map-accuracy", "paper", "--step-m", step) == 2
+    assert capsys.readouterr().err.count("\n") == 1

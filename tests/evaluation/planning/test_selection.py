@@ -1,0 +1,108 @@
+"""Which beams are chosen, against what is known of a room, and what is promised against what comes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation.planning.cells import Cells, posterior_cells
+from rangefix.evaluation.planning.expected_covariance import some_beams
+from rangefix.evaluation.planning.selection import Planner
+from rangefix.filters import Gaussian, Rangefinder, velocity_space
+
+from ..conftest import make_problem
+
+EVEN = np.deg2rad(np.arange(-90.0, 91.0, 15.0))
+
+
+def degrees(plan_steps: tuple[object, ...]) -> list[float]:
+    return [round(float(np.rad2deg(step.bearing)), 6) for step in plan_steps]  # type: ignore[attr-defined]
+
+
+def test_the_long_wall_first_then_the_other() -> None:
+    """By trace, straight ahead (x2 has more to gain) is best of all; then a wall that x1 follows from."""
+    planner = Planner(make_problem(0.05), np.deg2rad([-90.0, -45, 0, 45, 90]), truths=24, seed=1)
+    found = planner.plan(2, "greedy")
+    first, second = degrees(found.steps)
+    assert first == 0.0
+    assert second in (90.0, -90.0)
+    assert found.steps[0].position_std ** 2 == pytest.approx(1.3358, abs=1e-4)
+    assert found.steps[1].position_std ** 2 == pytest.approx(2 * 0.05**2, rel=0.05)
+
+
+def test_exhaustive_is_no_worse_and_exchange_finds_the_same() -> None:
+    """Over three candidates all sets are looked at; squarely to both walls is best, in whichever order."""
+    candidates = np.deg2rad([0.0, 40.0, 90.0])
+    planner = Planner(make_problem(0.05), candidates, truths=6, seed=2)
+    assert sorted(degrees(planner.plan(2, "exhaustive").steps)) == [0.0, 90.0]
+    assert sorted(degrees(planner.plan(2, "exchange").steps)) == [0.0, 90.0]
+
+
+@pytest.mark.study
+def test_what_is_promised_is_what_comes() -> None:
+    """E trace P after two beams is the mean square of the errors of the posterior's mean, 5 standard errors.
+
+    400 truths and readings drawn apart from those of the plan; a right promise fails for 1 seed in a million.
+    """
+    problem = make_problem(0.1)
+    planner = Planner(problem, np.deg2rad([0.0, 33.7]), truths=60, seed=3)
+    promised = planner.steps_of([0, 1])[1]
+    rng = np.random.default_rng(4)
+    states = problem.prior.sample(400, rng)
+    sensor = some_beams(planner.sensor, np.array([0, 1]))
+    beliefs = posterior_cells(replace(problem, sensor=sensor), sensor.sample(states, rng))
+    means = np.array([belief.weights @ belief.centres for belief in beliefs])
+    errors = ((means - states) ** 2).sum(axis=1)
+    spread = np.hypot(errors.std() / np.sqrt(len(errors)), promised.error)
+    assert abs(errors.mean() - promised.value) < 5 * spread
+
+
+@pytest.mark.study
+def test_choosing_after_each_reading_is_no_worse() -> None:
+    """Adaptive directions promise at least what fixed ones do, within 4 standard errors."""
+    planner = Planner(make_problem(0.05), EVEN[::2], truths=8, seed=5)
+    fixed, adaptive = planner.plan(2, "greedy"), planner.plan(2, adaptive=True)
+    assert adaptive.steps[0].bearing == fixed.steps[0].bearing
+    assert adaptive.steps[1].bearing is None
+    assert adaptive.steps[1].value < fixed.steps[1].value + 4 * np.hypot(
+        fixed.steps[1].error, adaptive.steps[1].error
+    )
+
+
+def test_the_same_seed_gives_the_same_plan() -> None:
+    """All draws come from the seed."""
+    one, other = (Planner(make_problem(0.05), EVEN, truths=4, seed=6).plan(2, "greedy") for _ in range(2))
+    assert [step.value for step in one.steps] == [step.value for step in other.steps]
+
+
+def test_merged_cells_keep_mean_and_spread() -> None:
+    """Merging changes neither the mean nor the variance along any axis."""
+    rng = np.random.default_rng(7)
+    cells = Cells.of(make_problem().space, rng.normal(size=(500, 2)), rng.random(500), 0.01)
+    merged = cells.merged(np.array([0.2, 0.3]))
+    assert len(merged.weights) < 300
+    np.testing.assert_allclose(merged.weights @ merged.centres, cells.weights @ cells.centres, atol=1e-12)
+    np.testing.assert_allclose(np.diag(merged.covariance), np.diag(cells.covariance), rtol=1e-12)
+
+
+def test_refusals() -> None:
+    """Blind candidates, too many beams or sets, states with a velocity, and turned beams of own noise."""
+    problem = make_problem(0.05)
+    sensor = problem.sensor
+    assert isinstance(sensor, Rangefinder)
+    blind = replace(problem, sensor=replace(sensor, blind_sector=2.0))
+    with pytest.raises(ValueError, match="blind sector"):
+        Planner(blind, np.deg2rad([0.0, 180.0]))
+    with pytest.raises(ValueError, match="1 to 13 beams"):
+        Planner(problem, EVEN).plan(14)
+    with pytest.raises(ValueError, match="choose by exchange"):
+        Planner(problem, np.linspace(-1, 1, 300)).plan(3, "exhaustive")
+    with pytest.raises(ValueError, match="x1, x2 and heading, not for"):
+        Planner(replace(problem, space=velocity_space()), EVEN)
+    own = replace(
+        problem, sensor=replace(sensor, noise=Gaussian(np.linspace(0.01, 0.1, len(sensor.bearings))))
+    )
+    with pytest.raises(ValueError, match="noise of its own"):
+        Planner(own, EVEN)
