@@ -67,6 +67,9 @@ def table1_notes(paper: Paper) -> list[str]:
     ]
 
 
+UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
+
+
 def bounds(rows: Sequence[BoundRow], components: Sequence[str], title: str) -> Table:
     """Deviations of the optimum and of bounds, and their variances as shares of the optimum's."""
     columns = ["", *(f"std {name}, {unit(name)}" for name in components)]
@@ -76,13 +79,24 @@ def bounds(rows: Sequence[BoundRow], components: Sequence[str], title: str) -> T
         table.add_row(beams_in_words(beams), style="bold")
         for row in (row for row in rows if row.beams == beams and row.bound is not None):
             assert row.bound is not None
-            stds = np.sqrt(np.maximum(np.diagonal(row.bound.matrix), 0.0))
+            variances = np.where(np.diagonal(row.bound.matrix) > 0, np.diagonal(row.bound.matrix), np.nan)
+            stds = np.sqrt(variances)  # a bound of 0 says nothing, and is shown as "-"
             shown = [format_number(factor(name) * std) for name, std in zip(components, stds, strict=True)]
             shares = [""] * len(components)
-            if row.of_optimum is not None and row.name not in NOT_BELOW:
-                shares = [format_percent(share) for share in row.of_optimum]
+            if row.name in NOT_BELOW:
+                shares = [_known_to(share) for share in np.diagonal(row.bound.error) / variances]
+            elif row.of_optimum is not None:
+                shares = [
+                    "-" if np.isnan(variance) else format_percent(share)
+                    for share, variance in zip(row.of_optimum, variances, strict=True)
+                ]
             table.add_row(f"  {row.name}", *shown, *shares)
     return table
+
+
+def _known_to(share: float) -> str:
+    """How well the optimum's variance is known, where it is not all but exact."""
+    return "" if share < UNTOLD_SHARE else f"+- {format_percent(share)}"
 
 
 def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> list[Table]:
