@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from rangefix.evaluation.bounds import catalogue
+
 from .conftest import Said
 
 STUDY = """
@@ -25,6 +27,14 @@ std_m = 0.05
 name = "ekf"
 """
 SMOOTH = '[prior]\nkind = "squared-cosine"\n'
+
+
+@pytest.fixture(autouse=True)
+def without_the_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bounds by pairs of states take ten seconds; the commands of the README, which are run, have one."""
+    kept = tuple(each for each in catalogue.BOUNDS if each[0] not in ("ziv-zakai", "weiss-weinstein"))
+    monkeypatch.setattr(catalogue, "BOUNDS", kept)
+    monkeypatch.setattr(catalogue, "NAMES", (*(name for name, _ in kept), catalogue.TRAJECTORY_BOUND))
 
 
 def _write(tmp_path: Path, more: str = "") -> Path:

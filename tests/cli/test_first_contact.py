@@ -229,7 +229,9 @@ def test_bare_command_shows_the_way(rangefix: Callable[..., Said]) -> None:
         assert words in said.out
 
 
-@pytest.mark.parametrize("command", [each.__name__ for group in GROUPS.values() for each in group])
+@pytest.mark.parametrize(
+    "command", [each.__name__.replace("_", "-") for group in GROUPS.values() for each in group]
+)
 @pytest.mark.parametrize("columns", ["80", "60"])
 def test_help_of_each_command(
     rangefix: Callable[..., Said], monkeypatch: pytest.MonkeyPatch, command: str, columns: str

@@ -131,6 +131,12 @@ def warn(text: str) -> None:
     print(printable(f"rangefix: {text}"), file=sys.stderr)
 
 
+def doing(text: str) -> None:
+    """What is being done, on one line of the terminal that the next call writes over; "" takes it away."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{printable(text)}", end="", file=sys.stderr, flush=True)
+
+
 def print_json(document: Any) -> None:
     """One JSON document on standard output, in printable ASCII; numbers that are not finite become null."""
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, names_from, one_of, print_json, warn
+from .app import ExitCode, Json, doing, names_from, one_of, print_json, warn
 from .studies import Map, NoPlugins, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def bounds(
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
     described = read_study(study, None, None, map_path, not no_plugins)
     experiment = described.experiment()
-    rows = list(bounds_of(experiment, chosen))
+    rows = list(bounds_of(experiment, chosen, doing))
+    doing("")
     refused = [row for row in rows if row.bound is None]
     components = experiment.truth.space.names
     if as_json:

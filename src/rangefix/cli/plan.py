@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import Json, named, names_from, one_of, print_json
+from .app import Json, doing, named, names_from, one_of, print_json
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -85,10 +84,9 @@ def plan(
 
     problem = world.assumed or world.truth
     candidates = read_candidates(candidates_deg, problem)
-    tell = _progress if not as_json and sys.stderr.isatty() else _silent
-    planner = Planner(problem, candidates, criterion, truths, given.seed, tell)  # type: ignore[arg-type]
+    planner = Planner(problem, candidates, criterion, truths, given.seed, doing)  # type: ignore[arg-type]
     found = planner.plan(beams, method, adaptive)  # type: ignore[arg-type]
-    tell("")
+    doing("")
     seconds = _times(problem, planner.sensor, found, given.seed)
     pictures = [] if out is None else _draw(found, problem, planner.prior.centres, out)
     if as_json:
@@ -214,12 +212,3 @@ def _degrees(bearing: float) -> float:
     import numpy as np
 
     return round(float(np.rad2deg(bearing)), 9)
-
-
-def _progress(text: str) -> None:
-    """What is being done, on one line of the terminal that is written over."""
-    print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
-
-
-def _silent(text: str) -> None:
-    """Nothing."""

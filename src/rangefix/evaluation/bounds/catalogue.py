@@ -56,16 +56,21 @@ class Row(NamedTuple):
     of_optimum: Array | None
 
 
-def bounds_of(experiment: Experiment, names: Sequence[str] = NAMES) -> Iterator[Row]:
+def bounds_of(
+    experiment: Experiment, names: Sequence[str] = NAMES, tell: Callable[[str], None] | None = None
+) -> Iterator[Row]:
     """How good anybody could be who knows what is true, for every set of beams of an experiment.
 
     Args:
         experiment: The experiment; its true problem, controls and sets of beams count.
         names: The entries that are asked for.
+        tell: Called with what is computed next, in words.
     """
     for beams, beam_set in zip(experiment.beam_labels, experiment.beam_sets, strict=True):
         best: Array | None = None
         for name in (name for name in NAMES if name in names):
+            if tell is not None:
+                tell(f"beams {beams}: {name}")
             try:
                 bound = _compute(name, experiment, beam_set)
             except NoBoundError as error:

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
-from scipy.stats import cosine
 
 from ...arrays import TWO_PI, Array, read_only
 from ...raster import Raster
@@ -75,6 +74,8 @@ class SquaredCosine:
 
     def sample(self, size: int, rng: Generator) -> Array:
         """Independent draws, (size, 2)."""
+        from scipy.stats import cosine  # half a second, for those who need it
+
         return self.mean + self.lengths * cosine.ppf(rng.random((size, 2))) / TWO_PI
 
     def log_density(self, states: Array) -> Array:
