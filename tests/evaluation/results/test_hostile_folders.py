@@ -113,7 +113,9 @@ def resealed(path: Path, **changes: Any) -> None:
         ({"covariance": np.tile(-np.eye(2), (4, 1, 1, 1))}, "covariance"),
         ({"covariance": np.full((4, 1, 2, 2), np.nan)}, "covariance"),
         ({"mean": np.full((4, 1, 2), np.inf)}, "mean"),
+        ({"mean": np.full((4, 1, 2), 1e101)}, "mean"),
         ({"log_evidence": np.full((4, 1), np.inf)}, "log_evidence"),
+        ({"log_evidence": np.full((4, 1), -1e300)}, r"log_evidence: beyond 1e\+100"),
         ({"status": np.full(4, 99, dtype=np.int8)}, "status"),
         ({"status": np.full(4, 4, dtype=np.int8)}, "failed"),
         ({"failed": np.array([10**9])}, "failed"),
@@ -123,6 +125,21 @@ def resealed(path: Path, **changes: Any) -> None:
 def test_parts_with_a_seal_that_cannot_be(folder: Path, whole: Path, changes: Any, words: str) -> None:
     resealed(folder / TRIALS / BLOCKS[0], **changes)
     assert BLOCKS[0] in refused(folder, words)
+    run(experiment(), folder)
+    assert parts(folder) == parts(whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("truth", np.inf), ("truth", np.nan), ("truth", 1e200), ("measurement", -1e300)]
+)
+def test_worlds_with_a_seal_that_cannot_be(folder: Path, whole: Path, name: str, value: float) -> None:
+    """Readings may be inf or NaN, which say something; truths may not."""
+    path = folder / "parts/world" / BLOCKS[1]
+    with np.load(path) as arrays:
+        changed = arrays[name].copy()
+    changed[2] = value
+    resealed(path, **{name: changed})
+    assert BLOCKS[1] in refused(folder, name)
     run(experiment(), folder)
     assert parts(folder) == parts(whole)
 
@@ -258,6 +275,7 @@ def test_arrays_that_are_none(folder: Path, name: str, content: bytes) -> None:
         ("segments", np.zeros((3, 5))),
         ("free", np.zeros(4)),
         ("extent", np.full(4, np.nan)),
+        ("extent", np.full(4, 1e300)),
         ("bearings", np.zeros(7)),
         ("ranges", np.array(["a", "b", "c"])),
     ],
@@ -286,6 +304,9 @@ PICTURE: dict[str, Any] = {
         {"0_density": np.array([["a"]])},
         {"0_extent": np.zeros(3)},
         {"0_headings": np.zeros(7)},
+        {"0_headings": np.zeros(3), "0_heading_density": np.array(["a", "b"])},
+        {"0_headings": np.zeros(3), "0_heading_density": np.array([1.0, np.inf])},
+        {"0_density": np.full((2, 2), 1e300)},
         {"1_estimator": np.array("ukf")},
     ],
 )

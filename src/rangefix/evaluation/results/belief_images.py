@@ -10,6 +10,7 @@ import numpy as np
 from ...arrays import Array
 from .files import ResultsError
 from .npz import read_part
+from .outcome import LARGEST
 
 FILE = "pictures.npz"
 NAMES = ("density", "extent", "headings", "heading_density")
@@ -55,8 +56,9 @@ def load_pictures(folder: Path) -> tuple[Picture, ...]:
 
 def _is_sound(picture: Picture) -> bool:
     """Whether its arrays fit each other and are densities."""
-    density, extent, edges, along = (getattr(picture, name) for name in NAMES)
+    density, extent, edges, along = arrays = tuple(getattr(picture, name) for name in NAMES)
+    if any(array.dtype != np.float64 or not (np.abs(array) <= LARGEST).all() for array in arrays):
+        return False
     fit = density.ndim == 2 and extent.shape == (4,) and edges.ndim == along.ndim == 1
     fit = fit and density.size and len(edges) in (0, len(along) + 1)
-    numbers = all(np.isfinite(array).all() for array in (extent, edges))
-    return bool(fit and numbers and np.isfinite(density).all() and (density >= 0).all())
+    return bool(fit and (density >= 0).all() and (along >= 0).all())

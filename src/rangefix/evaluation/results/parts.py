@@ -16,6 +16,7 @@ from .folder import FolderLayout, trials_path, world_path
 from .npz import Form, Forms, read_part
 from .outcome import (
     DIAGNOSTICS,
+    LARGEST,
     PREFIX,
     STATUSES,
     BeliefScores,
@@ -67,9 +68,16 @@ def read_world(folder: Path, plan: FolderLayout, first: int, end: int) -> Part:
     """
     steps, size, beams = plan.shape
     forms = {"truth": Form((end - first, steps, size)), "measurement": Form((end - first, steps, beams))}
-    return read_part(
-        world_path(folder, first, end), plan.world_key(first, end), forms, _most(plan, first, end)
-    )
+    path = world_path(folder, first, end)
+    part = read_part(path, plan.world_key(first, end), forms, _most(plan, first, end))
+    for name, lost in (("truth", False), ("measurement", True)):
+        values = part[name]
+        if not (np.abs(values) <= LARGEST)[~(lost & ~np.isfinite(values))].all():
+            raise ResultsError(
+                f"{path} is damaged ({name}: not finite, or beyond {LARGEST:g}): "
+                "delete it and run the study again"
+            )
+    return part
 
 
 def read_trials(folder: Path, plan: FolderLayout, estimator: str, beams: str, first: int, end: int) -> Part:
@@ -164,6 +172,9 @@ def _fault(part: Part) -> str:
     for name in DIAGNOSTICS:
         if name in part and not (part[name][ok] >= 0).all():
             return f"{name}: negative or NaN, of a run that is ok"
+    for name, values in part.items():
+        if values.dtype == np.float64 and (np.abs(values[np.isfinite(values)]) > LARGEST).any():
+            return f"{name}: beyond {LARGEST:g}"
     if np.isinf(part["log_evidence"][ok]).any():  # NaN: the estimator tells none
         return "log_evidence: infinite, of a run that is ok"
     return ""

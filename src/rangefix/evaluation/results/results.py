@@ -21,6 +21,7 @@ from .files import ResultsError, read_json
 from .folder import MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
 from .notebook import html_table
 from .npz import read_npz
+from .outcome import LARGEST
 from .parts import check_size
 from .schema import SCENE_FORMS, check_manifest, check_timing
 from .trials import InFolder, InMemory, Source, Trials
@@ -191,7 +192,7 @@ def _scene(path: Path, beams: int) -> dict[str, NDArray[Any]]:
         return {}
     arrays = read_npz(path, SCENE_FORMS)
     for name, array in arrays.items():
-        finite = ~np.isnan(array) if name == "ranges" else np.isfinite(array)
-        if not finite.all() or (name in ("bearings", "ranges") and len(array) != beams):
+        possible = (np.abs(array) <= LARGEST) | (np.isinf(array) if name == "ranges" else False)
+        if not possible.all() or (name in ("bearings", "ranges") and len(array) != beams):
             raise ResultsError(f"{path} is damaged ({name} holds what cannot be): run the study again")
     return arrays

@@ -14,6 +14,7 @@ from .folder import FORMAT
 from .npz import Form
 
 MOST_RUNS = 10**9
+LONGEST_S = 1e9  # 30 years
 SCENE_FORMS = {
     "segments": Form((None, 4)),
     "free": Form((None, None)),
@@ -133,9 +134,9 @@ class Timed(_Document):
 
     estimator: str
     beams: str
-    seconds: Annotated[float, Field(ge=0)] | None
-    seconds_low: Annotated[float, Field(ge=0)] | None = None
-    seconds_high: Annotated[float, Field(ge=0)] | None = None
+    seconds: Annotated[float, Field(ge=0, le=LONGEST_S)] | None
+    seconds_low: Annotated[float, Field(ge=0, le=LONGEST_S)] | None = None
+    seconds_high: Annotated[float, Field(ge=0, le=LONGEST_S)] | None = None
 
 
 class Timings(BaseModel):
