@@ -94,6 +94,13 @@ def named(text: str) -> Path:
     return Path(text)
 
 
+def names_in(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """What was given, joined by commas or one by one; what is usual unless anything was."""
+    if given is None:
+        return usual
+    return tuple(part.strip() for text in given for part in text.split(","))
+
+
 def one_of(name: str, known: Iterable[str], what: str) -> str:
     """A name that is known.
 

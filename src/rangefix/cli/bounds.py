@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, doing, names_from, one_of, print_json, warn
+from .app import ExitCode, Json, doing, names_from, names_in, one_of, print_json, warn
 from .studies import Map, NoPlugins, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def bounds(
     """How good anybody could be on a study: the optimum, and bounds below which no estimator comes."""
     from ..evaluation.bounds.catalogue import bounds_of
 
-    asked = [part.strip() for text in only or () for part in text.split(",")]
+    asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
     described = read_study(study, None, None, map_path, not no_plugins)
     experiment = described.experiment()

@@ -16,10 +16,22 @@ if TYPE_CHECKING:
     from ..filters import Problem
 
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
-CRITERIA = ("trace", "det", "largest", "information")
-METHODS = ("greedy", "exchange", "exhaustive")
 PICTURES = (".png", ".svg", ".pdf")
 MEASURED = "beams"  # a word for --candidates-deg: those of the study
+
+
+def criteria() -> tuple[str, ...]:
+    """Names of what may be made least."""
+    from ..evaluation.planning.expected_covariance import CRITERIA
+
+    return CRITERIA
+
+
+def methods() -> tuple[str, ...]:
+    """Names of ways to choose beams."""
+    from ..evaluation.planning.selection import METHODS
+
+    return METHODS
 
 
 def plan(
@@ -29,7 +41,7 @@ def plan(
         str,
         typer.Option(
             metavar="NAME",
-            autocompletion=names_from(lambda: CRITERIA),
+            autocompletion=names_from(criteria),
             help="What is made least on average: trace, det or largest eigenvalue of the position's "
             "covariance; or, made greatest, information.",
         ),
@@ -38,7 +50,7 @@ def plan(
         str,
         typer.Option(
             metavar="NAME",
-            autocompletion=names_from(lambda: METHODS),
+            autocompletion=names_from(methods),
             help="greedy; exchange, which goes on from there; or exhaustive, all sets of few candidates.",
         ),
     ] = "exchange",
@@ -75,8 +87,8 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Which beams to measure: the expected accuracy of a position before anything is measured."""
-    criterion = one_of(criterion, CRITERIA, "criterion is called")
-    method = one_of(method, METHODS, "method is called")
+    criterion = one_of(criterion, criteria(), "criterion is called")
+    method = one_of(method, methods(), "method is called")
     given = read_study(study, None, seed, map_path, not no_plugins)
     world = given.world()
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, named, print_json, results_folder, say
+from .app import Json, named, names_in, print_json, results_folder, say
 
 Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
 
@@ -70,19 +70,12 @@ def plot(
     from ..evaluation.figures import Layout
 
     layout = Layout.in_mm(width_mm, font_size, titles=titles)
-    paths = draw(folder, _parts(only), _parts(formats, USUAL), layout, dpi)
+    paths = draw(folder, names_in(only), names_in(formats, USUAL), layout, dpi)
     if as_json:
         print_json({"figures": [str(path) for path in paths]})
         return
     for path in paths:
         say(path)
-
-
-def _parts(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """What was given, joined by commas or one by one; what is usual unless anything was."""
-    if given is None:
-        return usual
-    return tuple(part.strip() for text in given for part in text.split(","))
 
 
 def table(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from dataclasses import is_dataclass, replace
 
 import numpy as np
 
+from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.models.rangefinder import Rangefinder
-from ...filters.problem import Noise, Problem
+from ...filters.problem import Problem
 from .bound import NoBoundError
 
 
@@ -35,27 +35,9 @@ def with_beams(problem: Problem, beams: Sequence[int]) -> Problem:
     kept = np.asarray(beams, dtype=np.int64) - 1
     if sensor.blind[kept].all():
         raise NoBoundError("all of these beams lie in the blind sector: nothing is measured")
-    noise = noise_of_beams(sensor.noise, kept.tolist(), total)
-    return replace(problem, sensor=replace(sensor, bearings=sensor.bearings[kept], noise=noise))
-
-
-def noise_of_beams(noise: Noise, kept: Sequence[int], total: int) -> Noise:
-    """The noise of some beams, counted from 0: of parameters with one number for each beam, theirs.
-
-    Raises:
-        NoBoundError: If the noise is no dataclass, so that its parameters are not known.
-    """
-    if not is_dataclass(noise):
+    if not is_dataclass(sensor.noise):
         raise NoBoundError(
-            f"some beams alone are computed for noise models that are dataclasses, not {noise!r}"
+            f"some beams alone are computed for noise models that are dataclasses, not {sensor.noise!r}"
         )
-    changed: dict[str, Any] = {}
-    for parameter in fields(noise):
-        if not parameter.init:
-            continue
-        value = vars(noise)[parameter.name]
-        if is_dataclass(value):
-            changed[parameter.name] = noise_of_beams(value, kept, total)
-        elif np.shape(value) == (total,):
-            changed[parameter.name] = np.asarray(value)[list(kept)]
-    return replace(noise, **changed)
+    noise = noise_of_beams(sensor.noise, kept, total)
+    return replace(problem, sensor=replace(sensor, bearings=sensor.bearings[kept], noise=noise))

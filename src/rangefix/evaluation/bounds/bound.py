@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...arrays import Array
+from ...filters.models.motion import Stationary
+from ...filters.problem import Problem
 
 
 class NoBoundError(ValueError):
@@ -26,3 +30,25 @@ class Bound:
     matrix: Array
     error: Array
     conditions: tuple[str, ...]
+
+
+def require_static(problem: Problem) -> None:
+    """Refuse an object that moves.
+
+    Raises:
+        NoBoundError: If it does.
+    """
+    if not isinstance(problem.motion, Stationary):
+        raise NoBoundError("computed here for an object that stands still")
+
+
+def require_gaussian(problem: Problem) -> Array:
+    """Standard deviations of the beams, m, (B,); inf for those that are never measured.
+
+    Raises:
+        NoBoundError: If the noise is not Gaussian or a reading may fail to return.
+    """
+    stds = problem.sensor.gaussian_stds
+    if stds is None:
+        raise NoBoundError("computed here for Gaussian noise, without limits of range or incidence")
+    return np.where(problem.sensor.blind, np.inf, stds)

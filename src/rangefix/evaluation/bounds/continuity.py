@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...filters.exact.partition import TooManyPieces, partition
+from ...filters.exact.partition import Partition, TooManyPieces, partition
 from ...filters.problem import Problem
 from .bound import NoBoundError
 
@@ -18,18 +18,6 @@ MAX_PIECES = 20_000
 SHARES = (0.2, 0.8)  # along an edge, where it is looked at
 
 
-def require_gaussian(problem: Problem) -> Array:
-    """Standard deviations of the beams, m, (B,); inf for those that are never measured.
-
-    Raises:
-        NoBoundError: If the noise is not Gaussian or a reading may fail to return.
-    """
-    stds = problem.sensor.gaussian_stds
-    if stds is None:
-        raise NoBoundError("computed here for Gaussian noise, without limits of range or incidence")
-    return np.where(problem.sensor.blind, np.inf, stds)
-
-
 def require_continuous(problem: Problem) -> None:
     """Refuse a problem in which the range of a beam may jump or end somewhere on the prior's support.
 
@@ -39,18 +27,12 @@ def require_continuous(problem: Problem) -> None:
     Raises:
         NoBoundError: If one jumps or may do so.
     """
-    room, space = problem.sensor.room, problem.space
+    room = problem.sensor.room
     if _is_convex(room.segments):
         return
-    if space.names[:2] != ("x1", "x2") or space.size != 2 or space.heading is None or not len(room.segments):
+    pieces = pieces_of(problem)
+    if pieces is None:
         raise NoBoundError("the range of a beam may jump: the map is no convex room")
-    lower, upper = problem.prior.support
-    angles = space.heading + problem.sensor.bearings[~problem.sensor.blind]
-    directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
-    try:
-        pieces = partition(room.segments, directions, lower, upper, room.is_free, most_pieces=MAX_PIECES)
-    except TooManyPieces:
-        raise NoBoundError("the range of a beam may jump: the map is no convex room") from None
     used = np.arange(pieces.corners.shape[1]) < pieces.counts[:, None]
     following = np.where(
         (np.arange(pieces.corners.shape[1]) + 1 == pieces.counts[:, None])[..., None],
@@ -73,6 +55,26 @@ def require_continuous(problem: Problem) -> None:
             edge = int(np.flatnonzero(jumps.any(axis=1))[0])
             where = f"x1 = {place[edge, 0]:.2f}, x2 = {place[edge, 1]:.2f} m"
             raise NoBoundError(f"the range of a beam jumps, for example at {where}")
+
+
+def pieces_of(problem: Problem) -> Partition | None:
+    """Pieces of the prior's support from which the measured beams see the same walls.
+
+    Returns:
+        The pieces, with the measured beams only; None where the heading is unknown, the map has no walls or
+        there are too many.
+    """
+    room, space, sensor = problem.sensor.room, problem.space, problem.sensor
+    if space.names != ("x1", "x2") or space.heading is None or not len(room.segments):
+        return None
+    angles = space.heading + sensor.bearings[~sensor.blind]
+    directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+    try:
+        return partition(
+            room.segments, directions, *problem.prior.support, room.is_free, most_pieces=MAX_PIECES
+        )
+    except TooManyPieces:
+        return None
 
 
 def _is_convex(segments: Array) -> bool:

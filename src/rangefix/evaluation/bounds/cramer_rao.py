@@ -6,8 +6,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters.problem import Problem
-from .bound import Bound, NoBoundError
-from .continuity import jumps_near, require_gaussian
+from .bound import Bound, NoBoundError, require_gaussian
+from .continuity import jumps_near
 from .optimum import check_static
 
 DEVIATIONS = 4.0  # of the bound's own covariance within which no range may jump

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Array
-from ...filters.exact.partition import TooManyPieces, partition
 from ...filters.models.gaussian_prior import GaussianPrior
 from ...filters.models.product_prior import WithHeading, WithVelocity
 from ...filters.models.squared_cosine_prior import SquaredCosine
 from ...filters.models.uniform_prior import Uniform
 from ...filters.problem import Prior, Problem, RangeMap
 from ...filters.space import StateSpace
-from .bound import NoBoundError
-from .continuity import MAX_PIECES, require_gaussian
+from .bound import NoBoundError, require_gaussian
+from .continuity import pieces_of
 from .draws import average
 
 LOG_AT_ENDS = float(np.log(1e-12))  # a density at its ends, relative to its peak
@@ -123,16 +122,10 @@ def mean_information(problem: Problem) -> tuple[Array, Array]:
 
 def _over_pieces(problem: Problem, stds: Array) -> tuple[Array, Array] | None:
     """The same as sums over pieces and the sums' error; None where there are none."""
-    space, room, sensor = problem.space, problem.sensor.room, problem.sensor
-    if space.names != ("x1", "x2") or space.heading is None or not len(room.segments):
+    pieces = pieces_of(problem)
+    if pieces is None:
         return None
-    angles = space.heading + sensor.bearings
-    directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
-    lower, upper = problem.prior.support
-    try:
-        pieces = partition(room.segments, directions, lower, upper, room.is_free, most_pieces=MAX_PIECES)
-    except TooManyPieces:
-        return None
+    stds = stds[~problem.sensor.blind]
     informations = np.einsum("pbi,pbj,b->pij", pieces.slopes, pieces.slopes, stds**-2.0)
     sums = []
     for nodes in NODES:

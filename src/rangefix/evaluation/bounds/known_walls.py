@@ -80,7 +80,6 @@ def wall_combinations(exact: ExactPositionFilter) -> tuple[Array, list[IntArray]
         rows.append(_planes(ranges, part.pieces.slopes, part.pieces.centres))
     every = np.concatenate(rows)
     first: list[Array] = []
-    numbers = np.empty(len(every), dtype=np.int64)
     _, order, inverse = np.unique(np.round(every, 5) + 0.0, axis=0, return_index=True, return_inverse=True)
     merged = np.empty(len(order), dtype=np.int64)
     for place, row in enumerate(every[order]):  # rounding may have parted some

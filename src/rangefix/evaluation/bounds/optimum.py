@@ -8,10 +8,9 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters.exact import ExactPositionFilter
-from ...filters.models.motion import Stationary
 from ...filters.problem import Problem
 from ...filters.registry import build
-from .bound import Bound, NoBoundError
+from .bound import Bound, NoBoundError, require_static
 from .draws import average
 from .reading_grid import expected_covariance
 
@@ -75,7 +74,6 @@ def check_static(problem: Problem) -> None:
     Raises:
         NoBoundError: If it does.
     """
-    if not isinstance(problem.motion, Stationary):
-        raise NoBoundError("computed here for an object that stands still")
+    require_static(problem)
     if problem.space.size > MAX_COMPONENTS:
         raise NoBoundError(f"computed here for up to {MAX_COMPONENTS} components of the state")

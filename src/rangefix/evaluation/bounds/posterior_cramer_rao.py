@@ -10,8 +10,8 @@ from ...arrays import Array
 from ...filters.models.gaussian_prior import GaussianPrior
 from ...filters.models.motion import Stationary
 from ...filters.problem import Problem
-from .bound import Bound, NoBoundError
-from .continuity import require_continuous, require_gaussian
+from .bound import Bound, NoBoundError, require_gaussian
+from .continuity import require_continuous
 from .information import gaussian_law, mean_information, prior_information
 
 PROBES = 50  # states at which a motion's matrices are compared

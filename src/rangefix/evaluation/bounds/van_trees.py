@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...filters.problem import Problem
-from .bound import Bound
-from .continuity import require_continuous, require_gaussian
+from .bound import Bound, require_gaussian
+from .continuity import require_continuous
 from .information import mean_information, prior_information
 from .optimum import check_static
 

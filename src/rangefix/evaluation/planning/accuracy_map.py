@@ -13,10 +13,11 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...filters import Problem, Rangefinder
+from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.problem import Noise
 from ...raster import Raster
 from .cells import beams_alike
-from .one_beam import noise_of_beam, noise_width
+from .one_beam import noise_width
 from .reading_table import probabilities
 
 RAYS_AT_ONCE = 2_000_000
@@ -112,7 +113,7 @@ def _information(sensor: Rangefinder, reach: float) -> list[tuple[Array, Array]]
     """Ranges, m, and Fisher's information of a reading about each, 1/m^2; of all beams, or of each."""
     count = len(sensor.bearings)
     noises = [sensor.noise] if beams_alike(sensor) else [
-        noise_of_beam(sensor.noise, beam, count) for beam in range(count)
+        noise_of_beams(sensor.noise, beam, count) for beam in range(count)
     ]  # fmt: skip
     return [_fisher(sensor, noise, reach) for noise in noises]
 

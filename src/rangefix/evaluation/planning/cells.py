@@ -9,9 +9,9 @@ import numpy as np
 from ...arrays import Array, BoolArray
 from ...filters import Problem, Rangefinder, StateSpace
 from ...filters.models.motion import Stationary
+from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.point_mass.grid import build_grid
 from ...filters.refined_cells.filter import RefinedPointMassFilter
-from .one_beam import noise_of_beam
 
 PRIOR_CELLS = 15_000  # of a prior, about so many
 MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
@@ -107,7 +107,7 @@ def check_plannable(problem: Problem) -> Rangefinder:
 
 def beams_alike(sensor: Rangefinder) -> bool:
     """Whether all beams have the same noise, so that a beam may be turned anywhere."""
-    return noise_of_beam(sensor.noise, 0, len(sensor.bearings)) is sensor.noise
+    return noise_of_beams(sensor.noise, 0, len(sensor.bearings)) is sensor.noise
 
 
 def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:
@@ -123,7 +123,7 @@ def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:
             raise ValueError(
                 "each beam of this sensor has noise of its own: only its own beams can be planned with"
             )
-        noise = noise_of_beam(noise, np.array([int(place[0]) for place in places]), len(sensor.bearings))
+        noise = noise_of_beams(noise, np.array([int(place[0]) for place in places]), len(sensor.bearings))
     return replace(sensor, bearings=np.asarray(bearings, dtype=float), noise=noise)
 
 

@@ -18,9 +18,9 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...filters import Rangefinder
+from ...filters.models.noise_of_beams import noise_of_beams
 from .binning import bin_by_range, range_ends
 from .cells import Cells
-from .one_beam import noise_of_beam
 from .reading_table import ReadingTable, reading_table
 
 Criterion = Literal["trace", "det", "largest", "information"]
@@ -118,14 +118,14 @@ def expected_covariance(belief: Cells, beams: Rangefinder, second: bool = False)
 
 def some_beams(sensor: Rangefinder, beams: IntArray) -> Rangefinder:
     """A rangefinder with some of the beams of another and their noise, and without a blind sector."""
-    noise = noise_of_beam(sensor.noise, beams, len(sensor.bearings))
+    noise = noise_of_beams(sensor.noise, beams, len(sensor.bearings))
     return replace(sensor, bearings=sensor.bearings[beams], noise=noise, blind_sector=0.0)
 
 
 def after_views(belief: Cells, views: Views, second: bool = False) -> ExpectedAccuracy:
     """The same where ranges and slopes are known already: no ray is cast."""
     sensor, count = views.sensor, len(views.ranges)
-    noises = [noise_of_beam(sensor.noise, beam, count) for beam in range(count)]
+    noises = [noise_of_beams(sensor.noise, beam, count) for beam in range(count)]
     alike: dict[str, list[int]] = {}
     for beam, noise in enumerate(noises):
         alike.setdefault("" if noise is sensor.noise else repr(noise), []).append(beam)

@@ -1,35 +1,16 @@
-"""The noise of single beams, and how wide it is: what a table of readings needs to know of any noise."""
+"""How wide the noise of a beam is: what a table of readings needs to know of any noise."""
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass, replace
-from typing import Any
-
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array
 from ...filters.problem import Noise
 
 PROBES = 33  # expected ranges at which the width is looked for
 LADDER = np.geomspace(1e-7, 1e4, 1000)  # m; offsets at which it is looked for
 SMALL = 0.1  # share of the expected ranges at which the noise may be finer
 HALF_HEIGHT = np.sqrt(2 * np.log(2))  # standard deviations from a Gaussian's peak to half its height
-
-
-def noise_of_beam(noise: Noise, beam: int | IntArray, beams: int) -> Any:
-    """The noise of one beam, or of several, of a rangefinder with so many; itself if beams are alike."""
-    if not is_dataclass(noise) or isinstance(noise, type):
-        return noise
-    own: dict[str, Any] = {}
-    for field in fields(noise):
-        value = getattr(noise, field.name)
-        if is_dataclass(value):
-            inner = noise_of_beam(value, beam, beams)
-            if inner is not value:
-                own[field.name] = inner
-        elif np.ndim(value) == 1 and len(value) == beams and (beams > 1 or np.ndim(beam) == 0):
-            own[field.name] = np.asarray(value)[beam]
-    return replace(noise, **own) if own else noise
 
 
 def noise_width(noise: Noise, low: float, high: float) -> float:

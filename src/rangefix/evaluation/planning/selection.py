@@ -19,10 +19,11 @@ from numpy.random import Generator
 
 from ...arrays import Array
 from ...filters import Problem, Rangefinder
+from ...filters.models.noise_of_beams import noise_of_beams
 from ..seeds import stream
 from .cells import Cells, check_plannable, posterior_cells, prior_cells, turned
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
-from .one_beam import noise_of_beam, noise_width
+from .one_beam import noise_width
 
 Method = Literal["greedy", "exchange", "exhaustive"]
 METHODS: tuple[str, ...] = get_args(Method)
@@ -121,7 +122,7 @@ class Planner:
         """Cells of a posterior are no finer, m and rad, (n,)."""
         lower, upper = self.problem.sensor.room.bounds
         reach = float(np.hypot(*(upper - lower)))
-        noises = (noise_of_beam(self.sensor.noise, beam, len(self.candidates)) for beam in (0, -1))
+        noises = (noise_of_beams(self.sensor.noise, beam, len(self.candidates)) for beam in (0, -1))
         pitch = MERGED * min(noise_width(noise, 0.0, reach) for noise in noises)
         return np.where(self.problem.space.is_angle, pitch / (0.25 * reach), pitch)
 

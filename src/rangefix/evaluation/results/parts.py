@@ -24,7 +24,6 @@ from .outcome import (
     Status,
     diagnostics_of,
     is_covariance,
-    is_finite,
 )
 
 Part = dict[str, NDArray[Any]]
@@ -70,9 +69,8 @@ def read_world(folder: Path, plan: FolderLayout, first: int, end: int) -> Part:
     forms = {"truth": Form((end - first, steps, size)), "measurement": Form((end - first, steps, beams))}
     path = world_path(folder, first, end)
     part = read_part(path, plan.world_key(first, end), forms, _most(plan, first, end))
-    for name, lost in (("truth", False), ("measurement", True)):
-        values = part[name]
-        if not (np.abs(values) <= LARGEST)[~(lost & ~np.isfinite(values))].all():
+    for name in forms:
+        if _is_beyond(part[name]) or (name == "truth" and not np.isfinite(part[name]).all()):
             raise ResultsError(
                 f"{path} is damaged ({name}: not finite, or beyond {LARGEST:g}): "
                 "delete it and run the study again"
@@ -156,6 +154,11 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
     }
 
 
+def _is_beyond(values: Array) -> bool:
+    """Whether finite numbers are larger than estimates may be, so that sums of their squares overflow."""
+    return bool((np.abs(values[np.isfinite(values)]) > LARGEST).any())
+
+
 def _fault(part: Part) -> str:
     """What of a part of trials cannot be, or ""."""
     status, failed = part["status"], part["failed"]
@@ -164,17 +167,17 @@ def _fault(part: Part) -> str:
         return "status: no such status"
     if len(failed) != len(part["reasons"]) or not np.array_equal(failed, np.flatnonzero(~ok)):
         return "failed: they are not the runs that are not ok"
-    covariance = part["covariance"][ok]
-    if not is_finite(part["mean"][ok], np.zeros_like(covariance)).all():
+    for name, values in part.items():
+        if values.dtype == np.float64 and _is_beyond(values):
+            return f"{name}: beyond {LARGEST:g}"
+    if not np.isfinite(part["mean"][ok]).all():
         return "mean: not finite, of a run that is ok"
-    if not is_finite(part["mean"][ok], covariance).all() or not is_covariance(covariance).all():
+    covariance = part["covariance"][ok]
+    if not np.isfinite(covariance).all() or not is_covariance(covariance).all():
         return "covariance: not one, of a run that is ok"
     for name in DIAGNOSTICS:
         if name in part and not (part[name][ok] >= 0).all():
             return f"{name}: negative or NaN, of a run that is ok"
-    for name, values in part.items():
-        if values.dtype == np.float64 and (np.abs(values[np.isfinite(values)]) > LARGEST).any():
-            return f"{name}: beyond {LARGEST:g}"
     if np.isinf(part["log_evidence"][ok]).any():  # NaN: the estimator tells none
         return "log_evidence: infinite, of a run that is ok"
     return ""

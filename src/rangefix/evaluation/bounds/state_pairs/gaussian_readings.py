@@ -8,9 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from ....arrays import Array
-from ....filters.models.motion import Stationary
 from ....filters.problem import Problem
-from ..bound import NoBoundError
+from ..bound import require_gaussian, require_static
 
 
 @dataclass(frozen=True)
@@ -27,17 +26,13 @@ class GaussianReadings:
     problem: Problem
 
     def __post_init__(self) -> None:
-        if not isinstance(self.problem.motion, Stationary):
-            raise NoBoundError("computed here for an object that stands still")
-        if self.problem.sensor.gaussian_stds is None:
-            raise NoBoundError("computed here for Gaussian noise, without limits of range or incidence")
+        require_static(self.problem)
+        require_gaussian(self.problem)
 
     @cached_property
     def stds(self) -> Array:
         """Standard deviations of the measured beams, m, (B,)."""
-        stds = self.problem.sensor.gaussian_stds
-        assert stds is not None
-        return np.asarray(stds[~self.problem.sensor.blind])
+        return require_gaussian(self.problem)[~self.problem.sensor.blind]
 
     @property
     def averaged_std(self) -> float:
