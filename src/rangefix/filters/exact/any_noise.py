@@ -21,6 +21,8 @@ from .partition import cut_by
 FINE_SCALES = 12.0  # half-width of the fine part of a table
 FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
 FARTHEST_SCALES = 1e8  # from a table's centre to its last node
+COARSE_STEP = math.log(FARTHEST_SCALES / FINE_SCALES) / COARSE_NODES  # log of the ratio of coarse nodes
+LEAST_SHARE = 1e-3  # of a cell, within which a table's end may be off
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
@@ -57,7 +59,7 @@ class Tables(NamedTuple):
 def offsets() -> Array:
     """Offsets of a table's nodes from its centre, in scales, (N,)."""
     fine = np.linspace(0.0, FINE_SCALES, FINE_NODES + 1)
-    growth = np.log(FARTHEST_SCALES / FINE_SCALES) * np.arange(1, COARSE_NODES + 1) / COARSE_NODES
+    growth = COARSE_STEP * np.arange(1, COARSE_NODES + 1)
     return np.concatenate([fine, FINE_SCALES * np.exp(growth)])
 
 
@@ -86,6 +88,7 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
     away = np.maximum(nodes * scales, 1e-9 * scales)  # a density may jump at the centre
     above = np.ascontiguousarray(floored(centres + away).T)
     below = np.ascontiguousarray(floored(np.maximum(centres - away, 0.0)).T)
+    _reach_zero(below, centres / scales)
     no_wall = floored(np.full((1, len(centres)), np.inf))[0]
     above[~measured], below[~measured], no_wall[~measured] = 0.0, 0.0, 0.0
     bounds = (
@@ -94,6 +97,21 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
     return Tables(
         np.arange(len(centres)), centres, np.where(measured, scales, 0.0), below, above, no_wall, *bounds
     )
+
+
+def _reach_zero(below: Array, ends: Array) -> None:
+    """Set the first node beyond an expected range of zero so that tables are right up to there.
+
+    Args:
+        below: Tables (K, N) whose nodes beyond zero hold what is true at zero.
+        ends: The offset of zero in each, in scales, (K,).
+    """
+    for table, end in zip(below, ends, strict=True):
+        place = float(_place(float(end)))
+        index = int(place)
+        share = _share_of_cell(place)
+        if share > LEAST_SHARE:
+            table[index + 1] = table[index] + (table[index + 1] - table[index]) / share
 
 
 def joined(layers: Sequence[Tables]) -> Tables:
@@ -113,18 +131,36 @@ def _look_up(tables: Tables, which: int, rho: float) -> float:
         return 0.0
     u = (rho - tables.centres[which]) / scale
     table = tables.above[which] if u >= 0 else tables.below[which]
-    place = _place(abs(u))
-    index = int(place)
-    share = place - index
-    return float(table[index] + share * (table[index + 1] - table[index]))
+    return _interpolated(table, abs(u))
 
 
 @njit(cache=True, nogil=True)
 def _place(u: float) -> float:
     if u < FINE_SCALES:
         return u * (FINE_NODES / FINE_SCALES)
-    coarse = COARSE_NODES / math.log(FARTHEST_SCALES / FINE_SCALES) * math.log(u / FINE_SCALES)
-    return FINE_NODES + min(coarse, COARSE_NODES - 1e-6)
+    return FINE_NODES + min(math.log(u / FINE_SCALES) / COARSE_STEP, COARSE_NODES - 1e-6)
+
+
+@njit(cache=True, nogil=True)
+def _interpolated(table: Array, u: float) -> float:
+    """A table at an offset: beyond the fine part linear in its square, as a Gaussian's log density is."""
+    place = _place(u)
+    index = int(place)
+    return float(table[index] + _share_of_cell(place) * (table[index + 1] - table[index]))
+
+
+@njit(cache=True, nogil=True)
+def _share_of_cell(place: float) -> float:
+    share = place - int(place)
+    if place < FINE_NODES:
+        return share
+    return math.expm1(2 * COARSE_STEP * share) / math.expm1(2 * COARSE_STEP)
+
+
+@njit(cache=True, nogil=True)
+def _most_beyond(table: Array, bound: Array, u: float) -> float:
+    """The greatest value of a table at an offset and farther out."""
+    return float(max(_interpolated(table, u), bound[int(_place(u)) + 1]))
 
 
 @njit(cache=True, nogil=True)
@@ -137,9 +173,9 @@ def _most(tables: Tables, which: int, low: float, high: float) -> float:
         return 0.0
     u, v = (low - tables.centres[which]) / scale, (high - tables.centres[which]) / scale
     if u > 0:
-        return float(tables.bound_above[which, int(_place(u))])
+        return _most_beyond(tables.above[which], tables.bound_above[which], u)
     if v < 0:
-        return float(tables.bound_below[which, int(_place(-v))])
+        return _most_beyond(tables.below[which], tables.bound_below[which], -v)
     return float(max(tables.bound_above[which, 0], tables.bound_below[which, 0]))
 
 
@@ -211,7 +247,7 @@ def moments_of_any(
         while waiting:
             waiting -= 1
             running = log_mass(total)
-            if bounds[waiting] < running - MARGIN_NATS:
+            if bounds[waiting] < running - MARGIN_NATS or bounds[waiting] == -np.inf:
                 continue
             corners, which, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
             one[:corners] = stack[waiting, :corners]
@@ -255,7 +291,7 @@ def moments_of_any(
             log_peak = _integrate(
                 one, corners, piece, pieces, tables, prior, bound - math.log(area), rule, nodes, out
             )
-            add_part(total, log_peak, out, x1, x2)
+            add_part(total, log_peak, out, x1 + one[0, 0], x2 + one[0, 1])
     return finish(total, mean, covariance)
 
 
@@ -332,7 +368,7 @@ def _integrate(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
     rule: Rules, nodes: Nodes, out: Array,
 ) -> float:  # fmt: skip
-    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the piece's centre."""
+    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner."""
     tabulated = len(tables.centres)
     # s runs along the steepest beam's slope, so that chords lie along the ridge
     best, c, d = -1.0, 1.0, 0.0
@@ -381,12 +417,13 @@ def _integrate(
                 log_density -= 0.5 * (prior[0] * b1 * b1 + 2 * prior[1] * b1 * b2 + prior[2] * b2 * b2)
                 weight = width * rule.weights[order, i] * chord * rule.weights[3, j]
                 value = weight * math.exp(log_density)
+                y1, y2 = x1 - corners[0, 0], x2 - corners[0, 1]
                 m0 += value
-                m1 += value * x1
-                m2 += value * x2
-                m11 += value * x1 * x1
-                m12 += value * x1 * x2
-                m22 += value * x2 * x2
+                m1 += value * y1
+                m2 += value * y2
+                m11 += value * y1 * y1
+                m12 += value * y1 * y2
+                m22 += value * y2 * y2
                 place = nodes.total[0]
                 if len(nodes.places) and value > 0:
                     if place < len(nodes.places):
