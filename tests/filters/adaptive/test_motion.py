@@ -112,8 +112,7 @@ def test_an_error_before_a_move_is_carried_over_it_as_far_as_readings_leave_it()
     wrong, right = replace(after, inherited=0.5), replace(after, inherited=0.0)
     kept = np.sqrt(estimator.error(wrong) ** 2 - estimator.error(right) ** 2) / 0.5
     predicted_std, std = (np.sqrt(np.diagonal(estimator.estimate(b).covariance)) for b in (moved, after))
-    assert kept < 0.9
-    assert kept == pytest.approx((std / predicted_std).max(), rel=0.1)
+    assert kept == pytest.approx((std / predicted_std).max(), rel=0.05)
 
 
 def test_walls_matter():
