@@ -121,9 +121,11 @@ filters.problem
 filters.space
 maps
 maps.readers
-maps.mesh maps.floor_plan maps.rectangle maps.occupancy
+maps.describe
+maps.mesh
+maps.floor_plan maps.rectangle maps.occupancy
 maps.free_space
-maps.mesh_files maps.walls maps.grid_walls
+maps.mesh_files maps.walls maps.grid_walls maps.centre_lines
 maps.mesh_formats
 maps.polygon
 maps._open3d maps.base maps.grid_kernels

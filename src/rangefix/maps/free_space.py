@@ -82,7 +82,7 @@ class FreeSpace:
         """One line that says what was taken."""
         how = "reachable from the stated point" if self.found == "reachable" else "the largest connected area"
         what = {
-            "floor": f"floor at {self.level:.2f} m",
+            "floor": f"floor at {round(self.level, 2) + 0.0:.2f} m",
             "enclosed": "enclosed by walls (no floor)",
             "outline": "the outline that was given",
         }[self.ground]
@@ -131,7 +131,7 @@ def find_free_space(
 
     raster = _raster_over(walls.segments, resolution, name)
     touched = np.zeros(raster.shape, dtype=bool)
-    touched[tuple(_cells_on(walls.segments, raster.lower, resolution).T)] = True
+    touched[tuple(cells_on(walls.segments, raster.lower, resolution).T)] = True
     height = surface(raster)
     level = _level(height[~touched]) if floor_height is None else float(floor_height)
     if outline is not None and floor_height is None:
@@ -166,7 +166,7 @@ def find_free_space(
     cells.setflags(write=False)
     raster.lower.setflags(write=False)
     found: Literal["reachable", "largest"] = "largest" if reachable_from is None else "reachable"
-    whole = _hull_area(walls.segments) if outline is None else float(within.sum()) * resolution**2
+    whole = hull_area(walls.segments) if outline is None else float(within.sum()) * resolution**2
     space = FreeSpace(cells, raster.lower, resolution, found, ground, level, whole)
     if not roomy[part]:
         raise MapError(
@@ -194,7 +194,7 @@ def _raster_over(segments: Array, resolution: float, name: str) -> Raster:
     return Raster(origin, resolution, (int(size[0]), int(size[1])))
 
 
-def _hull_area(segments: Array) -> float:
+def hull_area(segments: Array) -> float:
     """Area of the convex hull of all walls, m^2; inf where they lie on one line."""
     from scipy.spatial import ConvexHull, QhullError
 
@@ -246,7 +246,7 @@ def _in_sight(points: Array, targets: Array, walls: Walls) -> BoolArray:
     return np.asarray(walls.ranges(poses, np.zeros(1))[:, 0] >= np.hypot(*ahead.T) - 1e-9)
 
 
-def _cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
+def cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
     """Cells that segments run through, (k, 2): the middle between one grid line crossed and the next."""
     ends = (segments.reshape(-1, 2, 2) - origin) / resolution
     a, along = ends[:, 0], ends[:, 1] - ends[:, 0]

@@ -125,6 +125,13 @@ class MeshRoom(InWalls):
         )
 
     @property
+    def beyond(self) -> bool:
+        """Whether the free space reaches where the mesh ends: it may be outdoors."""
+        ends = self.segments.reshape(-1, 2)
+        (lower, upper), edge = self.free_space.bounds, self.free_space.resolution
+        return bool((lower < ends.min(0) - edge).any() or (upper > ends.max(0) + edge).any())
+
+    @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the free space (the mesh may reach further), m, each (2,)."""
         (lower, upper), ends = self.free_space.bounds, self.segments.reshape(-1, 2)

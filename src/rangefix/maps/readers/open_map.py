@@ -47,6 +47,7 @@ MESH_OPTIONS = (
     "unit",
     "up",
 )
+OCCUPANCY_OPTIONS = ("image_anywhere", "memory_gb", "reachable_from", "unknown", "wall_lines")
 IMAGE = "an image says nothing of its scale: give the .yaml of map_server that names it"
 OTHERS = dict.fromkeys((".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"), IMAGE)
 OTHERS[".svg"] = "SVG is not read: it says nothing of lengths; save the plan as DXF or GeoJSON"
@@ -56,7 +57,7 @@ HEIGHT = ("sensor_height", "the rangefinder's height z in metres")
 READERS = {  # by the kind that a study calls such a map
     "mesh": Reader(MESHES, MeshRoom.load, MESH_OPTIONS, HEIGHT),
     "floor-plan": Reader(DRAWN, read_plan, ("layers", "reachable_from", "unit")),
-    "occupancy": Reader(YAMLS, read_ros_map, ("image_anywhere", "memory_gb", "reachable_from", "unknown")),
+    "occupancy": Reader(YAMLS, read_ros_map, OCCUPANCY_OPTIONS),
 }
 
 

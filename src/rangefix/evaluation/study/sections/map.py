@@ -98,7 +98,12 @@ class OccupancyMapFile(MapSection):
 
     kind: Literal["occupancy"]
     path: str = Field(min_length=1, description="the .yaml of map_server; --map FILE names another")
-    unknown: Literal["excluded", "free", "wall"] = "excluded"
+    unknown: Literal["excluded", "free", "wall"] = Field(
+        default="excluded", description="what unknown cells are; excluded: nobody is there, and beams pass"
+    )
+    wall_lines: Literal["edges", "centre"] = Field(
+        default="edges", description="where beams end: at cells' edges, or at centre lines of thick walls"
+    )
     reachable_from_m: Point | None = None
     memory_gb: Positive = 2.0
     image_anywhere: bool = False
