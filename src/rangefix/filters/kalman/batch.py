@@ -7,8 +7,7 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import reduce
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.random import Generator
@@ -39,11 +38,6 @@ class GaussianFilter:
     def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Draws from the Gaussian, angles wrapped, (M, size, n)."""
         return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
-
-
-def sum_terms(terms: Iterable[Array]) -> Array:
-    """Sum over the first axis, in order."""
-    return reduce(np.add, terms)
 
 
 def cholesky(matrices: Array) -> tuple[Array, BoolArray]:

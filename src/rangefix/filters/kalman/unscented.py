@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import LOG_TWO_PI, Array, BoolArray
+from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
 from ..measurement import check_measurement
 from ..problem import Problem
-from .batch import GaussianFilter, accept_definite, cholesky, refuse_impossible, sum_terms
+from .batch import GaussianFilter, accept_definite, cholesky, refuse_impossible
 from .belief import GaussianBelief, SigmaPointOptions
 from .no_returns import with_missing_returns
 
