@@ -14,6 +14,7 @@ from .models.product_prior import WithHeading, WithVelocity
 from .models.rangefinder import Rangefinder, sweep
 from .models.squared_cosine_prior import SquaredCosine
 from .models.uniform_prior import Uniform
+from .mount import Mount
 from .option_units import option_units
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .registry import available, build
@@ -32,6 +33,7 @@ __all__ = [
     "GaussianPrior",
     "Mixture",
     "Motion",
+    "Mount",
     "Noise",
     "Odometry",
     "Prior",
