@@ -63,7 +63,7 @@ class MeshRoom(InWalls):
                 f"{name}: no wall at sensor height {sensor_height:g} m; the mesh spans {low:g} to {high:g} m"
             )
         self.sensor_height = float(sensor_height)
-        self._walls = Walls(segments)
+        self._walls: Walls = Walls(segments)
         drop = partial(_drop, points, corners, sensor_height)
         self.free_space: FreeSpace = find_free_space(self._walls, drop, float(resolution), start, name)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray
-from ..compiled import njit, prange
+from ...compiled import njit, prange
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower

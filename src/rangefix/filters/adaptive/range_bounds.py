@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
-from ..compiled import njit, prange
+from ...compiled import njit, prange
 from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Sensor
 from .target import CAP

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ..compiled import njit
+from ...compiled import njit
 from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass, lowest
 from .partition import cut_by
 

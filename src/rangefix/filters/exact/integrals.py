@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ..compiled import njit
+from ...compiled import njit
 from .partition import cut_by
 
 MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts

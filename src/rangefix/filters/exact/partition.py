@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ..compiled import njit
+from ...compiled import njit
 
 THIN_M = 1e-9  # a narrower piece is rounding
 BORDER_M = 0.02  # to which the border of free space is followed, where it is not made of walls

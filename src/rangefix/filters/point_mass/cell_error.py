@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from ...arrays import Array
-from ..compiled import njit
+from ...compiled import njit
 
 MIN_CURVATURE = 1e-2  # 1 / cells^2: a deviation of ten cells has no error
 LARGE_UNRESOLVED_SHARE = 0.01  # of the variance; where so much is missed the sum's own variance is luck

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ..compiled import njit, prange
+from ...compiled import njit, prange
 from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, IntArray
-from ..compiled import njit, prange
+from ...compiled import njit, prange
 from .cell_error import MIN_CURVATURE, add_unresolved, unresolved_covariance
 from .grid import Grid
 from .records import Moments, Readings, SharedRanges

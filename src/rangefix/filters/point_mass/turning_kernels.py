@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ..compiled import njit, prange
+from ...compiled import njit, prange
 from .mode_shape import MeasuredBeams, choose_probe_cells, measured_beams
 from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ..compiled import njit
+from ...compiled import njit
 from .likelihood import IMPOSSIBLE_NATS, TAIL_SHARE, Terms, best_in, term_at
 from .range_model import LEAST_COSINE
 

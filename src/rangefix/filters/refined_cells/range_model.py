@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..compiled import njit
+from ...compiled import njit
 from ..problem import Problem
 
 INSET_SHARE = 0.005  # of a cell's size: its corners are asked within, for at an edge a wall may begin

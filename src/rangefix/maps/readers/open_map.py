@@ -12,9 +12,12 @@ from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
 from ..mesh_files import MESHES, PathLike, existing
+from ..occupancy import OccupancyMap
 from ..rectangle import RectangularRoom
 from .plan_files import PLANS, plan_of, read_plan
+from .ros_map import YAMLS, read_ros_map
 
+AnyRoom = RectangularRoom | FloorPlan | MeshRoom | OccupancyMap
 GROUP = "rangefix.maps"  # entry points: sections of a study that build maps, see `evaluation/study/sections`
 
 
@@ -29,7 +32,7 @@ class Reader(NamedTuple):
     """
 
     suffixes: tuple[str, ...]
-    read: Callable[..., RectangularRoom | FloorPlan | MeshRoom]
+    read: Callable[..., AnyRoom]
     options: tuple[str, ...] = ()
     needs: tuple[str, str] | None = None
 
@@ -38,6 +41,7 @@ HEIGHT = ("sensor_height", "the rangefinder's height z in metres")
 READERS = {  # by the kind that a study calls such a map
     "mesh": Reader(MESHES, MeshRoom.load, ("reachable_from", "resolution", "sensor_height"), HEIGHT),
     "floor-plan": Reader(PLANS, read_plan),
+    "occupancy": Reader(YAMLS, read_ros_map, ("image_anywhere", "memory_gb", "reachable_from", "unknown")),
 }
 
 
@@ -72,14 +76,14 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     return _read(path, kind, options)
 
 
-def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:
+def load(path: PathLike, **options: Any) -> AnyRoom:
     """The map in a file, by its suffix: see `open_map`.
 
     Raises:
         FileNotFoundError: If there is no such file.
         MapError: If there is no map in it, or an option does not fit.
     """
-    room: RectangularRoom | FloorPlan | MeshRoom = open_map({"path": path}, **options)
+    room: AnyRoom = open_map({"path": path}, **options)
     return room
 
 
@@ -116,7 +120,7 @@ def kind_of(path: PathLike) -> str:
     raise MapError(f"{path}: no map of type {suffix or 'without suffix'!r}; there are {listed}")
 
 
-def _read(path: Path, kind: str, options: Mapping[str, Any]) -> RectangularRoom | FloorPlan | MeshRoom:
+def _read(path: Path, kind: str, options: Mapping[str, Any]) -> AnyRoom:
     """The map in a file that is read as a map of that kind."""
     reader, suffix = READERS[kind], path.suffix.lower()
     if suffix not in reader.suffixes:

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from ....filters import RangeMap
 from ....maps import open_map
+from ....maps.readers.ros_map import read_yaml
 from .base import Misfit, Point, Positive, Section, Size, WithExtensions
 
 CORNERS = "corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
@@ -69,5 +70,24 @@ class MeshMap(MapSection):
     resolution_m: Positive = 0.05
 
 
-Ours = RectangleMap | FloorPlanMap | MeshMap
+class OccupancyMapFile(MapSection):
+    """A map that a robot has made, as ROS saves it: walls are cells of a grid."""
+
+    kind: Literal["occupancy"]
+    path: str = Field(min_length=1, description="the .yaml of map_server; --map FILE names another")
+    unknown: Literal["excluded", "free", "wall"] = "excluded"
+    reachable_from_m: Point | None = None
+    memory_gb: Positive = 2.0
+    image_anywhere: bool = False
+
+    def files(self, folder: Path) -> tuple[Path, ...]:
+        """The .yaml and its image."""
+        path = Path(self.path)
+        try:
+            return path, path.parent / read_yaml(folder / path).image
+        except (OSError, ValueError):  # building the map tells it
+            return (path,)
+
+
+Ours = RectangleMap | FloorPlanMap | MeshMap | OccupancyMapFile
 AnyMap = Annotated[Ours, WithExtensions(MapSection, Ours, "rangefix.maps")]
