@@ -16,6 +16,7 @@ from .models.rangefinder import Rangefinder, sweep
 from .models.squared_cosine_prior import SquaredCosine
 from .models.uniform_prior import Uniform
 from .models.wrapped_noise import Biased, LostBeams, Tempered
+from .mount import Mount
 from .option_units import option_units
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .registry import available, build
@@ -37,6 +38,7 @@ __all__ = [
     "LostBeams",
     "Mixture",
     "Motion",
+    "Mount",
     "Noise",
     "Odometry",
     "PlaceError",

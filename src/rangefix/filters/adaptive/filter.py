@@ -402,9 +402,19 @@ class AdaptivePointMassFilter(BriefRepr):
         width[space.position_indices] = self.table.size[:2] / 2
         if "heading" in space.names:
             width[space.names.index("heading")] = self.table.size[2]
-        states = space.wrap(states + width * rng.uniform(-0.5, 0.5, states.shape))
+        laser = self._moved(states, 1.0) + width * rng.uniform(-0.5, 0.5, states.shape)
+        states = space.wrap(self._moved(laser, -1.0))
         log_share = log_volume - np.log(each)
         return Draws(states, np.zeros(len(states), np.int64), np.full(len(states), log_share))
+
+    def _moved(self, states: Array, sign: float) -> Array:
+        """States whose place is the laser's, of states (K, n) of the robot: 1; and the reverse: -1."""
+        mount, space = self.problem.sensor.mount, self.problem.space
+        if not mount.is_off_centre:
+            return states
+        moved = np.array(states)
+        moved[:, space.position_indices] += sign * mount.offset(space.poses(states)[:, 2])
+        return moved
 
     def _worth(
         self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Quadrature
@@ -458,6 +468,7 @@ class AdaptivePointMassFilter(BriefRepr):
         if "heading" in space.names:
             angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
             states[:, space.names.index("heading")] = angles
+        states = self._moved(states, -1.0)
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))

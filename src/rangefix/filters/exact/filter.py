@@ -247,10 +247,15 @@ class ExactPositionFilter(BriefRepr):
     def _pieces(self, lower: Array, upper: Array, free: Callable[[Array], BoolArray]) -> Pieces:
         sensor, heading = self.problem.sensor, self.problem.space.heading
         assert heading is not None
-        angles = heading + sensor.bearings
+        angles = heading - sensor.mount.yaw + sensor.bearings
+        shift = np.tile(
+            sensor.mount.offset(np.asarray(heading)), 2
+        )  # the walls as the reference point meets them
         directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+        walls = sensor.room.segments
+        borders = walls if shift.any() else None
         found = partition(
-            sensor.room.segments, directions, lower, upper, free, sensor.max_incidence, self.most_pieces
+            walls - shift, directions, lower, upper, free, sensor.max_incidence, self.most_pieces, borders
         )
         return Pieces(
             found.corners, found.counts, found.centres, np.log(found.areas), found.ranges, found.slopes,

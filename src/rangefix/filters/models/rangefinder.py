@@ -11,6 +11,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
+from ..mount import CENTRED, Mount
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
 from .correlated import Correlated, shared_errors
@@ -48,7 +49,8 @@ class Rangefinder:
 
     Args:
         room: The map.
-        bearings: Beam directions relative to the heading, rad clockwise, (B,), B >= 1.
+        bearings: Beam directions relative to its forward axis, the heading unless it is turned on the robot,
+            rad clockwise, (B,), B >= 1.
         noise: How readings scatter.
         space: The space of the states.
         blind_sector: Width of the sector centred astern in which nothing is measured, rad: beams in it read
@@ -60,6 +62,7 @@ class Rangefinder:
             graze a wall at more than that are lost: `expected` says inf for them, as where no wall is. To an
             estimator whose sensor does not know of it such a reading is impossible, unless its noise allows
             for lost beams (`BeamMixture`).
+        mount: Where it stands on the robot whose pose is the state, and how it is turned there.
 
     Raises:
         ValueError: If there is no beam, a bearing is not finite, the noise is for another number of beams,
@@ -74,6 +77,7 @@ class Rangefinder:
     max_range: float = np.inf
     max_incidence: float = RIGHT_ANGLE
     min_range: float = 0.0
+    mount: Mount = CENTRED
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -119,7 +123,7 @@ class Rangefinder:
 
     def expected(self, states: ArrayLike) -> Array:
         """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or grazes it."""
-        poses = self.space.poses(np.asarray(states, dtype=float))
+        poses = self.mount.laser_poses(self.space.poses(np.asarray(states, dtype=float)))
         ranges = self.room.ranges(poses, self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             return np.where(self._grazing(self.room.gradients(poses, self.bearings)), np.inf, ranges)
@@ -127,19 +131,21 @@ class Rangefinder:
 
     def jacobian(self, states: Array) -> Array:
         """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where it is inf."""
-        gradients = self.room.gradients(self.space.poses(states), self.bearings)
+        poses = self.space.poses(states)
+        gradients = self.room.gradients(self.mount.laser_poses(poses), self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)
-        return self.space.from_pose_gradients(gradients)
+        return self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
 
     def look(self, states: Array) -> tuple[Array, Array]:
         """`expected` and `jacobian` of one cast: (..., n) -> (..., B) m and (..., B, n)."""
-        hits = self.room.cast(self.space.poses(states), self.bearings)
+        poses = self.space.poses(states)
+        hits = self.room.cast(self.mount.laser_poses(poses), self.bearings)
         ranges, gradients = hits.ranges, hits.gradients
         if self.max_incidence < RIGHT_ANGLE:
             lost = self._grazing(gradients)
             ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
-        return ranges, self.space.from_pose_gradients(gradients)
+        return ranges, self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
 
     def _grazing(self, gradients: Array) -> BoolArray:
         """Which beams are lost: |d range / d x| is 1 / cos(incidence), and 0 for a wall met edge-on."""

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from ....arrays import Array
-from ....filters import Noise, Rangefinder, RangeMap, StateSpace, sweep
+from ....filters import Mount, Noise, Rangefinder, RangeMap, StateSpace, sweep
 from ....filters.models.beam_noise import BeamMixture, Quantised
 from ....filters.models.correlated import Correlated, PlaceError
 from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT, check_spread
@@ -26,6 +26,7 @@ def _in_limits(spread: float) -> float:
 
 Spread = Annotated[float, Field(gt=0), AfterValidator(_in_limits)]
 PerBeam = Spread | Annotated[list[Spread], Field(min_length=1)]
+Offset = Annotated[float, Field(ge=-100, le=100)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
 
@@ -186,6 +187,16 @@ class SensorSection(Section):
     min_range_m: NotNegative = 0.0
     max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=True)] = float("inf")
     max_incidence_deg: Annotated[float, Field(gt=0, le=90)] = 90.0
+    forward_m: Offset = Field(
+        default=0.0, description="how far the laser stands ahead of the point whose position is estimated"
+    )
+    left_m: Offset = Field(
+        default=0.0, description="how far it stands to the left of it; negative = to the right"
+    )
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        default=0.0,
+        description="how far it is turned to the left (counter-clockwise, as left_m and ROS count)",
+    )
     std_m: PerBeam | None = Field(
         default=None,
         description="standard deviation of Gaussian noise, one or one per beam, for example std_m = 0.05",
@@ -234,4 +245,5 @@ class SensorSection(Section):
             min_range=self.min_range_m,
             max_range=self.max_range_m,
             max_incidence=float(np.deg2rad(self.max_incidence_deg)),
+            mount=Mount(self.forward_m, self.left_m, float(np.deg2rad(self.yaw_deg))),
         )
