@@ -7,6 +7,7 @@ from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
+from ...filters.models.wrapped_noise import reading_bias
 
 SHORTFALL_DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
 LONG = 10.0  # m
@@ -24,7 +25,8 @@ def evidence_floor(sensor: Sensor, measurement: Array) -> Array:
     of an honest reading's shortfall.
     """
     mean, variance, counted = _shortfall(sensor, measurement)
-    best = np.cumsum(sensor.log_density(measurement, measurement), axis=1)
+    fit = measurement - reading_bias(sensor.noise)
+    best = np.cumsum(sensor.log_density(measurement, fit), axis=1)
     readings = np.cumsum(counted.sum(-1), axis=1)
     degrees = 2 * readings * mean**2 / variance
     quantile = np.where(readings > 0, chdtri(np.where(readings > 0, degrees, 1.0), RARE), 0.0)
@@ -44,7 +46,8 @@ def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolAr
     longest = min(sensor.max_range, LONG)
     expected = rng.uniform(0.0, longest, (-(-SHORTFALL_DRAWS // beams), beams))
     drawn = sensor.read(expected, rng)
-    short = sensor.beam_log_density(drawn, drawn) - sensor.beam_log_density(drawn, expected)
+    fit = drawn - reading_bias(sensor.noise)
+    short = sensor.beam_log_density(drawn, fit) - sensor.beam_log_density(drawn, expected)
     short = short[~np.isnan(drawn)]
     mean, variance = float(short.mean()), float(short.var())
     if not (0 < mean < np.inf and 0 < variance < np.inf):

@@ -13,7 +13,9 @@ from ...arrays import TWO_PI, Array
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
+from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
+from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
@@ -102,6 +104,7 @@ class AdaptivePointMassFilter(BriefRepr):
     def __post_init__(self) -> None:
         if self.problem.sensor.max_incidence < np.pi / 2:
             raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
+        refuse_shared_errors(self.problem.sensor, "the adaptive point-mass filter")
         states = self.problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
         if not expects_map_ranges(self.problem.sensor, states):
             raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
@@ -306,10 +309,11 @@ class AdaptivePointMassFilter(BriefRepr):
         sensor = self.problem.sensor
         lower, upper = sensor.room.bounds
         longest = float(np.linalg.norm(np.asarray(upper) - lower))
-        nearest = np.stack([np.clip(measurement, 0.0, longest), np.full_like(measurement, np.inf)])
+        fit = measurement - reading_bias(sensor.noise)
+        nearest = np.stack([np.clip(fit, 0.0, longest), np.full_like(fit, np.inf)])
         with np.errstate(invalid="ignore"):
             best = sensor.beam_log_density(measurement, nearest).max(axis=0)
-            perfect = sensor.beam_log_density(measurement, np.maximum(measurement, 0.0))
+            perfect = sensor.beam_log_density(measurement, np.maximum(fit, 0.0))
             return float((perfect - best).sum())
 
     def _after_move(self, prior: Predicted, target: Target) -> Quadrature:

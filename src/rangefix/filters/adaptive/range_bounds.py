@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ...compiled import njit, prange
+from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Sensor
 from .target import CAP
 
@@ -263,8 +264,9 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
     truth = sensor.expected(states)
     nearest = np.clip(truth, _metres(low), _metres(high))
-    reading = np.where(truth > sensor.max_range, np.inf, truth)
-    reading = np.where(truth < sensor.min_range, -np.inf, reading)
+    fit = truth + reading_bias(sensor.noise)
+    reading = np.where(fit > sensor.max_range, np.inf, fit)
+    reading = np.where(fit < sensor.min_range, -np.inf, reading)
     lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...arrays import Array, IntArray
+from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
@@ -126,4 +127,5 @@ class Target:
 
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""
-        return float(sum(self.sensor.log_density(row, np.fmax(row, 0.0)) for row in self.measurements))
+        sensor, bias = self.sensor, reading_bias(self.sensor.noise)
+        return float(sum(sensor.log_density(row, np.fmax(row - bias, 0.0)) for row in self.measurements))

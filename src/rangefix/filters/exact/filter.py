@@ -14,6 +14,7 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
+from ..models.correlated import refuse_shared_errors
 from ..models.gaussian_prior import GaussianPrior
 from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
@@ -99,6 +100,7 @@ class ExactPositionFilter(BriefRepr):
             raise ValueError("the exact filter is for a position x1, x2 with a known heading")
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the exact filter is for an object that stays where it is")
+        refuse_shared_errors(self.problem.sensor, "the exact filter")
         if not self.most_pieces > 0:
             raise ValueError(f"most_pieces must be positive, got {self.most_pieces}")
         self._check_pieces()

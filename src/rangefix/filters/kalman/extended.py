@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray
 from ..measurement import check_measurement
+from ..models.wrapped_noise import reading_bias
 from .batch import GaussianFilter, accept_definite, refuse_impossible, sum_terms
 from .belief import GaussianBelief, LinearisedOptions
 from .no_returns import with_missing_returns
@@ -56,7 +57,7 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
             expected = sensor.expected(point)
             used = np.isfinite(measurement) & np.isfinite(expected)
             expected = np.where(used, expected, 0.0)
-            innovation = np.where(used, measurement, 0.0) - expected
+            innovation = np.where(used, measurement - reading_bias(sensor.noise), 0.0) - expected
             slope = np.ascontiguousarray(np.moveaxis(sensor.jacobian(point), 0, -1))
             ahead = space.difference(belief.mean, point).T
             innovation = innovation.T - sum_terms((slope * ahead).swapaxes(0, 1))

@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray
 from ..measurement import check_measurement
+from ..models.wrapped_noise import reading_bias
 from ..problem import Problem
 from .batch import GaussianFilter, accept_definite, cholesky, refuse_impossible, sum_terms
 from .belief import GaussianBelief, SigmaPointOptions
@@ -69,7 +70,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         off = np.moveaxis(expected[1:] - expected[0], 1, -1).copy()
         shift, spread = self._moments(off)
         centre = expected[0] + shift.T
-        innovation = np.where(used, measurement, 0.0) - centre
+        innovation = np.where(used, measurement - reading_bias(sensor.noise), 0.0) - centre
         beams = np.arange(len(shift))
         spread[beams, beams] += np.where(used, sensor.noise.variance(centre), 1.0).T
         pairs = zip(off, np.moveaxis(arms, 1, -1), strict=True)

@@ -14,7 +14,9 @@ from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
 from ..mount import CENTRED, Mount
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
+from .correlated import Correlated, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
+from .wrapped_noise import wider_gaussian
 
 RIGHT_ANGLE = 0.5 * np.pi
 MAX_BEAMS_UNROLLED = 8  # beams
@@ -112,10 +114,11 @@ class Rangefinder:
 
     @cached_property
     def gaussian_stds(self) -> Array | None:
-        """Standard deviations, m, (B,), where noise is Gaussian and no range or incidence is limited."""
+        """Standard deviations, m, (B,), where noise weighs as Gaussian and nothing is limited."""
         unlimited = np.isinf(self.max_range) and not self.min_range and self.max_incidence == RIGHT_ANGLE
-        if type(self.noise) is Gaussian and unlimited:
-            return np.broadcast_to(self.noise.stds, self.bearings.shape)
+        noise = wider_gaussian(self.noise) or self.noise
+        if type(noise) is Gaussian and unlimited:
+            return np.broadcast_to(noise.stds, self.bearings.shape)
         return None
 
     def expected(self, states: ArrayLike) -> Array:
@@ -150,7 +153,7 @@ class Rangefinder:
         return np.asarray((slopes * np.cos(self.max_incidence) > 1) | (slopes == 0))
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
-        """Log density of a measurement given expected ranges, summed over the measured beams; nats.
+        """Log density of a measurement given expected ranges, of all measured beams together; nats.
 
         Args:
             measurement: Readings (..., B), m; NaN = not measured, inf = no return, -inf = too close.
@@ -169,10 +172,26 @@ class Rangefinder:
             total = self._gaussian(self.noise.stds, measurement, expected)
             if np.isfinite(total).all() and not self._beyond(measurement).any():
                 return total
-        return np.asarray(self.beam_log_density(measurement, expected).sum(-1))
+        alone = np.asarray(self.beam_log_density(measurement, expected).sum(-1))
+        shared, weight = shared_errors(self.noise)
+        return alone if shared is None else alone + weight * self._together(shared, measurement, expected)
+
+    def _together(self, shared: Correlated, measurement: Array, expected: Array) -> Array:
+        """What the beams of a scan weigh together beyond what each weighs by itself; (..., B) -> (...)."""
+        possible = np.where(self._beyond(measurement), np.nan, measurement)
+        shape = np.broadcast_shapes(possible.shape, expected.shape)
+        scans = possible.reshape((1,) * (len(shape) - possible.ndim) + possible.shape)
+        ranges, total = np.broadcast_to(expected, shape), np.empty(shape[:-1])
+        for place in np.ndindex(scans.shape[:-1]):  # all states that one scan is asked about at once
+            at = tuple(
+                slice(None) if size == 1 else slice(index, index + 1)
+                for index, size in zip(place, scans.shape[:-1], strict=True)
+            )
+            total[at] = shared.log_copula(scans[place], ranges[at], self.bearings)
+        return total
 
     def beam_log_density(self, measurement: Array, expected: Array) -> Array:
-        """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B); nats."""
+        """What each beam adds to `log_density` by itself: (..., B), (..., B) -> (..., B); nats."""
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         silent, close = np.isposinf(measurement), np.isneginf(measurement)
         measured = ~np.isnan(measurement) & ~self.blind
@@ -221,16 +240,37 @@ class Rangefinder:
 
         NaN in the blind sector, inf beyond the maximum range, -inf below the minimum range.
         """
-        return self._limited(self.noise.sample(expected, rng))
+        shared, _ = shared_errors(self.noise)
+        if shared is None:
+            return self._limited(self.noise.sample(expected, rng))
+        scans = np.reshape(expected, (-1, 1, len(self.bearings)))
+        drawn = [shared.sample_scans(scan, self._ends(np.zeros((1, 3)), scan), rng) for scan in scans]
+        return self._limited(np.reshape(drawn, np.shape(expected)))
 
-    def read_each(self, expected: Array, rngs: Sequence[Generator]) -> Array:
-        """`read` for M runs, step by step from generators of their own: (M, T, B) -> (M, T, B) m."""
+    def read_each(self, expected: Array, rngs: Sequence[Generator], states: Array | None = None) -> Array:
+        """Readings of M runs of T scans, each run's from a generator of its own: (M, T, B) -> (M, T, B) m.
+
+        Errors that outlast a scan are the same for all scans of a run, if the states (M, T, n) say where the
+        beams end.
+        """
         noise = self.noise
+        shared, _ = shared_errors(noise)
+        if shared is not None and states is not None:
+            ends = self._ends(self.space.poses(states), expected)
+            return self._limited(
+                np.array([shared.sample_scans(*run) for run in zip(expected, ends, rngs, strict=True)])
+            )
         if isinstance(noise, ScaledNoise) and type(noise) in (Gaussian, RangeProportional, StudentT):
             return self._limited(noise.sample_each(expected, rngs))  # all at once, with the same numbers
         pairs = zip(expected, rngs, strict=True)
-        return self._limited(
-            np.array([[self.noise.sample(step, rng) for step in steps] for steps, rng in pairs])
+        return np.array([[self.read(step, rng) for step in steps] for steps, rng in pairs])
+
+    def _ends(self, poses: Array, expected: Array) -> Array:
+        """Where beams meet walls, m: (..., 3), (..., B) -> (..., B, 2); the pose where they meet none."""
+        angles = poses[..., 2:] + self.bearings
+        ways = np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+        return np.asarray(
+            poses[..., None, :2] + np.where(np.isfinite(expected), expected, 0.0)[..., None] * ways
         )
 
     def _limited(self, reading: Array) -> Array:

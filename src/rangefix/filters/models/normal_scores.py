@@ -1,0 +1,80 @@
+"""Readings as standard normal numbers, and back: what a copula sees of noise of any kind."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+
+from ...arrays import Array
+from .beam_noise import Quantised
+from .noise import CumulativeNoise, Gaussian, RangeProportional
+from .wrapped_noise import Biased, LostBeams
+
+LARGEST_SCORE = 37.0  # beyond it a normal number's probability has no digits
+HALVINGS = 80
+FARTHEST_M = 1e7
+
+
+def normal_scores(noise: CumulativeNoise, reading: Array, expected: Array) -> Array:
+    """Phi^-1 of the probability of a reading below each, elementwise; N(0, 1) for readings of the noise.
+
+    Beams that are lost are left out of the probabilities: they are independent of how the others scatter.
+
+    Args:
+        noise: The law of each reading by itself.
+        reading: Finite, m.
+        expected: Ranges, m; inf = no wall.
+
+    Returns:
+        From -37 to 37.
+    """
+    from scipy.special import ndtri_exp
+
+    if isinstance(noise, Biased):
+        return normal_scores(noise.noise, reading, np.asarray(expected) + noise.bias)
+    if isinstance(noise, LostBeams | Quantised):
+        return normal_scores(noise.noise, reading, expected)
+    if isinstance(noise, Gaussian | RangeProportional):
+        with np.errstate(invalid="ignore"):
+            scores = (reading - expected) / np.sqrt(noise.variance(expected))
+    else:
+        below, above = noise.log_below(reading, expected), noise.log_above(reading, expected)
+        scores = np.where(below < above, ndtri_exp(below), -ndtri_exp(above))
+    return np.asarray(np.clip(scores, -LARGEST_SCORE, LARGEST_SCORE))
+
+
+def readings_at(noise: CumulativeNoise, scores: Array, expected: Array, rng: Generator) -> Array:
+    """The readings that have these normal scores, m; `rng` loses beams and nothing else. inf = no return."""
+    expected = np.asarray(expected, dtype=float)
+    if isinstance(noise, Biased):
+        return readings_at(noise.noise, scores, expected + noise.bias, rng)
+    if isinstance(noise, LostBeams):
+        kept = readings_at(noise.noise, scores, expected, rng)
+        return np.where(rng.random(expected.shape) < noise.probability, np.inf, kept)
+    if isinstance(noise, Quantised):
+        return np.asarray(np.round(readings_at(noise.noise, scores, expected, rng) / noise.step) * noise.step)
+    if isinstance(noise, Gaussian | RangeProportional):
+        return np.asarray(expected + np.sqrt(noise.variance(expected)) * scores)
+    return _by_halving(noise, scores, expected)
+
+
+def _by_halving(noise: CumulativeNoise, scores: Array, expected: Array) -> Array:
+    """Where the probability of lower readings is that of lower scores; inf where none is so probable."""
+    from scipy.special import log_ndtr
+
+    below = scores < 0
+    wanted = log_ndtr(np.where(below, scores, -scores))
+    low, high = np.full(expected.shape, -FARTHEST_M), np.full(expected.shape, FARTHEST_M)
+
+    def is_short(limit: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return np.where(
+                below, noise.log_below(limit, expected) < wanted, noise.log_above(limit, expected) > wanted
+            )
+
+    lost = is_short(high)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        short = is_short(middle)
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.where(lost, np.inf, high)
