@@ -33,7 +33,7 @@ class Believed:
         truth: The true pose, (3,); None where it is not known.
         residuals: Readings less what is expected at the mean, (B,), m; NaN where one of them is no range.
         seconds: Of processor time for the move, the update and the estimate.
-        image: What the belief looks like over the map, at the scans that were asked for.
+        image: What the belief looks like over the map, at the steps that were asked for.
     """
 
     step: Step
@@ -95,7 +95,7 @@ def replay(
         steps: The steps.
         truth: The true pose at a step.
         seed: Of the random numbers that the estimator draws.
-        shown: Numbers of scans after which the belief is kept as a picture.
+        shown: Numbers of steps, from 0, after which the belief is kept as a picture.
     """
     rngs = [random_stream(seed, PURPOSE, 0)]
     taken: list[Step] = []
@@ -114,7 +114,7 @@ def replay(
             yield step.control, step.measurement[None]
 
     began = process_time()
-    for verb, _, belief in filtered_stream(estimator, problem.prior, stream(), rngs):
+    for verb, number, belief in filtered_stream(estimator, problem.prior, stream(), rngs):
         if verb == "init":
             began, reading_s = process_time(), 0.0
         if verb != "update":
@@ -127,11 +127,11 @@ def replay(
             step,
             mean,
             np.asarray(estimate.covariance[0], dtype=float),
-            float(estimate.log_evidence[0]),
+            float(np.asarray(estimate.log_evidence)[0]),
             truth(step),
             residuals(problem, mean, step.measurement),
             seconds,
-            show_belief(estimator, belief, 0) if step.scan in shown else None,
+            show_belief(estimator, belief, 0) if number in shown else None,
         )
         yield believed
         if not believed.is_sound:
@@ -140,7 +140,7 @@ def replay(
 
 
 def residuals(problem: Problem, pose: Array, measurement: Array) -> Array:
-    """Readings less the ranges of the map at a pose, (B,), m; NaN where nothing returned or no wall is met."""
+    """Readings less the map's ranges at a pose, (B,), m; NaN where nothing returned or no wall is met."""
     if not np.isfinite(pose).all():
         return np.full(len(measurement), np.nan)
     expected = problem.sensor.expected(pose)

@@ -23,10 +23,14 @@ from ...filters import (
     pose_space,
 )
 from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.models.wrapped_noise import Biased, Tempered
+from ...maps import OccupancyMap
 from .log import LaserDescription
 
 UNLIMITED_M = 100.0  # the longest reading of a laser of which nobody says it
 DRIFT = (0.02, 0.02, 0.02, 0.02)  # alphas of `Odometry`: 14 % of a move, 14 % of a turn
+WIDE_STD_M = 0.1
+WEIGHT_OF_BEAMS = 0.25
 DRIFT_FLOOR = (0.005, 0.005, 0.005)  # m, m, rad to a step
 
 
@@ -77,14 +81,22 @@ class Start:
         return replace(self, pose=truth + stds * rng.standard_normal(3))
 
 
-def wide_noise(longest_m: float) -> BeamMixture:
+def wide_noise(longest_m: float, room: RangeMap) -> Tempered:
     """What is assumed of a laser that nobody has calibrated: wide, with beams that are lost or blocked.
 
-    A hit scatters by 0.1 m: walls of a grid map are a cell or two thick, and neighbouring beams err together.
-    One beam in ten meets something that the map does not hold, one in ten is lost, and one in ten reads
-    anything, so that no single beam can throw an estimate.
+    A hit scatters by 0.1 m, and about a wall half a cell behind the edge at which a grid map draws it. One
+    beam in ten meets something that the map does not hold, one in ten is lost, and one in ten reads anything,
+    so that no single beam can throw an estimate. Beams err together, by what the map has wrong: each weighs
+    as a quarter of an independent one.
+
+    Args:
+        longest_m: The longest reading.
+        room: The map.
     """
-    return BeamMixture(0.7, 0.1, 0.1, 0.1, 0.1, 1.0, longest_m)
+    bias = 0.5 * room.resolution if isinstance(room, OccupancyMap) else 0.0
+    return Tempered(
+        Biased(BeamMixture(0.7, 0.1, 0.1, 0.1, WIDE_STD_M, 1.0, longest_m), bias), WEIGHT_OF_BEAMS
+    )
 
 
 def problem_of(
@@ -101,7 +113,7 @@ def problem_of(
     """
     space = pose_space()
     longest = laser.range_max_m if np.isfinite(laser.range_max_m) else UNLIMITED_M
-    noise = wide_noise(longest) if assumptions.noise is None else assumptions.noise
+    noise = wide_noise(longest, room) if assumptions.noise is None else assumptions.noise
     sensor = Rangefinder(
         room,
         laser.bearings_rad[beams],
