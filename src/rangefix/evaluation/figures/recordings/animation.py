@@ -19,6 +19,7 @@ from .paths import BEAM, draw_estimate, draw_map, size_of, view
 MOST_FRAMES = 200
 FRAMES_PER_S = 10
 DPI = 80
+SCAN_MARGIN_M = 4.0  # about the path, where scans are seen
 
 
 def animate(name: str, trace: Trace, problem: Problem, path: Path) -> None:
@@ -35,7 +36,7 @@ def animate(name: str, trace: Trace, problem: Problem, path: Path) -> None:
     """
     writer = _writer(path)
     room, sensor = problem.sensor.room, problem.sensor
-    lower, upper = view(room, np.concatenate([trace.means[:, :2], trace.truths[:, :2]]))
+    lower, upper = view(room, np.concatenate([trace.means[:, :2], trace.truths[:, :2]]), SCAN_MARGIN_M)
     width, height = size_of(lower, upper)
     figure = Figure(figsize=(width * 0.8, height * 0.8))
     FigureCanvasAgg(figure)

@@ -15,7 +15,8 @@ from ...recordings.replay import Believed
 from ...recordings.trace import Trace
 from ..style import COLOURS, INK, label_positions
 
-HEIGHT = 5.5  # inches
+HEIGHT, WIDEST = 5.5, 11.0  # inches
+MOST_DRAWN = 1000  # walls that stay lines in files of lines; more are made pixels
 MARGIN_M = 1.0  # about the ways that were taken
 ELLIPSES = 40  # along a way
 LEVEL = 2.4477  # radius of an ellipse that holds a position in 95 % of Gaussian beliefs, in deviations
@@ -97,7 +98,9 @@ def draw_estimate(axes: Axes, believed: Believed) -> None:
 def draw_map(axes: Axes, room: RangeMap, lower: Array, upper: Array) -> None:
     """The walls of a map, in a box."""
     walls = np.asarray(room.segments).reshape(-1, 2, 2)
-    axes.add_collection(LineCollection(list(walls), colors="0.25", linewidths=0.8))
+    axes.add_collection(
+        LineCollection(list(walls), colors="0.25", linewidths=0.8, rasterized=len(walls) > MOST_DRAWN)
+    )
     axes.set_xlim(lower[0], upper[0])
     axes.set_ylim(lower[1], upper[1])
     label_positions(axes)
@@ -116,20 +119,21 @@ def draw_ellipses(axes: Axes, places: Array, covariances: Array, colour: str) ->
     )  # fmt: skip
 
 
-def view(room: RangeMap, points: Array) -> tuple[Array, Array]:
+def view(room: RangeMap, points: Array, margin_m: float = MARGIN_M) -> tuple[Array, Array]:
     """Corners of the part of a map in which points (N, 2) lie, with a margin, (2,) each."""
     known = points[np.isfinite(points).all(axis=1)]
     lower, upper = room.bounds
     if not len(known):
         return lower, upper
-    low, high = known.min(axis=0) - MARGIN_M, known.max(axis=0) + MARGIN_M
+    low, high = known.min(axis=0) - margin_m, known.max(axis=0) + margin_m
     return np.maximum(low, lower - MARGIN_M), np.minimum(high, upper + MARGIN_M)
 
 
 def size_of(lower: Array, upper: Array) -> tuple[float, float]:
     """Width and height of a figure of a box, inches."""
-    shape = float(np.clip((upper - lower)[0] / max((upper - lower)[1], 1e-9), 0.4, 2.6))
-    return HEIGHT * shape + 0.9, HEIGHT + 0.9
+    shape = float(np.clip((upper - lower)[0] / max((upper - lower)[1], 1e-9), 0.4, 8.0))
+    width = min(HEIGHT * shape, WIDEST)
+    return width + 0.9, width / shape + 0.9
 
 
 def _broken(way: Array) -> Array:
