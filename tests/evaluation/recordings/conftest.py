@@ -15,7 +15,7 @@ from rangefix.filters import Gaussian, Mount, Rangefinder, pose_space
 from rangefix.maps import FloorPlan
 
 ROOM = FloorPlan([[0, 0], [6, 0], [6, 4], [3, 4], [3, 5], [0, 5]], walls=[[2.0, 0.0, 2.0, 1.5]])
-ROOM_TOML = "outer_m = [[0, 0], [6, 0], [6, 4], [3, 4], [3, 5], [0, 5]]\nwalls_m = [[2.0, 0.0, 2.0, 1.5]]\n"
+ROOM_TOML = "outer = [[0, 0], [6, 0], [6, 4], [3, 4], [3, 5], [0, 5]]\nwalls = [[2.0, 0.0, 2.0, 1.5]]\n"
 ANGLES = np.deg2rad(np.arange(-120.0, 121.0, 6.0))  # counter-clockwise, as ROS counts
 MOUNT = Mount(forward=0.2, left=-0.1, yaw=0.3)
 
