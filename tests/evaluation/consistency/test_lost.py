@@ -76,7 +76,7 @@ def test_false_alarms_are_no_more_than_stated() -> None:
 @pytest.mark.parametrize("window", [1, 5])
 @pytest.mark.parametrize("stated", [0.05, 0.01, 0.001])
 def test_false_alarms_of_200_drives_are_no_more_than_stated(window: int, stated: float) -> None:
-    """The same for 200 drives of 30 scans; at 1 in 1000 a handful of scans decides, hence an error at least."""
+    """The same for 200 drives of 30 scans; at 1 in 1000 a handful of scans decides, so an error is set."""
     share, error = share_of_alarms(fits(LostTest(rangefinder(SHARED), stated, window), 200, 30))
     assert share < stated + 3.7 * max(error, stated / np.sqrt(200 * stated * 30) if stated < 0.01 else error)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, BoolArray
 from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian, RangeProportional
 from .wrapped_noise import Biased, LostBeams
@@ -64,7 +64,7 @@ def _by_halving(noise: CumulativeNoise, scores: Array, expected: Array) -> Array
     lower = scores < 0  # of the two tails, the one that has digits
     readings = np.empty(expected.shape)
     for side in (lower, ~lower):
-        readings[side] = _quantiles(noise, scores[side], expected[side], bool(side is lower))
+        readings[side] = _quantiles(noise, scores[side], expected[side], side is lower)
     return readings
 
 
@@ -74,13 +74,11 @@ def _quantiles(noise: CumulativeNoise, scores: Array, expected: Array, lower: bo
 
     wanted = log_ndtr(scores if lower else -scores)
 
-    def is_short(limit: Array) -> Array:
+    def is_short(limit: Array) -> BoolArray:
         with np.errstate(divide="ignore"):
-            return np.asarray(
-                noise.log_below(limit, expected) < wanted
-                if lower
-                else noise.log_above(limit, expected) > wanted
-            )
+            if lower:
+                return np.asarray(noise.log_below(limit, expected) < wanted)
+            return np.asarray(noise.log_above(limit, expected) > wanted)
 
     centre = np.where(np.isfinite(expected), expected, 0.0)
     reach = FIRST_REACH * np.sqrt(noise.variance(expected))
