@@ -18,6 +18,7 @@ from .. import __version__
 from ..errors import printable
 from .app import Command, ExitCode, Stopped, app, say, warn
 from .bounds import bounds
+from .calibrate import calibrate
 from .check import check
 from .estimators import estimators
 from .map_accuracy import map_accuracy
@@ -34,7 +35,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Results": (report, plot, table, compare),
     "Estimators and maps": (estimators, check, map_, ranges),
     "Bounds and planning": (bounds, plan, map_accuracy),
-    "Recordings": (replay,),
+    "Recordings": (replay, calibrate),
     "The paper": (paper,),
 }
 

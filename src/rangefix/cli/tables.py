@@ -67,6 +67,7 @@ def table1_notes(paper: Paper) -> list[str]:
     ]
 
 
+IMPROBABLE = "share_improbable"  # which stands in tables of any width, where it is not zero
 UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
 
 
@@ -135,8 +136,12 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: str) -> T
     """One table of a study in a layout: verdicts, standard deviations, or all."""
     names = rows[0].names if part != "verdicts" else ()
     shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
-    figures = [figure for figure in shown if figure[0].honest is not None or layout.extras]
-    figures = [] if part == "deviations" else figures
+    figures = [
+        figure
+        for figure in shown
+        if figure[0].honest is not None or layout.extras or figure[0].name == IMPROBABLE
+    ]
+    figures = [] if part == "deviations" else [figure for figure in figures if _is_told(figure[0], rows)]
     columns = ["\nestimator"]
     columns += [] if part == "deviations" else [f"ok of\n{rows[0].planned}"]
     columns += _std_headings(names, "true / claimed")
@@ -160,6 +165,11 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: str) -> T
             table.add_row(*cells, style="bold red" if verdict.overconfident else "")
         table.add_section()
     return table
+
+
+def _is_told(metric: Metric, rows: Sequence[Row]) -> bool:
+    """Whether a figure has a column: that of improbable measurements only where there are any."""
+    return metric.name != IMPROBABLE or any(row.improbable.value > 0 for row in rows)
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:

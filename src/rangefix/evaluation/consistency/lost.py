@@ -24,7 +24,7 @@ from numpy.polynomial import hermite_e
 from scipy.special import gammainccinv, ndtr, ndtri
 
 from ...arrays import Array, IntArray
-from ...filters import Sensor
+from ...filters import Noise, Sensor
 from ...filters.models.correlated import shared_errors
 from ...filters.models.noise import log_below
 from ...filters.models.wrapped_noise import Tempered
@@ -62,11 +62,14 @@ class Fit:
 class LostTest:
     """Whether readings fit the map, scan by scan, with a stated share of false alarms.
 
-    Args: sensor: The rangefinder and its map. Errors that beams share count as its noise tells them; a noise
-        with a weight is taken to have that many independent beams. false_alarms: Share of the scans that
-        raise an alarm under the right map, at most. window: Scans whose misfits are averaged; one odd scan
-        raises no alarm. independent_beams: How many independent beams a scan is worth to the misfit, instead
-        of what the noise tells.
+    Args:
+        sensor: The rangefinder and its map.
+        false_alarms: Share of the scans that raise an alarm under the right map, at most.
+        window: Scans whose misfits are averaged; one odd scan raises no alarm.
+        law: How readings scatter, where the sensor's noise is a stand-in for it: with errors that beams
+            share, as `rangefix calibrate` finds them. Without it a weight w of the sensor's
+            noise is taken for a correlation of all beams alike, r = (1 / w - 1) / (B - 1), which raises the
+            threshold.
 
     Raises:
         ValueError: If a number is out of bounds.
@@ -75,22 +78,21 @@ class LostTest:
     sensor: Sensor
     false_alarms: float = FALSE_ALARMS
     window: int = WINDOW
-    independent_beams: float | None = None
+    law: Noise | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.false_alarms < 1:
             raise ValueError(f"the share of false alarms must be in (0, 1), got {self.false_alarms!r}")
         if self.window < 1:
             raise ValueError(f"the window must be at least one scan, got {self.window!r}")
-        if self.independent_beams is not None and not self.independent_beams > 0:
-            raise ValueError(f"independent beams must be positive, got {self.independent_beams!r}")
 
     def follow(self, steps: Iterable[tuple[Array, Array]]) -> Iterator[Fit]:
         """The fit after each scan of a drive.
 
-        Args: steps: Readings (B,), m, and states drawn from the belief about where they were taken, (K, n):
-            before they were taken in or after. For a pose from elsewhere: draws from its covariance, or the
-            pose alone.
+        Args:
+            steps: Readings (B,), m, and states drawn from the belief about where they were taken, (K, n),
+                before they were taken in or after. For a pose from elsewhere: draws from its covariance, or
+                the pose alone.
 
         Yields:
             The misfit over the last `window` scans, and its threshold.
@@ -109,7 +111,7 @@ class LostTest:
     def one_scan(self, reading: Array, states: Array) -> Fit:
         """The fit of one scan by itself: readings (B,), states (K, n)."""
         reading = np.asarray(reading, dtype=float)
-        scores = predictive_scores(self.sensor, reading, states)
+        scores = predictive_scores(self.sensor, reading, states, self.law)
         counted = np.flatnonzero(np.isfinite(scores))
         if not counted.size:
             return Fit(np.nan, np.inf, 0)
@@ -123,31 +125,32 @@ class LostTest:
 
     def _variance(self, reading: Array, counted: IntArray) -> float:
         """Variance of the misfit of one scan under the right map."""
-        beams = len(counted)
-        if self.independent_beams is not None:
-            return _SQUARE.variance / min(self.independent_beams, beams)
-        noise = self.sensor.noise
+        noise, beams = self.sensor.noise if self.law is None else self.law, len(counted)
         shared, _ = shared_errors(noise)
         if shared is None:
-            return _SQUARE.variance / (beams * (noise.weight if isinstance(noise, Tempered) else 1.0))
+            weight = noise.weight if isinstance(noise, Tempered) else 1.0
+            alike = np.array(min(1.0, (1 / weight - 1) / max(1, beams - 1)))
+            return (_SQUARE.variance + (beams - 1) * float(_SQUARE.covariance(alike))) / beams
         length = np.where(np.isfinite(reading), reading, min(self.sensor.max_range, FAR_M))[counted, None]
         bearings = self.sensor.bearings[counted]
         ends = length * np.column_stack([np.sin(bearings), np.cos(bearings)])
         return float(_SQUARE.covariance(shared.correlation(counted, ends)).mean())
 
 
-def predictive_scores(sensor: Sensor, reading: Array, states: Array) -> Array:
+def predictive_scores(sensor: Sensor, reading: Array, states: Array, law: Noise | None = None) -> Array:
     """Normal scores of readings by their predictive law, the mean over states.
 
     Args:
-        sensor: The rangefinder; of a noise with a weight, the noise without it counts.
+        sensor: The rangefinder.
         reading: (B,), m; NaN = not measured, inf = no return, -inf = too close.
         states: Draws from what is believed, (K, n).
+        law: How readings scatter; the sensor's noise, without its weight, unless given.
 
     Returns:
         (B,); NaN where nothing was measured. A missing return has the score in the middle of its probability.
     """
-    noise = sensor.noise.noise if isinstance(sensor.noise, Tempered) else sensor.noise
+    noise = sensor.noise if law is None else law
+    noise = noise.noise if isinstance(noise, Tempered) else noise
     expected = np.asarray(sensor.expected(np.atleast_2d(np.asarray(states, dtype=float))))
     silent, close = np.isposinf(reading), np.isneginf(reading)
     limit = np.where(silent, sensor.max_range, np.where(close, sensor.min_range, reading))

@@ -152,9 +152,11 @@ class Correlated:
     def sample_scans(self, expected: Array, ends: Array, rng: Generator) -> Array:
         """Consecutive scans of one drive, drawn together.
 
-        Args: expected: Ranges without noise, (T, B), m; inf = no wall. ends: Where beams meet walls, in one
-            frame for all scans, (T, B, 2), m; of beams that meet none, anywhere. rng: The only source of
-            chance.
+        Args:
+            expected: Ranges without noise, (T, B), m; inf = no wall.
+            ends: Where beams meet walls, in one frame for all scans, (T, B, 2), m; anywhere for those that
+                meet none.
+            rng: The only source of chance.
 
         Returns:
             Readings (T, B), m; inf = no return.

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, BoolArray
 from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian, RangeProportional
 from .wrapped_noise import Biased, LostBeams
 
 LARGEST_SCORE = 37.0  # beyond it a normal number's probability has no digits
-HALVINGS = 80
-FARTHEST_M = 1e7
+FIRST_REACH = 4.0  # deviations, within which a reading is looked for first
+PRECISION_M = 1e-9
+FARTHEST_M = 1e4
 
 
 def normal_scores(noise: CumulativeNoise, reading: Array, expected: Array) -> Array:
@@ -60,20 +61,34 @@ def readings_at(noise: CumulativeNoise, scores: Array, expected: Array, rng: Gen
 
 def _by_halving(noise: CumulativeNoise, scores: Array, expected: Array) -> Array:
     """Where the probability of lower readings is that of lower scores; inf where none is so probable."""
+    lower = scores < 0  # of the two tails, the one that has digits
+    readings = np.empty(expected.shape)
+    for side in (lower, ~lower):
+        readings[side] = _quantiles(noise, scores[side], expected[side], side is lower)
+    return readings
+
+
+def _quantiles(noise: CumulativeNoise, scores: Array, expected: Array, lower: bool) -> Array:
+    """The same for scores on one side, (K,), (K,) -> (K,)."""
     from scipy.special import log_ndtr
 
-    below = scores < 0
-    wanted = log_ndtr(np.where(below, scores, -scores))
-    low, high = np.full(expected.shape, -FARTHEST_M), np.full(expected.shape, FARTHEST_M)
+    wanted = log_ndtr(scores if lower else -scores)
 
-    def is_short(limit: Array) -> Array:
+    def is_short(limit: Array) -> BoolArray:
         with np.errstate(divide="ignore"):
-            return np.where(
-                below, noise.log_below(limit, expected) < wanted, noise.log_above(limit, expected) > wanted
-            )
+            if lower:
+                return np.asarray(noise.log_below(limit, expected) < wanted)
+            return np.asarray(noise.log_above(limit, expected) > wanted)
 
+    centre = np.where(np.isfinite(expected), expected, 0.0)
+    reach = FIRST_REACH * np.sqrt(noise.variance(expected))
+    low, high = centre - reach, centre + reach
+    while (outside := ~is_short(low) & (low > -FARTHEST_M)).any():
+        low = np.where(outside, centre - 4 * (centre - low), low)
+    while (outside := is_short(high) & (high < FARTHEST_M)).any():
+        high = np.where(outside, centre + 4 * (high - centre), high)
     lost = is_short(high)
-    for _ in range(HALVINGS):
+    while ((high - low)[~lost] > PRECISION_M).any():
         middle = 0.5 * (low + high)
         short = is_short(middle)
         low, high = np.where(short, middle, low), np.where(short, high, middle)

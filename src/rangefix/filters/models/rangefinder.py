@@ -249,7 +249,7 @@ class Rangefinder:
         if shared is None:
             return self._limited(self.noise.sample(expected, rng))
         scans = np.reshape(expected, (-1, 1, len(self.bearings)))
-        drawn = [shared.sample_scans(scan, self._ends(np.zeros((1, 3)), scan), rng) for scan in scans]
+        drawn = [shared.sample_scans(scan, self.ends(np.zeros((1, 3)), scan), rng) for scan in scans]
         return self._limited(np.reshape(drawn, np.shape(expected)))
 
     def read_each(self, expected: Array, rngs: Sequence[Generator], states: Array | None = None) -> Array:
@@ -261,7 +261,7 @@ class Rangefinder:
         noise = self.noise
         shared, _ = shared_errors(noise)
         if shared is not None and states is not None:
-            ends = self._ends(self.space.poses(states), expected)
+            ends = self.ends(self.mount.laser_poses(self.space.poses(states)), expected)
             return self._limited(
                 np.array([shared.sample_scans(*run) for run in zip(expected, ends, rngs, strict=True)])
             )
@@ -270,8 +270,11 @@ class Rangefinder:
         pairs = zip(expected, rngs, strict=True)
         return np.array([[self.read(step, rng) for step in steps] for steps, rng in pairs])
 
-    def _ends(self, poses: Array, expected: Array) -> Array:
-        """Where beams meet walls, m: (..., 3), (..., B) -> (..., B, 2); the pose where they meet none."""
+    def ends(self, poses: Array, expected: Array) -> Array:
+        """Where beams from poses of the laser meet walls, m: (..., 3), (..., B) -> (..., B, 2).
+
+        A beam that meets no wall ends where it begins.
+        """
         angles = poses[..., 2:] + self.bearings
         ways = np.stack([np.sin(angles), np.cos(angles)], axis=-1)
         return np.asarray(
