@@ -121,10 +121,14 @@ filters.problem
 filters.space
 maps
 maps.readers
-maps.mesh maps.floor_plan maps.rectangle maps.occupancy
+maps.describe
+maps.mesh
+maps.floor_plan maps.rectangle maps.occupancy
 maps.free_space
-maps.mesh_files maps.walls maps.grid_walls maps.polygon
-maps._open3d maps.base maps.mesh_text maps.grid_kernels
+maps.mesh_files maps.walls maps.grid_walls maps.centre_lines
+maps.mesh_formats
+maps.polygon
+maps._open3d maps.base maps.grid_kernels
 raster extensions compiled
 arrays errors rangefix
 """

@@ -30,7 +30,7 @@ def step_by_step(room: OccupancyMap, pose: np.ndarray, bearing: float) -> float:
     cosine, sine = np.cos(room.yaw), np.sin(room.yaw)
     i = np.floor((cosine * x1 + sine * x2) / room.resolution).astype(int)
     j = np.floor((cosine * x2 - sine * x1) / room.resolution).astype(int)
-    walls = room._walls.cells[1:-1, 1:-1]
+    walls = room._grid.cells[1:-1, 1:-1]
     inside = (i >= 0) & (i < walls.shape[0]) & (j >= 0) & (j < walls.shape[1])
     met = inside & walls[np.where(inside, i, 0), np.where(inside, j, 0)]
     return float(along[met.argmax()]) if met.any() else np.inf

@@ -22,7 +22,7 @@ from .calibrate import calibrate
 from .check import check
 from .estimators import estimators
 from .map_accuracy import map_accuracy
-from .maps import RangesCommand, ranges
+from .maps import RangesCommand, map_, ranges
 from .plan import plan
 from .results import compare, paper, plot, report, table
 from .run import run
@@ -32,7 +32,7 @@ AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
-    "Estimators and maps": (estimators, check, ranges),
+    "Estimators and maps": (estimators, check, map_, ranges),
     "Recordings": (calibrate,),
     "Bounds and planning": (bounds, plan, map_accuracy),
     "The paper": (paper,),
@@ -40,7 +40,12 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
 
 for group, commands in GROUPS.items():
     for command in commands:
-        app.command(cls=RangesCommand if command is ranges else Command, rich_help_panel=group)(command)
+        made = app.command(
+            "map" if command is map_ else None,
+            cls=RangesCommand if command is ranges else Command,
+            rich_help_panel=group,
+        )
+        made(command)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

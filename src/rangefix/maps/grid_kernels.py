@@ -1,4 +1,4 @@
-"""Compiled rays through a grid of cells, exact along the cells' edges, over empty cells in leaps."""
+"""Compiled loops over a grid of cells: rays that end on the cells' edges, and the surface below each cell."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array, BoolArray, IntArray
 from ..compiled import njit
 
 
@@ -102,3 +102,41 @@ def cast_into_cells(
                     break
             if len(axes):
                 axes[place, beam] = axis
+
+
+@njit(cache=True, nogil=True)
+def surface_below(
+    vertices: Array, triangles: IntArray, height: float, lower: Array, step: float, found: Array
+) -> None:
+    """The highest point of triangles straight below the centres of cells, of those not above a height.
+
+    Args:
+        vertices: x1, x2, z, (V, 3).
+        triangles: Indices of vertices, (T, 3).
+        height: From which to look down.
+        lower: Corner of the cells, (2,).
+        step: Size of a cell.
+        found: Gets the heights, (n1, n2); where nothing lies below it is left as it is.
+    """
+    n1, n2 = found.shape
+    for triangle in range(len(triangles)):
+        a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
+        if min(vertices[a, 2], vertices[b, 2], vertices[c, 2]) > height:
+            continue
+        xa, ya = (vertices[a, 0] - lower[0]) / step - 0.5, (vertices[a, 1] - lower[1]) / step - 0.5
+        xb, yb = (vertices[b, 0] - lower[0]) / step - 0.5, (vertices[b, 1] - lower[1]) / step - 0.5
+        xc, yc = (vertices[c, 0] - lower[0]) / step - 0.5, (vertices[c, 1] - lower[1]) / step - 0.5
+        area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
+        if abs(area) < 1e-12:  # upright
+            continue
+        first_i, last_i = math.ceil(min(xa, xb, xc)), math.floor(max(xa, xb, xc))
+        first_j, last_j = math.ceil(min(ya, yb, yc)), math.floor(max(ya, yb, yc))
+        for i in range(max(first_i, 0), min(last_i, n1 - 1) + 1):
+            for j in range(max(first_j, 0), min(last_j, n2 - 1) + 1):
+                at_b = ((i - xa) * (yc - ya) - (xc - xa) * (j - ya)) / area
+                at_c = ((xb - xa) * (j - ya) - (i - xa) * (yb - ya)) / area
+                if at_b >= -1e-9 and at_c >= -1e-9 and at_b + at_c <= 1.0 + 1e-9:
+                    z = vertices[a, 2] + at_b * (vertices[b, 2] - vertices[a, 2])
+                    z += at_c * (vertices[c, 2] - vertices[a, 2])
+                    if z <= height and z > found[i, j]:
+                        found[i, j] = z

@@ -10,12 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, BoolArray
 from .base import MapError, check_points
+from .centre_lines import centre_lines
 from .grid_walls import GridWalls
-from .walls import InWalls
+from .walls import InWalls, Walls
 
 FREE, WALL, UNKNOWN = 0, 1, 2
 Unknown = Literal["excluded", "free", "wall"]
 UNKNOWNS: tuple[Unknown, ...] = ("excluded", "free", "wall")
+WallLines = Literal["edges", "centre"]
+WALL_LINES: tuple[WallLines, ...] = ("edges", "centre")
 
 
 class OccupancyMap(InWalls):
@@ -31,6 +34,8 @@ class OccupancyMap(InWalls):
         origin: Where the outer corner of the cell [0, 0] lies in the map, x1, x2, m.
         yaw: By how much the grid is turned about that corner, rad counter-clockwise, as ROS counts.
         unknown: What unknown cells are: "excluded", where nobody is and beams pass; "free"; or "wall".
+        wall_lines: Where beams end: at the "edges" of wall cells, or at the "centre" lines of walls of up to
+            five cells. A thin wall that is drawn some cells thick is met half of that too early at its edges.
         reachable_from: A point (x1, x2) of the free area that is meant, m; the largest one unless given.
         name: What error messages call the map.
 
@@ -46,6 +51,7 @@ class OccupancyMap(InWalls):
         yaw: float = 0.0,
         *,
         unknown: Unknown = "excluded",
+        wall_lines: WallLines = "edges",
         reachable_from: ArrayLike | None = None,
         name: str = "occupancy map",
     ) -> None:
@@ -67,7 +73,16 @@ class OccupancyMap(InWalls):
             raise MapError(f"{name}: no {what} cell among {cells.size}; look at its thresholds and `negate`")
         self.unknown: Unknown = unknown
         self.share_unknown = float(np.mean(cells == UNKNOWN))
-        self._walls: GridWalls = GridWalls(walls, corner, float(resolution), float(yaw))
+        if wall_lines not in WALL_LINES:
+            raise MapError(f"{name}: wall_lines are {' or '.join(WALL_LINES)}, not {wall_lines!r}")
+        self.wall_lines: WallLines = wall_lines
+        self._grid = GridWalls(walls, corner, float(resolution), float(yaw))
+        self._walls: GridWalls | Walls = self._grid
+        if wall_lines == "centre":
+            lines, blocks = centre_lines(walls)
+            lines = self._grid.to_map(lines.reshape(-1, 2)).reshape(-1, 4)
+            edges = GridWalls(blocks, corner, float(resolution), float(yaw)).segments
+            self._walls = Walls(np.concatenate([lines, edges]))
         parts, count = ndimage.label(open_)
         sizes = np.bincount(parts.ravel(), minlength=count + 1)
         sizes[0] = 0
@@ -80,17 +95,17 @@ class OccupancyMap(InWalls):
     @property
     def resolution(self) -> float:
         """Size of a cell, m."""
-        return self._walls.resolution
+        return self._grid.resolution
 
     @property
     def origin(self) -> Array:
         """Where the grid's corner lies in the map, m, (2,)."""
-        return self._walls.origin
+        return self._grid.origin
 
     @property
     def yaw(self) -> float:
         """By how much the grid is turned about its corner, rad counter-clockwise."""
-        return self._walls.yaw
+        return self._grid.yaw
 
     @property
     def free_cells(self) -> BoolArray:
@@ -107,13 +122,13 @@ class OccupancyMap(InWalls):
         """Lower and upper corner of the box about the free area, m, each (2,)."""
         rows, columns = (np.flatnonzero(self._free.any(axis)) for axis in (1, 0))
         ends = [(x, y) for x in (rows[0], rows[-1] + 1) for y in (columns[0], columns[-1] + 1)]
-        corners = self._walls.to_map(np.array(ends, dtype=np.float64))
+        corners = self._grid.to_map(np.array(ends, dtype=np.float64))
         return corners.min(axis=0), corners.max(axis=0)
 
     def is_free(self, points: ArrayLike) -> BoolArray:
         """Whether points are in cells of the free area: (..., 2) -> (...)."""
         points = check_points(points)
-        place = np.nan_to_num(self._walls.to_cells(points), nan=-1.0)
+        place = np.nan_to_num(self._grid.to_cells(points), nan=-1.0)
         index = np.floor(np.clip(place, -1.0, np.array(self._free.shape, dtype=np.float64))).astype(np.int64)
         inside = ((index >= 0) & (index < self._free.shape)).all(-1)
         index[~inside] = 0
@@ -124,7 +139,7 @@ class OccupancyMap(InWalls):
         place = np.array(point, dtype=np.float64)
         if place.shape != (2,) or not np.isfinite(place).all():
             raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {point!r}")
-        index = np.floor(self._walls.to_cells(place))
+        index = np.floor(self._grid.to_cells(place))
         if (
             (index >= 0).all()
             and (index < parts.shape).all()
@@ -143,9 +158,10 @@ class OccupancyMap(InWalls):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, OccupancyMap):
             return NotImplemented
-        one, two = self._walls, other._walls
+        one, two = self._grid, other._grid
         same = one.resolution == two.resolution and one.yaw == two.yaw
         same = same and np.array_equal(one.origin, two.origin) and np.array_equal(one.cells, two.cells)
+        same = same and self.wall_lines == other.wall_lines
         return same and np.array_equal(self._free, other._free)
 
     def __hash__(self) -> int:

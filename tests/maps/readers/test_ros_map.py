@@ -81,7 +81,7 @@ def states(room: OccupancyMap, shades) -> list[str]:
     """What the cells of the row are."""
     x = (np.arange(len(shades)) + 1.5) * 0.5
     free = room.is_free(np.column_stack([x, np.full(len(x), 1.25)]))
-    walls = room._walls.cells[1:-1, 1:-1][1 : 1 + len(shades), 2]
+    walls = room._grid.cells[1:-1, 1:-1][1 : 1 + len(shades), 2]
     return ["free" if f else "wall" if w else "unknown" for f, w in zip(free, walls, strict=True)]
 
 

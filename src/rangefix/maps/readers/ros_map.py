@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arrays import Array, BoolArray
 from ...errors import one_line
 from ..base import MapError
-from ..occupancy import FREE, UNKNOWN, WALL, OccupancyMap, Unknown
+from ..occupancy import FREE, UNKNOWN, WALL, OccupancyMap, Unknown, WallLines
 
 YAMLS = (".yaml", ".yml")
 MOST_BYTES = 1 << 20  # of the .yaml
@@ -50,6 +50,7 @@ def read_ros_map(
     path: Path,
     *,
     unknown: Unknown = "excluded",
+    wall_lines: WallLines = "edges",
     reachable_from: ArrayLike | None = None,
     memory_gb: float = 2.0,
     image_anywhere: bool = False,
@@ -60,7 +61,7 @@ def read_ros_map(
 
     Args:
         path: The .yaml.
-        unknown: What unknown cells are; see `OccupancyMap`.
+        unknown, wall_lines: What unknown cells are, and where beams end; see `OccupancyMap`.
         reachable_from: A point of the free area that is meant, m.
         memory_gb: The most memory that the image may take while it is read.
         image_anywhere: Whether the image may lie outside the folder of the .yaml.
@@ -79,6 +80,7 @@ def read_ros_map(
         told.origin[:2],
         told.origin[2],
         unknown=unknown,
+        wall_lines=wall_lines,
         reachable_from=reachable_from,
         name=str(path),
     )
