@@ -103,7 +103,7 @@ evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
 evaluation.figures evaluation.trials
-evaluation.planning evaluation.bounds
+evaluation.planning evaluation.bounds evaluation.recordings
 evaluation.comparison
 evaluation.consistency
 evaluation.results evaluation.study

@@ -24,6 +24,7 @@ from .estimators import estimators
 from .map_accuracy import map_accuracy
 from .maps import RangesCommand, map_, ranges
 from .plan import plan
+from .replay import replay
 from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
@@ -33,8 +34,8 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
     "Estimators and maps": (estimators, check, map_, ranges),
-    "Recordings": (calibrate,),
     "Bounds and planning": (bounds, plan, map_accuracy),
+    "Recordings": (replay, calibrate),
     "The paper": (paper,),
 }
 

@@ -66,7 +66,7 @@ class Step:
     """A scan as filters take it.
 
     Attributes:
-        scan: Its number in the recording, from 0.
+        scan: Its number in the recording, from 1.
         time_s: When it was taken.
         control: Forward, right (m), turn (rad) by odometry since the last step, (3,); None for the first one.
         measurement: Ranges of the chosen beams, (B,), m.
@@ -94,7 +94,7 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
     counts: Counter[str] = Counter() if tally is None else tally
     laser = log.sensor
     places, before, some = choice.places(laser), None, False
-    for number, scan in enumerate(log.scans(counts)):
+    for number, scan in enumerate(log.scans(counts), start=1):
         if scan.odometry is None:
             counts[WITHOUT_ODOMETRY] += 1
             continue

@@ -40,7 +40,7 @@ class Track:
         self._asked = time
         while (not self._times or self._times[-1] < time) and self._read():
             pass
-        while len(self._times) > 1 and self._times[1] < time - KEPT_S:
+        while len(self._times) > 1 and self._times[1] < min(time, self._times[-1]) - KEPT_S:
             self._times.popleft()
             self._known.popleft()
         return self._interpolated(time)

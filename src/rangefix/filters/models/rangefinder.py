@@ -16,6 +16,7 @@ from ..problem import Noise, RangeMap
 from ..space import StateSpace
 from .correlated import Correlated, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
+from .noise_of_beams import noise_of_beams
 from .wrapped_noise import wider_gaussian
 
 RIGHT_ANGLE = 0.5 * np.pi
@@ -199,7 +200,11 @@ class Rangefinder:
         with np.errstate(over="ignore"):  # readings that are far off
             terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
         terms = np.where(possible, terms, -np.inf)
-        if silent.any():
+        if silent.ndim == 1 and silent.any():  # one scan at many states: only its beams that did not return
+            kept = np.flatnonzero(silent)
+            noise = noise_of_beams(self.noise, kept, len(silent))
+            terms[..., kept] = noise.log_above(np.asarray(self.max_range), expected[..., kept])
+        elif silent.any():
             terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
         if close.any() and self.min_range:
             near = np.maximum(expected, 0.0)  # -inf expects itself where a perfect fit is asked for

@@ -234,12 +234,16 @@ class SensorSection(Section):
             return np.asarray(np.deg2rad(self.bearings_deg or []))
         return sweep(np.deg2rad(self.resolution_deg), np.deg2rad(self.blind_sector_deg))
 
+    def build_noise(self) -> Noise:
+        """How readings scatter."""
+        return self.noise.build() if self.noise else Gaussian(self.std_m or 0.0)
+
     def build(self, room: RangeMap, space: StateSpace) -> Rangefinder:
         """The rangefinder in a map."""
         return Rangefinder(
             room,
             self.bearings,
-            self.noise.build() if self.noise else Gaussian(self.std_m or 0.0),
+            self.build_noise(),
             space,
             blind_sector=float(np.deg2rad(self.blind_sector_deg)),
             min_range=self.min_range_m,
