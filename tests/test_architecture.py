@@ -118,7 +118,7 @@ filters.models filters.images
 filters.estimator filters.sampling filters.plugin_line filters.option_units
 filters.measurement filters.optional_methods filters.estimate
 filters.problem
-filters.space
+filters.space filters.mount
 maps
 maps.readers
 maps.describe

@@ -18,13 +18,13 @@ from .. import __version__
 from ..errors import printable
 from .app import Command, ExitCode, Stopped, app, say, warn
 from .bounds import bounds
-from .calibrate import calibrate
 from .check import check
 from .estimators import estimators
 from .map_accuracy import map_accuracy
 from .maps import RangesCommand, map_, ranges
 from .plan import plan
-from .replay import replay
+from .recordings.calibrate import calibrate
+from .recordings.replay import replay
 from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.evaluation.recordings.clock import BACK, JUMPS, REPEATED, TWICE
 from rangefix.evaluation.recordings.log import RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.options import ReadingOptions
+from rangefix.evaluation.recordings.readers.clock import BACK, JUMPS, REPEATED, TWICE
 from rangefix.filters import Gaussian, Rangefinder, pose_space
 
 from .conftest import MOUNT, ROOM, drive, write_carmen

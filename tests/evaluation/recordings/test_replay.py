@@ -17,11 +17,11 @@ from rangefix.cli import main
 from rangefix.evaluation.recordings.log import LaserDescription
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import in_ros
+from rangefix.evaluation.recordings.readers.tum import tum_line
 from rangefix.evaluation.recordings.replay import odometry_is_true, replay
 from rangefix.evaluation.recordings.score import Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
 from rangefix.evaluation.recordings.steps import STILL, WITHOUT_ODOMETRY, Choice, steps, survey
-from rangefix.evaluation.recordings.tum import tum_line
 from rangefix.filters import Gaussian, build, pose_space
 
 from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at

@@ -14,7 +14,7 @@ from rangefix.arrays import wrap
 from rangefix.evaluation.recordings.log import RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.options import ReadingOptions
-from rangefix.evaluation.recordings.rosbag import RosbagLog
+from rangefix.evaluation.recordings.readers.rosbag import RosbagLog
 from rangefix.filters import Mount
 
 from .conftest import ANGLES, MOUNT, Bag, drive, in_ros, ranges_at

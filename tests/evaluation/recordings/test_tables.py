@@ -12,9 +12,9 @@ import pytest
 from rangefix.arrays import Array, wrap
 from rangefix.evaluation.recordings.log import LaserDescription, RecordingError, Scan, motion_between
 from rangefix.evaluation.recordings.open_log import open_log
-from rangefix.evaluation.recordings.sweeps import onto_beams, without_motion
-from rangefix.evaluation.recordings.track import Track
-from rangefix.evaluation.recordings.tum import read_tum, tum_line
+from rangefix.evaluation.recordings.readers.sweeps import onto_beams, without_motion
+from rangefix.evaluation.recordings.readers.track import Track
+from rangefix.evaluation.recordings.readers.tum import read_tum, tum_line
 from rangefix.filters import Gaussian, Odometry, Rangefinder, pose_space
 
 from .conftest import ANGLES, MOUNT, ROOM, drive, ranges_at

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .carmen import CarmenLog
 from .log import Log, RecordingError
 from .options import SAYS_ALL, ReadingOptions
-from .rosbag import RosbagLog
-from .table import ArrayLog, TableLog
+from .readers.carmen import CarmenLog
+from .readers.rosbag import RosbagLog
+from .readers.table import ArrayLog, TableLog
 
 BAGS = (b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3")
 ARCHIVE = b"PK\x03\x04"

@@ -13,9 +13,9 @@ import numpy as np
 from ...arrays import Array
 from ...filters import StateSpace
 from .log import RecordingError, heading_of
+from .readers.rosbag_file import MISSING
+from .readers.tum import tum_line
 from .replay import Believed
-from .rosbag_file import MISSING
-from .tum import tum_line
 
 BAGS = ("bag", "db3", "mcap")
 FRAME = "map"

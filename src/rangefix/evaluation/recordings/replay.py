@@ -14,8 +14,8 @@ from ...filters import Estimator, Problem
 from ...filters.estimator import filtered_stream
 from ...filters.optional_methods import Image, show_belief
 from ..seeds import stream as random_stream
+from .readers.track import Track
 from .steps import Step
-from .track import Track
 
 PURPOSE = "replay"  # of the random numbers that an estimator draws
 LONGEST_GAP_S = 1.0  # between two true poses, across which no truth is interpolated

@@ -20,14 +20,14 @@ from ...filters.registry import build
 from ..seeds import stream as random_stream
 from .log import Log, RecordingError
 from .pose_files import PoseFiles
+from .readers.rosbag import RosbagLog
+from .readers.track import Track
+from .readers.tum import read_tum
 from .replay import Truth, odometry_is_true, replay, truth_by_time, unknown
-from .rosbag import RosbagLog
 from .score import Row, Score
 from .setting import Assumptions, Start, problem_of
 from .steps import Choice, Survey, steps, survey
 from .trace import Trace
-from .track import Track
-from .tum import read_tum
 
 LONGEST_GAP_S = 1.0  # between two true poses, across which none is interpolated
 PICTURES = 4  # of beliefs, from the first step to the last

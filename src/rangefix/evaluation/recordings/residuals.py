@@ -24,9 +24,9 @@ from ...filters import (
 from ...filters.models.beam_noise import BeamMixture
 from ...filters.models.wrapped_noise import LostBeams, Tempered
 from .log import LaserDescription, Log, RecordingError
+from .readers.track import Track
+from .readers.tum import read_tum
 from .steps import Choice, Step, steps, survey
-from .track import Track
-from .tum import read_tum
 
 MOST_SCANS = 1500
 ODOMETRY = "odometry"  # the truth where odometry is taken for it

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from .log import LaserDescription, Log, RecordingError, Scan, motion_between
-from .sweeps import without_motion
+from .readers.sweeps import without_motion
 
 STILL = "scans taken where the one before was (left out: a standing robot repeats its errors)"
 WITHOUT_ODOMETRY = "scans without odometry (left out)"

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from .log import Scan
+from ..log import Scan
 
 REPEATED = "scans with the time of the one before"
 BACK = "scans whose time goes back"

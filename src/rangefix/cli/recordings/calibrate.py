@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import Json, doing, print_json, say
+from ..app import Json, doing, print_json, say
 
 if TYPE_CHECKING:
-    from ..evaluation.recordings.calibrate import Calibration
+    from ...evaluation.recordings.calibrate import Calibration
 
 DEFAULT_BEAMS = 24
 
@@ -43,17 +43,17 @@ def calibrate(
     """Fit the noise of a rangefinder to a recording on a map."""
     import numpy as np
 
-    from ..evaluation.figures.files import encoded
-    from ..evaluation.figures.residuals import draw_residuals
-    from ..evaluation.figures.style import styled
-    from ..evaluation.recordings.calibrate import calibrate as fit
-    from ..evaluation.recordings.open_log import open_log
-    from ..evaluation.recordings.options import ReadingOptions
-    from ..evaluation.recordings.residuals import find_residuals
-    from ..evaluation.recordings.sensor_text import sensor_text
-    from ..evaluation.recordings.steps import Choice
-    from ..evaluation.results.files import write_bytes
-    from ..maps import open_map
+    from ...evaluation.figures.files import encoded
+    from ...evaluation.figures.recordings.residuals import draw_residuals
+    from ...evaluation.figures.style import styled
+    from ...evaluation.recordings.calibrate import calibrate as fit
+    from ...evaluation.recordings.open_log import open_log
+    from ...evaluation.recordings.options import ReadingOptions
+    from ...evaluation.recordings.residuals import find_residuals
+    from ...evaluation.recordings.sensor_text import sensor_text
+    from ...evaluation.recordings.steps import Choice
+    from ...evaluation.results.files import write_bytes
+    from ...maps import open_map
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")

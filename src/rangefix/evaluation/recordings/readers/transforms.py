@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
-from .log import RecordingError
+from ....arrays import Array
+from ..log import RecordingError
 
 MOST_FRAMES = 10_000
 

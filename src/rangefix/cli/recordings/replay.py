@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, doing, named, names_in, one_of, print_json
+from ..app import ExitCode, Json, doing, named, names_in, one_of, print_json
 
 if TYPE_CHECKING:
-    from ..evaluation.recordings.options import ReadingOptions
-    from ..evaluation.recordings.replays import Contestant, Replays
-    from ..evaluation.recordings.score import Row
-    from ..evaluation.recordings.steps import Survey
-    from ..evaluation.recordings.trace import Trace
-    from ..filters import Problem
+    from ...evaluation.recordings.options import ReadingOptions
+    from ...evaluation.recordings.replays import Contestant, Replays
+    from ...evaluation.recordings.score import Row
+    from ...evaluation.recordings.steps import Survey
+    from ...evaluation.recordings.trace import Trace
+    from ...filters import Problem
 
 USUAL = ("particle", "adaptive-point-mass", "ekf", "ukf")
 EVERY_STEPS = 5  # of progress that are told
@@ -139,12 +139,12 @@ def replay(
     """Put a recording to estimators: where they put the robot, what they claim, and whether that holds."""
     import numpy as np
 
-    from ..evaluation.recordings.open_log import open_log
-    from ..evaluation.recordings.options import ReadingOptions
-    from ..evaluation.recordings.replays import Replays
-    from ..evaluation.recordings.setting import Assumptions
-    from ..evaluation.recordings.steps import Choice
-    from ..maps import open_map
+    from ...evaluation.recordings.open_log import open_log
+    from ...evaluation.recordings.options import ReadingOptions
+    from ...evaluation.recordings.replays import Replays
+    from ...evaluation.recordings.setting import Assumptions
+    from ...evaluation.recordings.steps import Choice
+    from ...maps import open_map
 
     _check_outputs(out, bag, animation)
     contestants = read_contestants(estimators, option)
@@ -190,7 +190,7 @@ def replay(
 
 
 def _check_outputs(out: Path | None, bag: str | None, animation: str | None) -> None:
-    from ..evaluation.recordings.pose_files import BAGS
+    from ...evaluation.recordings.pose_files import BAGS
 
     if bag is not None:
         one_of(bag, BAGS, "kind of bag")
@@ -213,9 +213,9 @@ def read_contestants(estimators: list[str] | None, options: list[str] | None) ->
     Raises:
         ValueError: If a name is not known, stands twice, or an option is none of its estimator's.
     """
-    from ..evaluation.recordings.replays import Contestant
-    from .check import read_options
-    from .estimators import inspect_estimator, names
+    from ...evaluation.recordings.replays import Contestant
+    from ..check import read_options
+    from ..estimators import inspect_estimator, names
 
     given = names_in(estimators, USUAL)
     for name in given:
@@ -251,7 +251,7 @@ def read_sensor(path: Path | None, options: ReadingOptions) -> tuple[Any, Readin
 
     from pydantic import ValidationError
 
-    from ..evaluation.study.sections.sensor import SensorSection
+    from ...evaluation.study.sections.sensor import SensorSection
 
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))["sensor"]
@@ -273,8 +273,8 @@ def read_sensor(path: Path | None, options: ReadingOptions) -> tuple[Any, Readin
 
 
 def _start(text: str, position_std_m: float, heading_std_rad: float) -> Any:
-    from ..evaluation.recordings.replays import start_of
-    from ..evaluation.recordings.setting import Start
+    from ...evaluation.recordings.replays import start_of
+    from ...evaluation.recordings.setting import Start
 
     if text in ("truth", "odometry"):
         return Start(None, position_std_m, heading_std_rad)
@@ -327,8 +327,8 @@ def _run(
     """All estimators, one after the other, with their files."""
     from contextlib import nullcontext
 
-    from ..evaluation.recordings.pose_files import PoseFiles
-    from ..evaluation.recordings.replays import whole_folder
+    from ...evaluation.recordings.pose_files import PoseFiles
+    from ...evaluation.recordings.replays import whole_folder
 
     rows: list[Row] = []
     traces: dict[str, Trace] = {}
@@ -369,10 +369,10 @@ def _finish(
 
     import numpy as np
 
-    from ..evaluation.figures.files import encoded
-    from ..evaluation.figures.recordings.errors import draw_errors, draw_fit
-    from ..evaluation.figures.recordings.paths import draw_beliefs, draw_paths
-    from ..evaluation.figures.style import styled
+    from ...evaluation.figures.files import encoded
+    from ...evaluation.figures.recordings.errors import draw_errors, draw_fit
+    from ...evaluation.figures.recordings.paths import draw_beliefs, draw_paths
+    from ...evaluation.figures.style import styled
 
     if traces:
         doing("drawing")
@@ -392,7 +392,7 @@ def _finish(
                 for suffix, content in encoded(figure, ["png", "svg"]).items():
                     (folder / f"{name}.{suffix}").write_bytes(content)
         if animation is not None:
-            from ..evaluation.figures.recordings.animation import animate
+            from ...evaluation.figures.recordings.animation import animate
 
             for contestant in contestants:
                 if contestant.label in traces:
@@ -418,7 +418,7 @@ def document(rows: list[Row], notes: list[str], first: Survey) -> dict[str, Any]
     """What is told of a replay, for programs."""
     import numpy as np
 
-    from .. import __version__
+    from ... import __version__
 
     def plain(row: Row) -> dict[str, Any]:
         told = {**vars(row), "end": None, "end_stds": None}
@@ -447,7 +447,7 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
     """The table on the terminal, and what was assumed."""
     import numpy as np
 
-    from .screen import console, new_table
+    from ..screen import console, new_table
 
     judged = any(row.judged for row in rows)
     columns = ["estimator", "scans"]

@@ -14,9 +14,8 @@ from typing import IO, NamedTuple, cast
 
 import numpy as np
 
-from ...arrays import Array, wrap
-from .clock import checked_times
-from .log import (
+from ....arrays import Array, wrap
+from ..log import (
     MOST_BEAMS,
     UNPLACED,
     LaserDescription,
@@ -25,7 +24,8 @@ from .log import (
     motion_between,
     pose_from_ros,
 )
-from .options import SAYS_ALL, ReadingOptions
+from ..options import SAYS_ALL, ReadingOptions
+from .clock import checked_times
 
 LASERS = ("FLASER", "ROBOTLASER1")
 OFFSET = ("robot_frontlaser_offset", "robot_front_laser_offset")

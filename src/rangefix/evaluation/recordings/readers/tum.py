@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ...arrays import Array
-from .log import RecordingError, heading_of, pose_from_ros
+from ....arrays import Array
+from ..log import RecordingError, heading_of, pose_from_ros
 from .transforms import rigid_of
 
 LONGEST_LINE = 1 << 16  # characters

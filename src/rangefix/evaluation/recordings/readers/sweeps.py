@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import TWO_PI, Array, wrap
-from .log import LaserDescription, Scan
+from ....arrays import TWO_PI, Array, wrap
+from ..log import LaserDescription, Scan
 
 
 def onto_beams(bearings: Array, ranges: Array, wanted: Array) -> Array:
@@ -54,6 +54,6 @@ def without_motion(scan: Scan, laser: LaserDescription) -> Array:
 
 
 def _offset(laser: LaserDescription, heading: Array) -> Array:
-    from ...filters import Mount
+    from ....filters import Mount
 
     return Mount(laser.forward_m, laser.left_m, laser.yaw_rad).offset(heading)

@@ -10,8 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ...errors import one_line
-from .log import RecordingError
+from ....errors import one_line
+from ..log import RecordingError
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

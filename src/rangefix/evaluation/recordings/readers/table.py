@@ -20,10 +20,10 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 from numpy.lib import format as npy
 
-from ...arrays import Array, wrap
+from ....arrays import Array, wrap
+from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan
+from ..options import SAYS_ALL, ReadingOptions
 from .clock import checked_times
-from .log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan
-from .options import SAYS_ALL, ReadingOptions
 
 POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
 LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arrays import Array
+from ....arrays import Array
+from ..log import UNPLACED, LaserDescription, RecordingError, Scan, pose_from_ros
+from ..options import SAYS_ALL, ReadingOptions
 from .clock import checked_times
-from .log import UNPLACED, LaserDescription, RecordingError, Scan, pose_from_ros
-from .options import SAYS_ALL, ReadingOptions
 from .rosbag_file import Messages, Topic, time_of
 from .sweeps import onto_beams
 from .track import Track

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...arrays import Array, wrap
+from ....arrays import Array, wrap
 
 KEPT_S = 5.0  # of poses before the last time that was asked for
 RESET_S = 1.0  # a clock that goes back by more has begun anew

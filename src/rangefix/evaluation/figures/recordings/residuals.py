@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..recordings.calibrate import Calibration
-from .style import CLAIMED, COLOURS, TRUE
+from ...recordings.calibrate import Calibration
+from ..style import CLAIMED, COLOURS, TRUE
 
 SIZE = (10.0, 4.0)  # inches
 REACH = 6.0  # deviations of hits that are shown to each side
