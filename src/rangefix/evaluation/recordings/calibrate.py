@@ -13,7 +13,7 @@ from .fit_noise import CorrelationCurve, correlation_curve, fit_correlation, fit
 from .residuals import Residuals
 
 BLOCKS = 10  # of consecutive scans, left out one at a time for intervals
-LEAST_SCANS = 40
+LEAST_SCANS = 20
 STEP_M = 1e-4  # of numerical derivatives by a range
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
 STANDARD_ERRORS = 1.96  # to each side of an interval of 95 %
