@@ -13,12 +13,13 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- made by make recordings: begin -->", "<!-- made by make recordings: end -->"
-ESTIMATORS = ("particle", "adaptive-point-mass", "ekf", "ukf", "ckf", "enkf", "filterpy-ekf", "filterpy-ukf")
+ESTIMATORS = ("particle", "ekf", "ukf", "ckf", "enkf", "filterpy-ekf", "filterpy-ukf", "adaptive-point-mass")
 
 
 class Recording(NamedTuple):
@@ -64,8 +65,8 @@ def called(*arguments: str | Path) -> str:
     return done.stdout
 
 
-def rows_of(recording: Recording, data: Path, chosen: tuple[str, ...] | None, folder: Path) -> list[str]:
-    """Lines of the table, for both kinds of noise."""
+def rows_of(recording: Recording, data: Path, chosen: tuple[str, ...] | None, folder: Path) -> Iterator[str]:
+    """Lines of the table, for both kinds of noise, as they are ready."""
     given = ["--map", data / recording.map, "--log", data / recording.log]
     names = [name for name in recording.estimators if chosen is None or name in chosen]
     kinds: list[tuple[str, list[str | Path]]] = [("no", [])]
@@ -73,13 +74,11 @@ def rows_of(recording: Recording, data: Path, chosen: tuple[str, ...] | None, fo
         sensor = folder / "calibrated.toml"
         called("calibrate", *given, *recording.calibration, "--out", sensor)
         kinds.append(("yes", ["--sensor", sensor]))
-    lines = []
-    for calibrated, options in kinds:
-        for name in names:
+    for name in names:
+        for calibrated, options in kinds:
             print(recording.name, name, calibrated, flush=True)
             told = json.loads(called("replay", *given, *recording.told, *options, "-e", name, "--json"))
-            lines.append(line_of(recording.name, calibrated, told["estimators"][0], told["used"]))
-    return lines
+            yield line_of(recording.name, calibrated, told["estimators"][0], told["used"])
 
 
 def line_of(name: str, calibrated: str, row: dict[str, Any], scans: int) -> str:
@@ -126,15 +125,19 @@ def main() -> None:
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     with tempfile.TemporaryDirectory() as folder:
         for recording in RECORDINGS:
-            lines += rows_of(recording, arguments.data, chosen, Path(folder))
-    page = arguments.out.read_text(encoding="utf-8")
+            for line in rows_of(recording, arguments.data, chosen, Path(folder)):
+                lines.append(line)
+                write(arguments.out, lines)
+
+
+def write(out: Path, lines: list[str]) -> None:
+    """Put the table, as far as it is, between the marks of the page."""
+    page = out.read_text(encoding="utf-8")
     before, _, rest = page.partition(BEGIN)
     _, _, after = rest.partition(END)
     if not rest or BEGIN not in page or END not in page:
-        raise SystemExit(f"{arguments.out} has no marks {BEGIN} and {END}")
-    arguments.out.write_text(
-        f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{after}", encoding="utf-8"
-    )
+        raise SystemExit(f"{out} has no marks {BEGIN} and {END}")
+    out.write_text(f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
