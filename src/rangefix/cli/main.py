@@ -23,6 +23,8 @@ from .estimators import estimators
 from .map_accuracy import map_accuracy
 from .maps import RangesCommand, map, ranges
 from .plan import plan
+from .recordings.calibrate import calibrate
+from .recordings.replay import replay
 from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
@@ -33,6 +35,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Results": (report, plot, table, compare),
     "Estimators and maps": (estimators, check, map, ranges),
     "Bounds and planning": (bounds, plan, map_accuracy),
+    "Recordings": (replay, calibrate),
     "The paper": (paper,),
 }
 
