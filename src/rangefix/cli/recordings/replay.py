@@ -254,7 +254,8 @@ def read_sensor(path: Path | None, options: ReadingOptions) -> tuple[Any, Readin
     from ...evaluation.study.sections.sensor import SensorSection
 
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))["sensor"]
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = document["sensor"] | document.get("assumed", {}).get("sensor", {})  # what estimators are told
         section = SensorSection.model_validate({"bearings_deg": [0.0], **table})
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror or error}") from None
