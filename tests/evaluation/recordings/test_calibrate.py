@@ -127,7 +127,7 @@ def test_the_command_writes_a_sensor_of_a_study(tmp_path: Path, capsys: pytest.C
     """
     from rangefix.cli.main import main
 
-    log = write_log(tmp_path / "log.npz", recording(40, SHARED, step=0.15))
+    log = write_log(tmp_path / "log.npz", recording(40, SHARED, step=0.05))
     out = tmp_path / "calibrated.toml"
     words = ["calibrate", "--map", "room:6x9", "--log", str(log), "--out", str(out)]
     with pytest.raises(SystemExit) as ended:
