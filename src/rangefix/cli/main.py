@@ -21,7 +21,7 @@ from .bounds import bounds
 from .check import check
 from .estimators import estimators
 from .map_accuracy import map_accuracy
-from .maps import RangesCommand, map_, ranges
+from .maps import RangesCommand, map, ranges
 from .plan import plan
 from .recordings.calibrate import calibrate
 from .recordings.replay import replay
@@ -33,7 +33,7 @@ AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
-    "Estimators and maps": (estimators, check, map_, ranges),
+    "Estimators and maps": (estimators, check, map, ranges),
     "Bounds and planning": (bounds, plan, map_accuracy),
     "Recordings": (replay, calibrate),
     "The paper": (paper,),
@@ -41,12 +41,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
 
 for group, commands in GROUPS.items():
     for command in commands:
-        made = app.command(
-            "map" if command is map_ else None,
-            cls=RangesCommand if command is ranges else Command,
-            rich_help_panel=group,
-        )
-        made(command)
+        app.command(cls=RangesCommand if command is ranges else Command, rich_help_panel=group)(command)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

@@ -241,6 +241,8 @@ def read_contestants(estimators: list[str] | None, options: list[str] | None) ->
 def read_sensor(path: Path | None, options: ReadingOptions) -> tuple[Any, ReadingOptions]:
     """Noise and place of the laser of a file with a table [sensor]; what the command line says comes first.
 
+    Where there is a table [assumed.sensor], as `rangefix calibrate` writes it, that is what filters are told.
+
     Raises:
         ValueError: If there is no such table, or it is not sound.
     """
@@ -255,11 +257,11 @@ def read_sensor(path: Path | None, options: ReadingOptions) -> tuple[Any, Readin
 
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
-        table = document["sensor"] | document.get("assumed", {}).get("sensor", {})  # what estimators are told
+        table = document["sensor"] | document.get("assumed", {}).get("sensor", {})  # what filters are told
         section = SensorSection.model_validate({"bearings_deg": [0.0], **table})
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror or error}") from None
-    except KeyError:
+    except (KeyError, TypeError, AttributeError):
         raise ValueError(f"{path} has no table [sensor]") from None
     except ValidationError as error:
         fault = error.errors()[0]
