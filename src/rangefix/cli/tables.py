@@ -153,8 +153,8 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: Part) -> 
         for figure in shown
         if figure[0].honest is not None or figure[1] or layout.extras or figure[0].name == IMPROBABLE
     ]
-    figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]
     figures = [figure for figure in figures if _is_told(figure[0], rows)]
+    figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]
     columns = ["\nestimator"]
     columns += [] if not judges else [f"ok of\n{rows[0].planned}"]
     bounded = any(row.bound is not None for row in rows if row.step == end)
