@@ -6,6 +6,7 @@
 # make bench   speed against other libraries
 # make lint    format and lint only
 # make honesty  the page of who is honest where: every estimator on random problems, about ten minutes
+# make recordings  the table of docs/recordings.md: every estimator on real recordings, about half an hour
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
 
@@ -18,12 +19,13 @@ BIN := $(VENV)/bin
 BENCH := $(VENV)/bench
 OUT ?= results
 BUILDING ?= ../shared/data/avz/avz.ply
+RECORDINGS ?= ../shared/data
 RUNS ?= 1000
 BUILDING_RUNS ?= 400
 DOCS_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test study fuzz chaos bench honesty docs lint clean
+.PHONY: demo test study fuzz chaos bench honesty recordings docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper
@@ -60,6 +62,9 @@ bench: $(BENCH)/.done
 
 honesty: $(VENV)/.test
 	$(BIN)/python docs/make_honesty.py
+
+recordings: $(VENV)/.test
+	$(BIN)/python docs/make_recordings.py --data $(RECORDINGS)
 
 docs: $(VENV)/.docs
 	$(BIN)/python docs/make_gallery.py --runs $(DOCS_RUNS) --out docs/gallery

@@ -103,7 +103,7 @@ evaluation
 evaluation.drawing
 evaluation.monte_carlo evaluation.report evaluation.paper
 evaluation.figures evaluation.trials
-evaluation.planning evaluation.bounds
+evaluation.planning evaluation.bounds evaluation.recordings
 evaluation.comparison
 evaluation.consistency
 evaluation.results evaluation.study
@@ -118,7 +118,7 @@ filters.models filters.images
 filters.estimator filters.sampling filters.plugin_line filters.option_units
 filters.measurement filters.optional_methods filters.estimate
 filters.problem
-filters.space
+filters.space filters.mount
 maps
 maps.readers
 maps.describe

@@ -37,6 +37,7 @@ from rangefix.filters.kalman import (
     UnscentedKalmanFilter,
     cubature,
 )
+from rangefix.filters.mount import CENTRED, Mount
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.registry import BUILT_IN
 from rangefix.maps import Hits
@@ -216,6 +217,7 @@ class LinearSensor:
     min_range: float = 0.0
     max_range: float = np.inf
     max_incidence: float = np.pi / 2
+    mount: Mount = CENTRED
 
     @property
     def blind(self):

@@ -16,6 +16,7 @@ from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.trials.evidence_floor import evidence_floor
 from rangefix.filters import (
     Gaussian,
+    Mount,
     Noise,
     Problem,
     Rangefinder,
@@ -52,6 +53,10 @@ class Delegating:
     @property
     def bearings(self) -> Array:
         return self.inner.bearings
+
+    @property
+    def mount(self) -> Mount:
+        return self.inner.mount
 
     @property
     def noise(self) -> Noise:

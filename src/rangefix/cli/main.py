@@ -21,8 +21,10 @@ from .bounds import bounds
 from .check import check
 from .estimators import estimators
 from .map_accuracy import map_accuracy
-from .maps import RangesCommand, map_, ranges
+from .maps import RangesCommand, map, ranges
 from .plan import plan
+from .recordings.calibrate import calibrate
+from .recordings.replay import replay
 from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
@@ -31,19 +33,15 @@ AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
-    "Estimators and maps": (estimators, check, map_, ranges),
+    "Estimators and maps": (estimators, check, map, ranges),
     "Bounds and planning": (bounds, plan, map_accuracy),
+    "Recordings": (replay, calibrate),
     "The paper": (paper,),
 }
 
 for group, commands in GROUPS.items():
     for command in commands:
-        made = app.command(
-            "map" if command is map_ else None,
-            cls=RangesCommand if command is ranges else Command,
-            rich_help_panel=group,
-        )
-        made(command)
+        app.command(cls=RangesCommand if command is ranges else Command, rich_help_panel=group)(command)
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

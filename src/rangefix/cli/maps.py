@@ -69,7 +69,7 @@ MemoryGb = Annotated[
 ]
 
 
-def map_(
+def map(
     map_name: MapName,
     sensor_height: Height = None,
     unit: Unit = None,

@@ -68,6 +68,7 @@ def table1_notes(paper: Paper) -> list[str]:
     ]
 
 
+IMPROBABLE = "share_improbable"  # which stands in tables of any width, where it is not zero
 UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
 
 
@@ -150,7 +151,12 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: Part) -> 
     names = rows[0].names if part in ("all", "deviations") else ()
     judges = part in ("all", "verdicts")
     shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
-    figures = [figure for figure in shown if figure[0].honest is not None or figure[1] or layout.extras]
+    figures = [
+        figure
+        for figure in shown
+        if figure[0].honest is not None or figure[1] or layout.extras or figure[0].name == IMPROBABLE
+    ]
+    figures = [figure for figure in figures if _is_told(figure[0], rows)]
     figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]
     columns = ["\nestimator"]
     columns += [] if not judges else [f"ok of\n{rows[0].planned}"]
@@ -175,6 +181,11 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: Part) -> 
             table.add_row(*cells, style="bold red" if verdict.overconfident else "")
         table.add_section()
     return table
+
+
+def _is_told(metric: Metric, rows: Sequence[Row]) -> bool:
+    """Whether a figure has a column: that of improbable measurements only where there are any."""
+    return metric.name != IMPROBABLE or any(row.improbable.value > 0 for row in rows)
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:

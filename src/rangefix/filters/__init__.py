@@ -5,6 +5,7 @@ from .estimator import EachRun, Estimator, SingleRunEstimator
 from .measurement import check_measurement, check_reading
 from .models.beam_noise import BeamMixture, Quantised
 from .models.confined import Confined, in_line_of_sight, sample_runs
+from .models.correlated import Correlated, PlaceError
 from .models.gaussian_prior import GaussianPrior
 from .models.mixture_prior import Mixture
 from .models.motion import ConstantVelocity, RandomWalk, Stationary
@@ -14,6 +15,8 @@ from .models.product_prior import WithHeading, WithVelocity
 from .models.rangefinder import Rangefinder, sweep
 from .models.squared_cosine_prior import SquaredCosine
 from .models.uniform_prior import Uniform
+from .models.wrapped_noise import Biased, LostBeams, Tempered
+from .mount import Mount
 from .option_units import option_units
 from .problem import Motion, Noise, Prior, Problem, RangeMap, Sensor
 from .registry import available, build
@@ -23,17 +26,22 @@ is_clear = in_line_of_sight  # its name in 0.1
 
 __all__ = [
     "BeamMixture",
+    "Biased",
     "Confined",
     "ConstantVelocity",
+    "Correlated",
     "EachRun",
     "Estimate",
     "Estimator",
     "Gaussian",
     "GaussianPrior",
+    "LostBeams",
     "Mixture",
     "Motion",
+    "Mount",
     "Noise",
     "Odometry",
+    "PlaceError",
     "Prior",
     "Problem",
     "Quantised",
@@ -47,6 +55,7 @@ __all__ = [
     "StateSpace",
     "Stationary",
     "StudentT",
+    "Tempered",
     "Uniform",
     "WithHeading",
     "WithVelocity",

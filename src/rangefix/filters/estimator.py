@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -151,7 +151,7 @@ def filtered(
     rngs: Sequence[Generator],
     announce: Callable[[str, int], None] = lambda verb, step: None,
 ) -> Iterator[tuple[str, int, Belief]]:
-    """Filter a recording: the one loop over the steps of a run.
+    """Filter a recording whose length is known: see `filtered_stream`.
 
     Args:
         estimator: The estimator.
@@ -165,13 +165,37 @@ def filtered(
         The verb ("init", "predict" or "update"), the step from 0, and the belief after it.
     """
     lead = len(measurements) - len(controls)
+    moves = (None if step < lead else controls[step - lead] for step in range(len(measurements)))
+    yield from filtered_stream(estimator, prior, zip(moves, measurements, strict=True), rngs, announce)
+
+
+def filtered_stream(
+    estimator: Estimator[Belief],
+    prior: Prior,
+    steps: Iterable[tuple[Array | None, Array]],
+    rngs: Sequence[Generator],
+    announce: Callable[[str, int], None] = lambda verb, step: None,
+) -> Iterator[tuple[str, int, Belief]]:
+    """Filter a recording that comes step by step: the one loop over the steps of a run.
+
+    Args:
+        estimator: The estimator.
+        prior: Where the object may be at first.
+        steps: The move before each measurement, (k,) or (M, k), None for none; and the measurement, (M, B),
+            m.
+        rngs: One generator for each of the M runs.
+        announce: Told the verb and the step before each verb is called.
+
+    Yields:
+        The verb ("init", "predict" or "update"), the step from 0, and the belief after it.
+    """
     announce("init", 0)
     belief = estimator.init(prior, rngs)
     yield "init", 0, belief
-    for step, measurement in enumerate(measurements):
-        if step >= lead:
+    for step, (control, measurement) in enumerate(steps):
+        if control is not None:
             announce("predict", step)
-            belief = estimator.predict(belief, controls[step - lead], rngs)
+            belief = estimator.predict(belief, control, rngs)
             yield "predict", step, belief
         announce("update", step)
         belief = estimator.update(belief, measurement, rngs)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array, BoolArray, short_repr
+from .mount import Mount
 from .space import StateSpace
 
 
@@ -88,7 +89,11 @@ class Sensor(Protocol):
 
     @property
     def bearings(self) -> Array:
-        """Beam directions relative to the heading, rad clockwise, (B,)."""
+        """Beam directions relative to its forward axis, the heading unless turned, rad clockwise, (B,)."""
+
+    @property
+    def mount(self) -> Mount:
+        """Where it stands on the object whose pose is estimated, and how it is turned."""
 
     @property
     def noise(self) -> Noise:
@@ -215,9 +220,9 @@ def expects_map_ranges(sensor: Sensor, states: Array) -> bool:
     """Whether a sensor expects at some states, (K, n), what its map says of each beam that is not lost.
 
     Some estimators cast rays into the map themselves; they must not do so for a sensor that, for example, has
-    a bias in each beam or stands off the pose.
+    a bias in each beam.
     """
     expected = np.asarray(sensor.expected(states))
-    ranges = sensor.room.ranges(sensor.space.poses(states), sensor.bearings)
+    ranges = sensor.room.ranges(sensor.mount.laser_poses(sensor.space.poses(states)), sensor.bearings)
     kept = np.isfinite(expected)
     return bool(np.allclose(expected[kept], ranges[kept], rtol=1e-9, atol=1e-9))

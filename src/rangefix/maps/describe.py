@@ -27,7 +27,7 @@ class Description:
     Attributes:
         kind: What a study calls such a map; the name of its class for those of others.
         lower, upper: Corners of the box about all walls and the free space, m.
-        free_m2: Area where an object can be, by cells of `raster`, m^2.
+        free_m2: Area where an object can be, m^2; by cells of `raster` where the map does not know it.
         share: Of the area of the walls' convex hull (or of the outline that was given) that is free.
         rooms: Free areas between which there are only openings under 1 m.
         walls: How many segments its walls are.
@@ -75,6 +75,8 @@ def describe(room: Any) -> Description:
     ends = np.concatenate([segments.reshape(-1, 2), [lower, upper]])
     low, high = ends.min(axis=0), ends.max(axis=0)
     area = float(np.count_nonzero(free) * step.prod())
+    if isinstance(room, MeshRoom | OccupancyMap):
+        area = room.free_space.area if isinstance(room, MeshRoom) else room.free_area
     return Description(
         kind=next((name for kind, name in KINDS.items() if isinstance(room, kind)), type(room).__name__),
         lower=(float(low[0]), float(low[1])),

@@ -133,7 +133,8 @@ def find_free_space(
     touched = np.zeros(raster.shape, dtype=bool)
     touched[tuple(cells_on(walls.segments, raster.lower, resolution).T)] = True
     height = surface(raster)
-    level = _level(height[~touched]) if floor_height is None else float(floor_height)
+    apart = ndimage.distance_transform_edt(~touched) * resolution
+    level = _level(height[~touched], apart[~touched]) if floor_height is None else float(floor_height)
     if outline is not None and floor_height is None:
         level = float("nan")
     ground: Literal["floor", "enclosed", "outline"] = "floor" if np.isfinite(level) else "enclosed"
@@ -217,9 +218,11 @@ def _heights(height: Array) -> str:
     return f"surfaces below the sensor lie at {listed} of its box"
 
 
-def _level(height: Array) -> float:
-    """The most common height to a centimetre; NaN where nothing lies below."""
-    below = height[np.isfinite(height)]
+def _level(height: Array, apart: Array) -> float:
+    """The most common height to a centimetre, away from walls where there is any; NaN where nothing lies."""
+    below = height[np.isfinite(height) & (apart >= ROOMY)]
+    if not len(below):
+        below = height[np.isfinite(height)]
     if not len(below):
         return float("nan")
     values, counts = np.unique(np.round(below, 2), return_counts=True)

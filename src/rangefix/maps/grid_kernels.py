@@ -7,101 +7,115 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, BoolArray, IntArray
+from ..arrays import Array, IntArray
 from ..compiled import njit
 
+ALONG = 1e-15  # a beam whose direction has less of an axis runs across it
+FAR = 1e300  # cells
+SHORT = 2  # cells; as many steps cost less than a leap
 
-@njit(cache=True, nogil=True)
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def cast_into_cells(
-    walls: BoolArray,
-    leaps: NDArray[np.uint8],
+    leaps: NDArray[np.int16],
     positions: Array,
     s_turns: Array,
     c_turns: Array,
     s_beams: Array,
     c_beams: Array,
+    resolution: float,
     ranges: Array,
     axes: NDArray[np.int8],
 ) -> None:
     """Distances from places to where beams leave the kind of cell that they start in: open, or wall.
 
     A beam goes from edge to edge of the cells (Amanatides and Woo, 1987), but over all cells at once that are
-    nearer than the next change, so that most beams end after few steps. Distances are those of an edge's line
-    from the start, and no sum: their error is one rounding.
+    nearer than the next change, where those are many. Distances are those of an edge's line from the start,
+    and no sum: their error is one rounding.
 
     Args:
-        walls: Which cells are walls, (n1, n2), the outermost ones open; cell (i, j) ends at i + 1 and j + 1.
-        leaps: How many cells away the next cell of the other kind is, by moves of a king, (n1, n2).
+        leaps: How many cells away the next cell of the other kind is, by moves of a king, (n1, n2); negative
+            in walls. The outermost cells are open; cell (i, j) ends at i + 1 and j + 1.
         positions: Starts in cells, (N, 2).
         s_turns, c_turns: Sines and cosines of headings, (N,) or (1,).
         s_beams, c_beams: Of bearings, (B,).
-        ranges: Gets the distances in cells, (N, B); inf where a beam leaves the grid.
+        resolution: Size of a cell, m.
+        ranges: Gets the distances, m, (N, B); inf where a beam leaves the grid.
         axes: Gets -1, -2 for an edge across the first or second axis met in its positive direction, 1, 2 in
             its negative one, and 0 for none, (N, B) or (0, 0) to do without.
     """
-    n1, n2 = walls.shape
+    n1, n2 = leaps.shape
     for place in range(len(positions)):
         x0, y0 = positions[place, 0], positions[place, 1]
         turn = place if len(s_turns) > 1 else 0
+        outside = x0 < 0.0 or x0 >= n1 or y0 < 0.0 or y0 >= n2
         for beam in range(len(s_beams)):
             dx = s_turns[turn] * c_beams[beam] + c_turns[turn] * s_beams[beam]
             dy = c_turns[turn] * c_beams[beam] - s_turns[turn] * s_beams[beam]
-            x_step, y_step = math.inf, math.inf  # distance for one cell along each axis
-            if abs(dx) > 1e-15:
-                x_step = 1.0 / dx
-            if abs(dy) > 1e-15:
-                y_step = 1.0 / dy
-            ranges[place, beam] = math.inf
-            axis = 0
-            t = 0.0
-            i, j = math.floor(x0), math.floor(y0)
-            if x0 < 0.0 or x0 >= n1 or y0 < 0.0 or y0 >= n2:  # where the beam enters the grid
-                t, leaves = 0.0, math.inf
-                for start, step, size in ((x0, x_step, n1), (y0, y_step, n2)):
-                    if math.isinf(step):
-                        if start < 0.0 or start >= size:
-                            leaves = -1.0
+            right, up = dx > -ALONG, dy > -ALONG
+            i_step, j_step = (1 if right else -1), (1 if up else -1)
+            x_step = 1.0 / dx if abs(dx) > ALONG else FAR  # distance for one cell along each axis
+            y_step = 1.0 / dy if abs(dy) > ALONG else FAR
+            x_off, y_off = (1.0 if right else 0.0) - x0, (1.0 if up else 0.0) - y0
+            t, axis, found = 0.0, 0, math.inf
+            if outside:
+                t = _entry(x0, y0, x_step, y_step, n1, n2)
+                i = min(max(int(x0 + t * dx), 0), n1 - 1)
+                j = min(max(int(y0 + t * dy), 0), n2 - 1)
+            else:
+                i, j = int(x0), int(y0)
+            kind = leaps[i, j]
+            in_wall = kind < 0
+            x_next, y_next = (i + x_off) * x_step, (j + y_off) * y_step  # where the cell's edges are
+            while t < FAR:
+                if kind > SHORT or kind < -SHORT:
+                    more = abs(int(kind)) - 1
+                    x_end, y_end = x_next + more * abs(x_step), y_next + more * abs(y_step)
+                    if x_end < y_end:
+                        t, axis = x_end, 1
+                        j = min(max(int(y0 + t * dy), j - more), j + more)
+                        i += i_step * (more + 1)
                     else:
-                        one, two = -start * step, (size - start) * step
-                        t, leaves = max(t, min(one, two)), min(leaves, max(one, two))
-                if t >= leaves:
-                    if len(axes):
-                        axes[place, beam] = 0
-                    continue
-                i = min(max(math.floor(x0 + t * dx), 0), n1 - 1) if dx != 0.0 else i
-                j = min(max(math.floor(y0 + t * dy), 0), n2 - 1) if dy != 0.0 else j
-            inside = walls[i, j]
-            while True:
-                leap = int(np.int64(leaps[i, j]))  # with a sign
-                x_end, y_end = math.inf, math.inf
-                if x_step > 0.0 and not math.isinf(x_step):
-                    x_end = (i + leap - x0) * x_step
-                elif x_step < 0.0:
-                    x_end = (i - leap + 1 - x0) * x_step
-                if y_step > 0.0 and not math.isinf(y_step):
-                    y_end = (j + leap - y0) * y_step
-                elif y_step < 0.0:
-                    y_end = (j - leap + 1 - y0) * y_step
-                if x_end < y_end:
-                    t = x_end
-                    low, high = j - leap + 1, j + leap - 1
-                    i += leap if dx > 0.0 else -leap
-                    j = min(max(math.floor(y0 + t * dy), low), high)
-                    axis = -1 if dx > 0.0 else 1
+                        t, axis = y_end, 2
+                        i = min(max(int(x0 + t * dx), i - more), i + more)
+                        j += j_step * (more + 1)
+                    if i < 0 or i >= n1 or j < 0 or j >= n2:
+                        break
+                    x_next, y_next = (i + x_off) * x_step, (j + y_off) * y_step
+                elif x_next < y_next:
+                    t, axis = x_next, 1
+                    i += i_step
+                    if i < 0 or i >= n1:
+                        break
+                    x_next = (i + x_off) * x_step
                 else:
-                    t = y_end
-                    low, high = i - leap + 1, i + leap - 1
-                    j += leap if dy > 0.0 else -leap
-                    i = min(max(math.floor(x0 + t * dx), low), high)
-                    axis = -2 if dy > 0.0 else 2
-                if i < 0 or i >= n1 or j < 0 or j >= n2:
-                    axis = 0
+                    t, axis = y_next, 2
+                    j += j_step
+                    if j < 0 or j >= n2:
+                        break
+                    y_next = (j + y_off) * y_step
+                kind = leaps[i, j]
+                if (kind < 0) != in_wall:
+                    found = max(t, 0.0) * resolution
                     break
-                if walls[i, j] != inside:
-                    ranges[place, beam] = max(t, 0.0)
-                    break
+            ranges[place, beam] = found
             if len(axes):
-                axes[place, beam] = axis
+                sign = i_step if axis == 1 else j_step
+                axes[place, beam] = 0 if math.isinf(found) else -sign * axis
+
+
+@njit(cache=True, nogil=True)
+def _entry(x0: float, y0: float, x_step: float, y_step: float, n1: int, n2: int) -> float:
+    """How far from outside a beam enters a grid; FAR if it never does."""
+    enters, leaves = 0.0, FAR
+    for start, step, size in ((x0, x_step, n1), (y0, y_step, n2)):
+        if step == FAR:
+            if start < 0.0 or start >= size:
+                return FAR
+        else:
+            one, two = -start * step, (size - start) * step
+            enters, leaves = max(enters, min(one, two)), min(leaves, max(one, two))
+    return enters if enters < leaves else FAR
 
 
 @njit(cache=True, nogil=True)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array, BoolArray
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
-FARTHEST_LEAP = 255  # cells
+FARTHEST_LEAP = 1000  # cells
 
 
 class GridWalls:
@@ -64,14 +64,14 @@ class GridWalls:
         return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1) / self.resolution
 
     @cached_property
-    def _leaps(self) -> NDArray[np.uint8]:
-        """How many cells away the next cell of the other kind is, by moves of a king, (n1 + 2, n2 + 2)."""
+    def _leaps(self) -> NDArray[np.int16]:
+        """How many cells away the next cell of the other kind is, by moves of a king; negative in walls."""
         from scipy import ndimage
 
-        leaps = np.zeros(self.cells.shape, dtype=np.uint8)
-        for kind in (self.cells, ~self.cells):
+        leaps = np.full(self.cells.shape, FARTHEST_LEAP, dtype=np.int16)
+        for kind, sign in ((~self.cells, 1), (self.cells, -1)):
             far = ndimage.distance_transform_cdt(kind, "chessboard")
-            leaps += np.where(far < 0, FARTHEST_LEAP, np.minimum(far, FARTHEST_LEAP)).astype(np.uint8) * kind
+            leaps[kind] = sign * np.clip(far[kind], 1, FARTHEST_LEAP)
         return leaps
 
     def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
@@ -105,8 +105,7 @@ class GridWalls:
             headings, bearings = np.zeros(1), headings[0] + bearings
         turns, beams = unit_vectors(headings + self.yaw), unit_vectors(bearings)
         positions = self.to_cells(poses[:, :2]) + 1.0
-        cast_into_cells(self.cells, self._leaps, positions, *turns, *beams, ranges, axes)
-        ranges *= self.resolution
+        cast_into_cells(self._leaps, positions, *turns, *beams, self.resolution, ranges, axes)
         return ranges
 
 

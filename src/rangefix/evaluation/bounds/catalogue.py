@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
+from ...filters.models.correlated import refuse_shared_errors
 from ...filters.problem import Problem
 from ..experiment import Experiment
 from .beam_subset import with_beams
@@ -82,6 +83,10 @@ def bounds_of(
 
 
 def _compute(name: str, experiment: Experiment, beam_set: Sequence[int]) -> Bound:
+    try:
+        refuse_shared_errors(experiment.truth.sensor, "a bound")
+    except ValueError as error:
+        raise NoBoundError(str(error)) from None
     problem = with_beams(experiment.truth, beam_set)
     if name == TRAJECTORY_BOUND:
         return posterior_cramer_rao(problem, experiment.control_sequence)

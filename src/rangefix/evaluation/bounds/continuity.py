@@ -16,6 +16,7 @@ LATTICE = 25  # points along each axis of a neighbourhood
 HALVINGS = 45
 MAX_PIECES = 20_000
 SHARES = (0.2, 0.8)  # along an edge, where it is looked at
+MAY_JUMP = "the range of a beam may jump: the map is no convex room, or the laser stands off the position"
 
 
 def require_continuous(problem: Problem) -> None:
@@ -28,11 +29,11 @@ def require_continuous(problem: Problem) -> None:
         NoBoundError: If one jumps or may do so.
     """
     room = problem.sensor.room
-    if _is_convex(room.segments):
+    if _is_convex(room.segments) and not problem.sensor.mount.is_off_centre:
         return
     pieces = pieces_of(problem)
     if pieces is None:
-        raise NoBoundError("the range of a beam may jump: the map is no convex room")
+        raise NoBoundError(MAY_JUMP)
     used = np.arange(pieces.corners.shape[1]) < pieces.counts[:, None]
     following = np.where(
         (np.arange(pieces.corners.shape[1]) + 1 == pieces.counts[:, None])[..., None],
@@ -67,11 +68,20 @@ def pieces_of(problem: Problem) -> Partition | None:
     room, space, sensor = problem.sensor.room, problem.space, problem.sensor
     if space.names != ("x1", "x2") or space.heading is None or not len(room.segments):
         return None
-    angles = space.heading + sensor.bearings[~sensor.blind]
+    angles = space.heading - sensor.mount.yaw + sensor.bearings[~sensor.blind]
     directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
     try:
+        shift = np.tile(
+            sensor.mount.offset(np.asarray(space.heading)), 2
+        )  # as the reference point meets walls
+        borders = room.segments if shift.any() else None
         return partition(
-            room.segments, directions, *problem.prior.support, room.is_free, most_pieces=MAX_PIECES
+            room.segments - shift,
+            directions,
+            *problem.prior.support,
+            room.is_free,
+            most_pieces=MAX_PIECES,
+            borders=borders,
         )
     except TooManyPieces:
         return None

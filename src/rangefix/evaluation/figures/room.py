@@ -31,7 +31,8 @@ def draw_beams(axes: Axes, scene: Scene, numbers: Iterable[int], named: bool = T
 
     Set the limits of the axes first: numbers keep inside them, and clear of each other.
     """
-    heading, start = scene["truth"][2], scene["truth"][:2]
+    laser = scene.get("laser", scene["truth"])  # older results do not tell it
+    heading, start = laser[2], laser[:2]
     taken = [start]
     for number in numbers:
         angle, reach = heading + scene["bearings"][number - 1], scene["ranges"][number - 1]

@@ -42,7 +42,9 @@ def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
     for place in range(0, len(runs), size):
         part = slice(place, place + size)
         expected = _expected(problem.sensor, truth[part])
-        measurement[part] = _readings(problem.sensor, expected, streams(seed, "measurement", runs[part]))
+        measurement[part] = _readings(
+            problem.sensor, truth[part], expected, streams(seed, "measurement", runs[part])
+        )
     return Simulation(truth, measurement)
 
 
@@ -55,10 +57,10 @@ def _starts(prior: Prior, rngs: Sequence[Generator]) -> Array:
     return np.concatenate([prior.sample(1, rng) for rng in rngs])
 
 
-def _readings(sensor: Sensor, expected: Array, rngs: Sequence[Generator]) -> Array:
-    """Readings of runs where ranges (M, T, B) are expected, step by step, each run's by its own generator."""
+def _readings(sensor: Sensor, states: Array, expected: Array, rngs: Sequence[Generator]) -> Array:
+    """Readings of runs at states (M, T, n) that expect (M, T, B), each run's by its own generator."""
     if type(sensor) is Rangefinder:
-        return sensor.read_each(expected, rngs)
+        return sensor.read_each(expected, rngs, states)
     pairs = zip(expected, rngs, strict=True)
     return np.array([[sensor.read(step, rng) for step in steps] for steps, rng in pairs])
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray
 from ...filters import Problem, Rangefinder, StateSpace
+from ...filters.models.correlated import refuse_shared_errors
 from ...filters.models.motion import Stationary
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.point_mass.grid import build_grid
@@ -95,7 +96,7 @@ def check_plannable(problem: Problem) -> Rangefinder:
     """The rangefinder of a problem that measurements can be planned for.
 
     Raises:
-        ValueError: If the state has other components, or the sensor is somebody else's.
+        ValueError: If the state has other components, the sensor is somebody else's, or beams share errors.
     """
     if problem.space.names not in (("x1", "x2"), ("x1", "x2", "heading")):
         names = ", ".join(problem.space.names)
@@ -103,6 +104,7 @@ def check_plannable(problem: Problem) -> Rangefinder:
     if not isinstance(problem.sensor, Rangefinder):
         kind = type(problem.sensor).__name__
         raise ValueError(f"measurements are planned for a Rangefinder, whose beams can be turned, not {kind}")
+    refuse_shared_errors(problem.sensor, "planning")
     return problem.sensor
 
 

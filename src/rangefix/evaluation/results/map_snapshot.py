@@ -31,6 +31,7 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
         truth: x1, x2 (m) and heading (rad) of the true pose, (3,).
         bearings: Beam directions relative to the heading, rad, (B,).
         ranges: Noise-free ranges there, (B,) m; inf = no wall.
+        laser: x1, x2 (m) of the laser there, (2,), and its own forward axis as a heading (rad): (3,).
     """
     room, space = sensor.room, sensor.space
     lower, upper = (np.asarray(corner, dtype=float) for corner in room.bounds)
@@ -38,6 +39,7 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
     counts = np.maximum(1, np.ceil((upper - lower) / step * (1 - 1e-9))).astype(int)
     raster = Raster(lower, step, tuple(counts.tolist()))
     pose = space.poses(np.asarray(truth, dtype=float))
+    laser = sensor.mount.laser_poses(pose)
     corners = [corner[space.position_indices] for corner in prior.support]
     return {
         "segments": np.asarray(room.segments, dtype=float),
@@ -47,5 +49,6 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
         "prior_upper": corners[1],
         "truth": pose,
         "bearings": np.asarray(sensor.bearings, dtype=float),
-        "ranges": room.ranges(pose, sensor.bearings),
+        "ranges": room.ranges(laser, sensor.bearings),
+        "laser": laser,
     }

@@ -24,6 +24,7 @@ SCENE_FORMS = {
     "truth": Form((3,)),
     "bearings": Form((None,)),
     "ranges": Form((None,)),
+    "laser": Form((3,), optional=True),
 }
 
 Count = Annotated[int, Field(ge=1, le=MOST_RUNS)]

@@ -6,18 +6,21 @@ import numpy as np
 
 from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
+from ...filters.models.wrapped_noise import Tempered, reading_bias
 
 SHORTFALL_DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
 LONG = 10.0  # m
 RARE = 1e-9  # share of honest measurements that the best pose explains worse than the floor
 ALLOWANCE = 30.0  # nats for how much wider the prior is than the posterior
+MOVE_ALLOWANCE = 1.0  # nats for how much each move widens each component of the state again
 
 
 def evidence_floor(sensor: Sensor, measurement: Array) -> Array:
     """Log evidence below which the measurements so far are flagged as improbable; nats, (M, T, B) -> (M, T).
 
     The density that readings would have at a pose that explains them perfectly, less what 1 in 10^9 honest
-    series of measurements fall short of it, less 30 nats by which a prior may be wider than the posterior.
+    series of measurements fall short of it, less 30 nats by which a prior may be wider than the posterior,
+    and a nat for each component and move. Readings that weigh less count as so many fewer independent ones.
     For Gaussian noise that is ln p(y | y) - chi2.isf(1e-9, B) / 2 - 30, sums and B over all readings up to
     the step. For other noise the chi-square law gives way to the gamma law of the same mean and variance
     of an honest reading's shortfall.
@@ -25,11 +28,13 @@ def evidence_floor(sensor: Sensor, measurement: Array) -> Array:
     from scipy.special import chdtri
 
     mean, variance, counted = _shortfall(sensor, measurement)
-    best = np.cumsum(sensor.log_density(measurement, measurement), axis=1)
+    fit = measurement - reading_bias(sensor.noise)
+    best = np.cumsum(sensor.log_density(measurement, fit), axis=1)
     readings = np.cumsum(counted.sum(-1), axis=1)
     degrees = 2 * readings * mean**2 / variance
     quantile = np.where(readings > 0, chdtri(np.where(readings > 0, degrees, 1.0), RARE), 0.0)
-    return np.asarray(best - 0.5 * variance / mean * quantile - ALLOWANCE)
+    moves = MOVE_ALLOWANCE * sensor.space.size * np.arange(measurement.shape[1])
+    return np.asarray(best - 0.5 * variance / mean * quantile - ALLOWANCE - moves)
 
 
 def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolArray]:
@@ -45,9 +50,11 @@ def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolAr
     longest = min(sensor.max_range, LONG)
     expected = rng.uniform(0.0, longest, (-(-SHORTFALL_DRAWS // beams), beams))
     drawn = sensor.read(expected, rng)
-    short = sensor.beam_log_density(drawn, drawn) - sensor.beam_log_density(drawn, expected)
+    fit = drawn - reading_bias(sensor.noise)
+    short = sensor.beam_log_density(drawn, fit) - sensor.beam_log_density(drawn, expected)
     short = short[~np.isnan(drawn)]
-    mean, variance = float(short.mean()), float(short.var())
+    weight = sensor.noise.weight if isinstance(sensor.noise, Tempered) else 1.0
+    mean, variance = float(short.mean()), float(short.var()) / weight
     if not (0 < mean < np.inf and 0 < variance < np.inf):
         return 0.5, 0.5, np.isfinite(measurement)
     return mean, variance, ~np.isnan(measurement)

@@ -13,7 +13,9 @@ from ...arrays import TWO_PI, Array
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
+from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
+from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
@@ -105,6 +107,7 @@ class AdaptivePointMassFilter(BriefRepr):
     def __post_init__(self) -> None:
         if self.problem.sensor.max_incidence < np.pi / 2:
             raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
+        refuse_shared_errors(self.problem.sensor, "the adaptive point-mass filter")
         states = self.problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
         if not expects_map_ranges(self.problem.sensor, states):
             raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
@@ -319,10 +322,11 @@ class AdaptivePointMassFilter(BriefRepr):
         sensor = self.problem.sensor
         lower, upper = sensor.room.bounds
         longest = float(np.linalg.norm(np.asarray(upper) - lower))
-        nearest = np.stack([np.clip(measurement, 0.0, longest), np.full_like(measurement, np.inf)])
+        fit = measurement - reading_bias(sensor.noise)
+        nearest = np.stack([np.clip(fit, 0.0, longest), np.full_like(fit, np.inf)])
         with np.errstate(invalid="ignore"):
             best = sensor.beam_log_density(measurement, nearest).max(axis=0)
-            perfect = sensor.beam_log_density(measurement, np.maximum(measurement, 0.0))
+            perfect = sensor.beam_log_density(measurement, np.maximum(fit, 0.0))
             return float((perfect - best).sum())
 
     def _after_move(self, prior: Predicted, target: Target) -> Quadrature:
@@ -411,9 +415,19 @@ class AdaptivePointMassFilter(BriefRepr):
         width[space.position_indices] = self.table.size[:2] / 2
         if "heading" in space.names:
             width[space.names.index("heading")] = self.table.size[2]
-        states = space.wrap(states + width * rng.uniform(-0.5, 0.5, states.shape))
+        laser = self._moved(states, 1.0) + width * rng.uniform(-0.5, 0.5, states.shape)
+        states = space.wrap(self._moved(laser, -1.0))
         log_share = log_volume - np.log(each)
         return Draws(states, np.zeros(len(states), np.int64), np.full(len(states), log_share))
+
+    def _moved(self, states: Array, sign: float) -> Array:
+        """States whose place is the laser's, of states (K, n) of the robot: 1; and the reverse: -1."""
+        mount, space = self.problem.sensor.mount, self.problem.space
+        if not mount.is_off_centre:
+            return states
+        moved = np.array(states)
+        moved[:, space.position_indices] += sign * mount.offset(space.poses(states)[:, 2])
+        return moved
 
     def _worth(
         self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Quadrature
@@ -467,6 +481,7 @@ class AdaptivePointMassFilter(BriefRepr):
         if "heading" in space.names:
             angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
             states[:, space.names.index("heading")] = angles
+        states = self._moved(states, -1.0)
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))

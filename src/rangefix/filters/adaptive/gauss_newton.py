@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
+from ..models.wrapped_noise import reading_bias
 from .target import BATCH, CAP, Target
 
 QUICK_BEAMS = 64  # that a first look uses
@@ -100,6 +101,7 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     (expected, slopes), prior = target.expected_and_slopes(states), target.log_prior(states)
     counts = measured.sum(axis=0)[beams]
     mean_reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
+    mean_reading = mean_reading - reading_bias(sensor.noise)
     usable = np.isfinite(mean_reading) & np.isfinite(expected[:, beams])
     scale = np.sqrt(sensor.noise.variance(np.where(np.isfinite(expected), expected, 1.0))[:, beams] / counts)
     with np.errstate(invalid="ignore"):
@@ -126,7 +128,9 @@ def _scores(target: Target, expected: Array, prior: Array) -> Array:
     possible = prior > -np.inf
     total = np.where(possible, prior, prior.max(initial=-np.inf, where=possible) - CAP)
     for reading in target.measurements:
-        perfect = target.sensor.beam_log_density(reading, np.fmax(reading, 0.0))
+        perfect = target.sensor.beam_log_density(
+            reading, np.fmax(reading - reading_bias(target.sensor.noise), 0.0)
+        )
         lost = perfect - target.sensor.beam_log_density(reading, expected)
         total = total - np.minimum(np.where(np.isnan(lost), CAP, lost), CAP).sum(-1)
     return np.asarray(total)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ...compiled import in_threads, njit
+from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Sensor
 from .target import CAP
 
@@ -27,6 +28,7 @@ MAX_QUANTA = 65000  # walls beyond 650 m count as there
 MISSED_BEAMS = 4  # missed altogether that are always allowed for, where any are
 PROBE_POSES = 2000  # that test the table
 SLIP_SHARE = 0.002  # of them that may break the allowance
+HEADINGS_TRIED = 17  # at which a place of a laser off the centre may be allowed
 RANGES_AT_ONCE = 4_000_000  # that are cast
 
 
@@ -34,7 +36,8 @@ class SearchTable(NamedTuple):
     """Least and greatest range from each coarse cell in each direction.
 
     Attributes:
-        centres: Centres of the cells that hold free space, (C, 2), m.
+        centres: Centres of the cells that may hold the laser, (C, 2), m: of free space, unless it stands
+            off the point that is estimated.
         whole: Which of them are whole cells; the others are quarters of cells that walls cut, (C,).
         entry_of: Which entry holds each quarter of the box's cells, (2 a, 2 b); -1 = none.
         lower: Lower corner of the box, (2,).
@@ -80,11 +83,11 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
     Raises:
         ValueError: If the prior allows no point that was tried.
     """
-    space = sensor.space
-    lower, upper = (corner[space.position_indices] for corner in prior.support)
+    space, mount = sensor.space, sensor.mount
+    lower, upper = _laser_box(sensor, prior)
     if space.heading is not None:
         headings, step, spread = np.array([space.heading], dtype=float), 0.0, 0
-        directions = sensor.bearings + headings[0]
+        directions = sensor.bearings + headings[0] - mount.yaw
         columns = np.arange(len(directions))[None]
     else:
         axis = space.names.index("heading")
@@ -94,7 +97,7 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
         headings = start + step * (np.arange(int(np.ceil((end - start) / step - 1e-9))) + 0.5)
         directions = step * np.arange(count)
         # a beam sweeps over a heading cell, from one direction cast to the second or third
-        offset = (headings[:, None] - step / 2 + sensor.bearings) / step
+        offset = (headings[:, None] - step / 2 + sensor.bearings - mount.yaw) / step
         spread = 1 if np.abs(offset - np.round(offset)).max() < 1e-6 else 2
         columns = np.floor(offset + 1e-9).astype(np.int64) % count
     counts = _count_cells(upper - lower, len(directions), rays)
@@ -117,7 +120,7 @@ def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchT
 def table_shape(sensor: Sensor, prior: Prior, rays: int) -> tuple[tuple[int, int], int, int]:
     """Cells along x1 and x2, directions, and rows cast at once, of the table that `build_table` makes."""
     space = sensor.space
-    extent = np.subtract(*prior.support[::-1])[space.position_indices]
+    extent = np.subtract(*_laser_box(sensor, prior)[::-1])
     directions = len(sensor.bearings) if space.heading is not None else _count_directions(rays)
     rows, columns = map(int, _count_cells(extent, directions, rays))
     return (rows, columns), directions, min(rows, _rows_at_once(2 * columns + 1, directions))
@@ -215,18 +218,43 @@ def _each_cell(nodes: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
 
 
 def _allowed(sensor: Sensor, prior: Prior, points: Array) -> BoolArray:
-    """Whether the prior allows points (..., 2), every other component in the middle of its support."""
-    states = np.empty((*points.shape[:-1], sensor.space.size))
+    """Whether the prior allows a laser at points (..., 2), with the rest in the middle of its support.
+
+    Where the laser stands off the point that is estimated, at any of some headings.
+    """
+    space, mount = sensor.space, sensor.mount
+    states = np.empty((*points.shape[:-1], space.size))
     states[...] = (prior.support[0] + prior.support[1]) / 2
-    states[..., sensor.space.position_indices] = points
-    return np.asarray(prior.log_density(states) > -np.inf)
+    states[..., space.position_indices] = points
+    if not mount.is_off_centre:
+        return np.asarray(prior.log_density(states) > -np.inf)
+    allowed = np.zeros(points.shape[:-1], np.bool_)
+    if space.heading is not None:
+        headings = np.array([space.heading])
+    else:
+        axis = space.names.index("heading")
+        headings = np.linspace(prior.support[0][axis], prior.support[1][axis], HEADINGS_TRIED)
+    for heading in headings:
+        if space.heading is None:
+            states[..., axis] = heading
+        states[..., space.position_indices] = points - mount.offset(heading)
+        allowed |= np.asarray(prior.log_density(space.wrap(states)) > -np.inf)
+    return allowed
+
+
+def _laser_box(sensor: Sensor, prior: Prior) -> tuple[Array, Array]:
+    """Corners of a box that holds the laser, (2,) each, m."""
+    lower, upper = (corner[sensor.space.position_indices] for corner in prior.support)
+    reach = float(np.hypot(sensor.mount.forward, sensor.mount.left))
+    return lower - reach, upper + reach
 
 
 def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float, float]:
     """What structure that the bounds miss costs a beam: from poses drawn with a seed of their own."""
     states = prior.sample(PROBE_POSES, np.random.default_rng(0))
     poses = sensor.space.poses(states)
-    quarter = np.floor((poses[:, :2] - table.lower) / (table.size[:2] / 2)).astype(np.int64)
+    places = sensor.mount.laser_poses(poses)[:, :2]
+    quarter = np.floor((places - table.lower) / (table.size[:2] / 2)).astype(np.int64)
     cells = table.entry_of[tuple(np.clip(quarter, 0, np.array(table.entry_of.shape) - 1).T)]
     headings = np.zeros(PROBE_POSES, dtype=np.int64)
     if table.size[2]:
@@ -236,8 +264,9 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     low, high = (bound[cells[:, None], columns] for bound in (table.low, table.high))
     truth = sensor.expected(states)
     nearest = np.clip(truth, _metres(low), _metres(high))
-    reading = np.where(truth > sensor.max_range, np.inf, truth)
-    reading = np.where(truth < sensor.min_range, -np.inf, reading)
+    fit = truth + reading_bias(sensor.noise)
+    reading = np.where(fit > sensor.max_range, np.inf, fit)
+    reading = np.where(fit < sensor.min_range, -np.inf, reading)
     lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)

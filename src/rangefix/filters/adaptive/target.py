@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...arrays import Array, IntArray
+from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
@@ -93,15 +94,17 @@ class Target:
     def expected(self, states: Array, beams: IntArray | None = None) -> Array:
         """Ranges of the beams that were measured, or of these; (K, B), 0 for the others."""
         beams = self.beams if beams is None else beams
-        poses = self.sensor.space.poses(states)
+        poses = self.sensor.mount.laser_poses(self.sensor.space.poses(states))
         return self._among_all(self.sensor.room.ranges(poses, self.sensor.bearings[beams]), beams)
 
     def expected_and_slopes(self, states: Array) -> tuple[Array, Array]:
         """The same and the derivatives of the ranges that were measured, (K, k, n)."""
         space, beams = self.sensor.space, self.beams
         self.work.spend(2.0 * len(states) * len(beams))
-        hits = self.sensor.room.cast(space.poses(states), self.sensor.bearings[beams])
-        return self._among_all(hits.ranges, beams), space.from_pose_gradients(hits.gradients)
+        poses, mount = space.poses(states), self.sensor.mount
+        hits = self.sensor.room.cast(mount.laser_poses(poses), self.sensor.bearings[beams])
+        gradients = mount.gradients(poses, hits.gradients)
+        return self._among_all(hits.ranges, beams), space.from_pose_gradients(gradients)
 
     def _among_all(self, ranges: Array, beams: IntArray) -> Array:
         """Ranges (K, k) of some beams as (K, B), 0 for the others."""
@@ -124,4 +127,5 @@ class Target:
 
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""
-        return float(sum(self.sensor.log_density(row, np.fmax(row, 0.0)) for row in self.measurements))
+        sensor, bias = self.sensor, reading_bias(self.sensor.noise)
+        return float(sum(sensor.log_density(row, np.fmax(row - bias, 0.0)) for row in self.measurements))

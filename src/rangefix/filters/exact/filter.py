@@ -14,10 +14,12 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
+from ..models.correlated import refuse_shared_errors
 from ..models.gaussian_prior import GaussianPrior
 from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
 from ..models.uniform_prior import Uniform
+from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import JUMP_NATS, Nodes, Tables, joined, moments_of_any, nodes_for, tabulate
@@ -99,6 +101,7 @@ class ExactPositionFilter(BriefRepr):
             raise ValueError("the exact filter is for a position x1, x2 with a known heading")
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the exact filter is for an object that stays where it is")
+        refuse_shared_errors(self.problem.sensor, "the exact filter")
         if not self.most_pieces > 0:
             raise ValueError(f"most_pieces must be positive, got {self.most_pieces}")
         self._check_pieces()
@@ -245,10 +248,15 @@ class ExactPositionFilter(BriefRepr):
     def _pieces(self, lower: Array, upper: Array, free: Callable[[Array], BoolArray]) -> Pieces:
         sensor, heading = self.problem.sensor, self.problem.space.heading
         assert heading is not None
-        angles = heading + sensor.bearings
+        angles = heading - sensor.mount.yaw + sensor.bearings
+        shift = np.tile(
+            sensor.mount.offset(np.asarray(heading)), 2
+        )  # the walls as the reference point meets them
         directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+        walls = sensor.room.segments
+        borders = walls if shift.any() else None
         found = partition(
-            sensor.room.segments, directions, lower, upper, free, sensor.max_incidence, self.most_pieces
+            walls - shift, directions, lower, upper, free, sensor.max_incidence, self.most_pieces, borders
         )
         return Pieces(
             found.corners, found.counts, found.centres, np.log(found.areas), found.ranges, found.slopes,
@@ -361,7 +369,8 @@ class ExactPositionFilter(BriefRepr):
         farthest = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
         limit = np.where(np.isneginf(readings).any(axis=0), sensor.min_range, farthest)
         sums = np.where(finite, readings, 0.0).sum(axis=0)
-        centres = np.where(counts > 0, np.maximum(sums / np.maximum(counts, 1), 0.0), limit)
+        walls = sums / np.maximum(counts, 1) - reading_bias(sensor.noise)
+        centres = np.where(counts > 0, np.maximum(walls, 0.0), limit)
         centres = np.minimum(centres, MAX_CENTRE_M)
         stds = np.sqrt(np.broadcast_to(sensor.noise.variance(centres), centres.shape))
 
@@ -375,7 +384,8 @@ class ExactPositionFilter(BriefRepr):
         """Whether the density of a reading jumps where the expected range passes it, as in mixtures."""
         sensor = self.problem.sensor
         ranges = np.linspace(0.0, min(sensor.max_range, 10.0), 12)[1:-1, None] * np.ones(len(sensor.bearings))
-        before, after = (sensor.beam_log_density(ranges, ranges * side) for side in (1 - 1e-9, 1 + 1e-9))
+        readings = ranges + reading_bias(sensor.noise)
+        before, after = (sensor.beam_log_density(readings, ranges * side) for side in (1 - 1e-9, 1 + 1e-9))
         with np.errstate(invalid="ignore"):  # -inf on both sides: beyond what a mixture reads
             return bool((np.abs(after - before) > JUMP_NATS).any())
 

@@ -60,6 +60,7 @@ def partition(
     is_free: Callable[[Array], BoolArray],
     max_incidence: float = 0.5 * np.pi,
     most_pieces: int = 200_000,
+    borders: Array | None = None,
 ) -> Partition:
     """Cut the free space of a box into pieces on which all ranges are affine.
 
@@ -70,11 +71,14 @@ def partition(
         is_free: Whether points (N, 2) are in free space.
         max_incidence: Beams that meet a wall at more than this from its normal are lost, rad.
         most_pieces: The most pieces allowed.
+        borders: Walls at which free space ends, (S, 4), where they are not the segments: those of a laser
+            that stands off the point that is estimated lie elsewhere for it.
 
     Raises:
         TooManyPieces: If there are more.
     """
-    pieces = _free_parts(_trapezoids(segments, directions[0], lower, upper), is_free)
+    cuts = segments if borders is None else np.concatenate([segments, borders])
+    pieces = _free_parts(_trapezoids(cuts, directions[0], lower, upper), is_free)
     corners = np.zeros((len(pieces), MAX_CORNERS, 2))
     counts = np.array([len(piece) for piece in pieces], dtype=np.int64)
     for place, piece in enumerate(pieces):

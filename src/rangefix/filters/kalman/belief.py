@@ -8,17 +8,21 @@ import numpy as np
 
 from ...arrays import Array
 from ..estimate import BriefRepr, Estimate, brief
+from ..models.correlated import refuse_shared_errors
 from ..problem import Problem
 
 MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint covariance of its beams
 
 
 def check_joint_beams(problem: Problem) -> None:
-    """Refuse more beams than a joint covariance is made for: it takes their square in memory, and cubed time.
+    """Refuse more beams than a joint covariance is made for, and beams with errors that they share.
+
+    It takes their square in memory, and cubed time.
 
     Raises:
-        ValueError: If there are more.
+        ValueError: If there are more, or such errors.
     """
+    refuse_shared_errors(problem.sensor, "a Kalman filter")
     beams = len(problem.sensor.bearings)
     if beams > MAX_JOINT_BEAMS:
         raise ValueError(
@@ -56,6 +60,7 @@ class LinearisedOptions(BriefRepr):
     iterations: int = 1
 
     def __post_init__(self) -> None:
+        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         if self.iterations != int(self.iterations) or self.iterations < 1:
             raise ValueError(f"iterations must be a whole number from 1 on, got {self.iterations}")
 
@@ -71,6 +76,7 @@ class SigmaPointOptions(BriefRepr):
 
     def __post_init__(self) -> None:
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
+        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
             raise ValueError(

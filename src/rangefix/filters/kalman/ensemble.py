@@ -15,6 +15,7 @@ from ...arrays import LOG_TWO_PI, Array
 from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_measurement, impossible_runs
+from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
@@ -125,8 +126,9 @@ class EnsembleKalmanFilter(BriefRepr):
         off = expected - expected.mean(0)
         spread = off.T @ off / freedom + np.diag(noise)
         cross = space.difference(members, mean).T @ off / freedom
-        perturbed = reading[used] + np.sqrt(noise) * rng.standard_normal(expected.shape)
-        innovation = reading[used] - expected.mean(0)
+        unbiased = reading[used] - reading_bias(sensor.noise)
+        perturbed = unbiased + np.sqrt(noise) * rng.standard_normal(expected.shape)
+        innovation = unbiased - expected.mean(0)
         try:
             moved = space.wrap(members + np.linalg.solve(spread, (perturbed - expected).T).T @ cross.T)
             square = innovation @ np.linalg.solve(spread, innovation)

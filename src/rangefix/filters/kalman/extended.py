@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, sum_terms
+from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
 from .batch import GaussianFilter, accept_definite, condition, look, refuse_impossible
 from .belief import GaussianBelief, LinearisedOptions
@@ -45,7 +46,7 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
             expected, slope = look(sensor, point)
             used = np.isfinite(measurement) & np.isfinite(expected)
             expected = np.where(used, expected, 0.0)
-            innovation = np.where(used, measurement, 0.0) - expected
+            innovation = np.where(used, measurement - reading_bias(sensor.noise), 0.0) - expected
             slope = np.ascontiguousarray(np.moveaxis(slope, 0, -1))
             ahead = space.difference(belief.mean, point).T
             innovation = innovation.T - sum_terms((slope * ahead).swapaxes(0, 1))

@@ -16,6 +16,7 @@ from numpy.random import Generator
 from ...arrays import LOG_TWO_PI, Array
 from ..estimate import Estimate
 from ..measurement import check_reading, impossible_runs
+from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions, check_joint_beams
@@ -81,6 +82,7 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
 
     def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
+        measurement = measurement - reading_bias(sensor.noise)
         point, result = belief.mean, belief
         for _ in range(self.iterations):
             expected = sensor.expected(point)
@@ -151,6 +153,7 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
 
     def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         sensor, space = self.problem.sensor, self.problem.space
+        measurement = measurement - reading_bias(sensor.noise)
         ukf = self._unscented(belief, len(measurement))
         ukf.sigmas_f = ukf.points_fn.sigma_points(belief.mean, belief.covariance)
         expected = sensor.expected(ukf.sigmas_f)

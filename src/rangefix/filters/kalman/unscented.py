@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, sum_terms
+from ..models.wrapped_noise import reading_bias
 from ..problem import Problem, Sensor
 from .batch import GaussianFilter, accept_definite, cholesky, condition, refuse_impossible
 from .belief import GaussianBelief, SigmaPointOptions
@@ -61,7 +62,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         expected = np.where(used, expected, 0.0)
         slopes = np.ascontiguousarray((expected[1:] - expected[0]).transpose(2, 0, 1))  # (B, 2 n, M)
         centre = expected[0] + (self._weight * sum_terms(slopes.swapaxes(0, 1))).T
-        innovation = np.where(used, measurement, 0.0) - centre
+        innovation = np.where(used, measurement - reading_bias(sensor.noise), 0.0) - centre
         shares = np.full((len(arms), len(arms)), (self.beta - self.alpha**2) * self._weight**2)
         shares[np.diag_indices(len(arms))] += self._weight
         prior = np.broadcast_to(shares[:, :, None], (*shares.shape, len(centre)))

@@ -11,9 +11,13 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
+from ..mount import CENTRED, Mount
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
+from .correlated import Correlated, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
+from .noise_of_beams import noise_of_beams
+from .wrapped_noise import wider_gaussian
 
 RIGHT_ANGLE = 0.5 * np.pi
 MAX_BEAMS_UNROLLED = 8  # beams
@@ -46,7 +50,8 @@ class Rangefinder:
 
     Args:
         room: The map.
-        bearings: Beam directions relative to the heading, rad clockwise, (B,), B >= 1.
+        bearings: Beam directions relative to its forward axis, the heading unless it is turned on the robot,
+            rad clockwise, (B,), B >= 1.
         noise: How readings scatter.
         space: The space of the states.
         blind_sector: Width of the sector centred astern in which nothing is measured, rad: beams in it read
@@ -58,6 +63,7 @@ class Rangefinder:
             graze a wall at more than that are lost: `expected` says inf for them, as where no wall is. To an
             estimator whose sensor does not know of it such a reading is impossible, unless its noise allows
             for lost beams (`BeamMixture`).
+        mount: Where it stands on the robot whose pose is the state, and how it is turned there.
 
     Raises:
         ValueError: If there is no beam, a bearing is not finite, the noise is for another number of beams,
@@ -72,6 +78,7 @@ class Rangefinder:
     max_range: float = np.inf
     max_incidence: float = RIGHT_ANGLE
     min_range: float = 0.0
+    mount: Mount = CENTRED
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -108,15 +115,16 @@ class Rangefinder:
 
     @cached_property
     def gaussian_stds(self) -> Array | None:
-        """Standard deviations, m, (B,), where noise is Gaussian and no range or incidence is limited."""
+        """Standard deviations, m, (B,), where noise weighs as Gaussian and nothing is limited."""
         unlimited = np.isinf(self.max_range) and not self.min_range and self.max_incidence == RIGHT_ANGLE
-        if type(self.noise) is Gaussian and unlimited:
-            return np.broadcast_to(self.noise.stds, self.bearings.shape)
+        noise = wider_gaussian(self.noise) or self.noise
+        if type(noise) is Gaussian and unlimited:
+            return np.broadcast_to(noise.stds, self.bearings.shape)
         return None
 
     def expected(self, states: ArrayLike) -> Array:
         """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or grazes it."""
-        poses = self.space.poses(np.asarray(states, dtype=float))
+        poses = self.mount.laser_poses(self.space.poses(np.asarray(states, dtype=float)))
         ranges = self.room.ranges(poses, self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             return np.where(self._grazing(self.room.gradients(poses, self.bearings)), np.inf, ranges)
@@ -124,19 +132,21 @@ class Rangefinder:
 
     def jacobian(self, states: Array) -> Array:
         """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where it is inf."""
-        gradients = self.room.gradients(self.space.poses(states), self.bearings)
+        poses = self.space.poses(states)
+        gradients = self.room.gradients(self.mount.laser_poses(poses), self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)
-        return self.space.from_pose_gradients(gradients)
+        return self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
 
     def look(self, states: Array) -> tuple[Array, Array]:
         """`expected` and `jacobian` of one cast: (..., n) -> (..., B) m and (..., B, n)."""
-        hits = self.room.cast(self.space.poses(states), self.bearings)
+        poses = self.space.poses(states)
+        hits = self.room.cast(self.mount.laser_poses(poses), self.bearings)
         ranges, gradients = hits.ranges, hits.gradients
         if self.max_incidence < RIGHT_ANGLE:
             lost = self._grazing(gradients)
             ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
-        return ranges, self.space.from_pose_gradients(gradients)
+        return ranges, self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
 
     def _grazing(self, gradients: Array) -> BoolArray:
         """Which beams are lost: |d range / d x| is 1 / cos(incidence), and 0 for a wall met edge-on."""
@@ -144,7 +154,7 @@ class Rangefinder:
         return np.asarray((slopes * np.cos(self.max_incidence) > 1) | (slopes == 0))
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
-        """Log density of a measurement given expected ranges, summed over the measured beams; nats.
+        """Log density of a measurement given expected ranges, of all measured beams together; nats.
 
         Args:
             measurement: Readings (..., B), m; NaN = not measured, inf = no return, -inf = too close.
@@ -163,10 +173,26 @@ class Rangefinder:
             total = self._gaussian(self.noise.stds, measurement, expected)
             if np.isfinite(total).all() and not self._beyond(measurement).any():
                 return total
-        return np.asarray(self.beam_log_density(measurement, expected).sum(-1))
+        alone = np.asarray(self.beam_log_density(measurement, expected).sum(-1))
+        shared, weight = shared_errors(self.noise)
+        return alone if shared is None else alone + weight * self._together(shared, measurement, expected)
+
+    def _together(self, shared: Correlated, measurement: Array, expected: Array) -> Array:
+        """What the beams of a scan weigh together beyond what each weighs by itself; (..., B) -> (...)."""
+        possible = np.where(self._beyond(measurement), np.nan, measurement)
+        shape = np.broadcast_shapes(possible.shape, expected.shape)
+        scans = possible.reshape((1,) * (len(shape) - possible.ndim) + possible.shape)
+        ranges, total = np.broadcast_to(expected, shape), np.empty(shape[:-1])
+        for place in np.ndindex(scans.shape[:-1]):  # all states that one scan is asked about at once
+            at = tuple(
+                slice(None) if size == 1 else slice(index, index + 1)
+                for index, size in zip(place, scans.shape[:-1], strict=True)
+            )
+            total[at] = shared.log_copula(scans[place], ranges[at], self.bearings)
+        return total
 
     def beam_log_density(self, measurement: Array, expected: Array) -> Array:
-        """What each beam adds to `log_density`, before the sum: (..., B), (..., B) -> (..., B); nats."""
+        """What each beam adds to `log_density` by itself: (..., B), (..., B) -> (..., B); nats."""
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         silent, close = np.isposinf(measurement), np.isneginf(measurement)
         measured = ~np.isnan(measurement) & ~self.blind
@@ -174,7 +200,11 @@ class Rangefinder:
         with np.errstate(over="ignore"):  # readings that are far off
             terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
         terms = np.where(possible, terms, -np.inf)
-        if silent.any():
+        if silent.ndim == 1 and silent.any():  # one scan at many states: only its beams that did not return
+            kept = np.flatnonzero(silent)
+            noise = noise_of_beams(self.noise, kept, len(silent))
+            terms[..., kept] = noise.log_above(np.asarray(self.max_range), expected[..., kept])
+        elif silent.any():
             terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
         if close.any() and self.min_range:
             near = np.maximum(expected, 0.0)  # -inf expects itself where a perfect fit is asked for
@@ -215,16 +245,40 @@ class Rangefinder:
 
         NaN in the blind sector, inf beyond the maximum range, -inf below the minimum range.
         """
-        return self._limited(self.noise.sample(expected, rng))
+        shared, _ = shared_errors(self.noise)
+        if shared is None:
+            return self._limited(self.noise.sample(expected, rng))
+        scans = np.reshape(expected, (-1, 1, len(self.bearings)))
+        drawn = [shared.sample_scans(scan, self.ends(np.zeros((1, 3)), scan), rng) for scan in scans]
+        return self._limited(np.reshape(drawn, np.shape(expected)))
 
-    def read_each(self, expected: Array, rngs: Sequence[Generator]) -> Array:
-        """`read` for M runs, step by step from generators of their own: (M, T, B) -> (M, T, B) m."""
+    def read_each(self, expected: Array, rngs: Sequence[Generator], states: Array | None = None) -> Array:
+        """Readings of M runs of T scans, each run's from a generator of its own: (M, T, B) -> (M, T, B) m.
+
+        Errors that outlast a scan are the same for all scans of a run, if the states (M, T, n) say where the
+        beams end.
+        """
         noise = self.noise
+        shared, _ = shared_errors(noise)
+        if shared is not None and states is not None:
+            ends = self.ends(self.mount.laser_poses(self.space.poses(states)), expected)
+            return self._limited(
+                np.array([shared.sample_scans(*run) for run in zip(expected, ends, rngs, strict=True)])
+            )
         if isinstance(noise, ScaledNoise) and type(noise) in (Gaussian, RangeProportional, StudentT):
             return self._limited(noise.sample_each(expected, rngs))  # all at once, with the same numbers
         pairs = zip(expected, rngs, strict=True)
-        return self._limited(
-            np.array([[self.noise.sample(step, rng) for step in steps] for steps, rng in pairs])
+        return np.array([[self.read(step, rng) for step in steps] for steps, rng in pairs])
+
+    def ends(self, poses: Array, expected: Array) -> Array:
+        """Where beams from poses of the laser meet walls, m: (..., 3), (..., B) -> (..., B, 2).
+
+        A beam that meets no wall ends where it begins.
+        """
+        angles = poses[..., 2:] + self.bearings
+        ways = np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+        return np.asarray(
+            poses[..., None, :2] + np.where(np.isfinite(expected), expected, 0.0)[..., None] * ways
         )
 
     def _limited(self, reading: Array) -> Array:

@@ -36,6 +36,7 @@ from .last_step import LastStep
 from .metropolis import (
     Posterior,
     Target,
+    any_moves,
     covariance_root,
     kernel_step,
     metropolis,
@@ -167,7 +168,7 @@ class ParticleFilter(BriefRepr):
             noisy = motion.noise_covariance(states[0], controls[run]).any()
             if noisy and effective_number(log_weights) < self.resample_below * self.particles:
                 target = self._target(belief, run) if belief.standing[run] else None
-                states, _, _ = self._resampled(states, log_weights, target, None, 0.0, rng)
+                states, _, _ = self._resampled(states, log_weights, None, target, None, 0.0, rng)
                 log_weights = equal(self.particles)
             moved = motion.sample(states, controls[run], rng)
             moves[run] = noisy or not np.array_equal(moved, states)
@@ -258,7 +259,9 @@ class ParticleFilter(BriefRepr):
         enough = self.resample_below * self.particles
         target = self._target(belief, run, reading)
         if effective_number(log_weights) < enough:
-            states, log_density, target = self._resampled(states, log_weights, target, reading, 0.0, rng)
+            states, log_density, target = self._resampled(
+                states, log_weights, None, target, reading, 0.0, rng
+            )
             log_weights = equal(self.particles)
         else:
             log_density = self._log_density(reading, states)
@@ -270,7 +273,9 @@ class ParticleFilter(BriefRepr):
                 break
             log_weights, gain = weighted(log_weights, stage * log_density)
             gains, power = gains + gain, power + stage
-            states, log_density, target = self._resampled(states, log_weights, target, reading, power, rng)
+            states, log_density, target = self._resampled(
+                states, log_weights, log_density, target, reading, power, rng
+            )
             log_weights = equal(self.particles)
         log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
         if gain == -np.inf:
@@ -303,12 +308,16 @@ class ParticleFilter(BriefRepr):
         self,
         states: Array,
         log_weights: Array,
+        log_density: Array | None,
         target: Target | None,
         reading: Array | None,
         power: float,
         rng: Generator,
     ) -> tuple[Array, Array, Target | None]:
-        """States of equal weight, moved apart, the log density of the reading there, and their target."""
+        """States of equal weight, moved apart, the log density of the reading there, and their target.
+
+        The log density of the reading at the states as they come, (N,), is None where nobody has asked.
+        """
         space = self.problem.space
         weights = exp_of(log_weights)
         ancestors = SCHEMES[self.resampling](weights, rng)
@@ -324,18 +333,28 @@ class ParticleFilter(BriefRepr):
         counts = np.diff(first, append=len(ancestors))
         if target is None:
             return copies, np.repeat(self._log_density(reading, copies[first]), counts), None
-        known, fresh = target.log_densities(copies[first])
-        logs = np.repeat(known, counts), np.repeat(fresh, counts)
         if isinstance(target, LastStep):
             target = target.of(ancestors)
             propose = partial(target.propose, rng=rng)
-            moved, log_density = metropolis_steps(copies, logs, target, propose, power, self.moves, rng)
+            if not power and not target.readings:  # nothing is held against a proposal: every one is taken
+                moved = any_moves(copies, propose, self.moves, rng)
+                log_density = target.log_densities(moved)[1]
+            else:
+                logs = np.zeros(self.particles), np.zeros(self.particles)
+                if log_density is not None and not target.readings:
+                    logs = logs[0], log_density[ancestors]
+                else:
+                    known, fresh = target.log_densities(copies[first])
+                    logs = np.repeat(known, counts), np.repeat(fresh, counts)
+                moved, log_density = metropolis_steps(copies, logs, target, propose, power, self.moves, rng)
             weights = exp_of(equal(self.particles))
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
             if spread is not moved:
                 target = replace(target, starts=starts)
                 log_density = self._log_density(reading, spread)
             return spread, log_density, target
+        known, fresh = target.log_densities(copies[first])
+        logs = np.repeat(known, counts), np.repeat(fresh, counts)
         root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
         thorough = self.temper is not False
         return *metropolis(copies, logs, target, power, root, self.moves, rng, thorough), target

@@ -91,6 +91,14 @@ def metropolis_steps(
     return states, fresh
 
 
+def any_moves(states: Array, propose: Callable[[Array], Array], steps: int, rng: Generator) -> Array:
+    """`metropolis_steps` where every proposal is as good as every other, with the same draws."""
+    for _ in range(steps):
+        states = propose(states)
+        rng.standard_exponential(len(states))
+    return states
+
+
 def metropolis(
     states: Array, log_densities: tuple[Array, Array], posterior: Posterior, power: float, root: Array,
     steps: int, rng: Generator, thorough: bool = False,

@@ -97,8 +97,8 @@ def cast_cells(grid: Grid, sensor: Sensor, memory: float) -> CellRanges:
     """
     beams = len(sensor.bearings)
     some = grid.centres[:: max(1, len(grid.centres) // CHECKED_CELLS)]
-    if grid.turns > 1 and expects_map_ranges(sensor, some):
-        shared = directions(sensor.bearings, grid.centres[0, 2], grid.step[2], grid.turns)
+    if grid.turns > 1 and not sensor.mount.is_off_centre and expects_map_ranges(sensor, some):
+        shared = directions(sensor.bearings - sensor.mount.yaw, grid.centres[0, 2], grid.step[2], grid.turns)
         kinds, period = shared.angles.shape
         places = len(grid.centres) // grid.turns
         need = 8.0 * places * kinds * (period + HEADINGS_PER_BLOCK)

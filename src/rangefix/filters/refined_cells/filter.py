@@ -13,6 +13,7 @@ from ...arrays import Array
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
 from ..measurement import check_measurement
+from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..optional_methods import Image
 from ..problem import Prior, Problem
@@ -81,6 +82,7 @@ class RefinedPointMassFilter(BriefRepr):
             raise ValueError(
                 f"without cell the point-mass filter takes x1, x2 and heading, not {names}: give cell"
             )
+        refuse_shared_errors(self.problem.sensor, "the point-mass filter without cell")
         if not 0 < self.accuracy < 1:
             raise ValueError(f"accuracy must be between 0 and 1, got {self.accuracy}")
         if not self.most_cells > 0:

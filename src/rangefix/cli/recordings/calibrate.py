@@ -1,0 +1,120 @@
+"""The command `calibrate`: the noise of a recording on a map, as sections of a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..app import Json, doing, print_json, say
+
+if TYPE_CHECKING:
+    from ...evaluation.recordings.calibrate import Calibration
+
+DEFAULT_BEAMS = 24
+
+
+def calibrate(
+    map_name: Annotated[str, typer.Option("--map", metavar="MAP", help="A map file, or a room.")],
+    log_path: Annotated[Path, typer.Option("--log", metavar="LOG", help="A recording.")],
+    truth: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="True poses (TUM), or the word odometry where that is true."),
+    ] = None,
+    start: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X1 X2 DEG", help="Without truth: the pose from which a filter follows."),
+    ] = None,
+    beams: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Beams of a scan that filters will take; 0: all.")
+    ] = DEFAULT_BEAMS,
+    forward_m: Annotated[float | None, typer.Option(help="How far the laser stands ahead.")] = None,
+    left_m: Annotated[float | None, typer.Option(help="How far it stands to the left.")] = None,
+    yaw_deg: Annotated[float | None, typer.Option(help="How far it is turned to the left.")] = None,
+    no_return_m: Annotated[
+        float | None, typer.Option(help="Readings from there on mean that nothing returned.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The sections; a picture goes beside it.")
+    ] = Path("calibrated.toml"),
+    as_json: Json = False,
+) -> None:
+    """Fit the noise of a rangefinder to a recording on a map."""
+    import numpy as np
+
+    from ...evaluation.figures.files import encoded
+    from ...evaluation.figures.recordings.residuals import draw_residuals
+    from ...evaluation.figures.style import styled
+    from ...evaluation.recordings.calibrate import calibrate as fit
+    from ...evaluation.recordings.open_log import open_log
+    from ...evaluation.recordings.options import ReadingOptions
+    from ...evaluation.recordings.residuals import find_residuals
+    from ...evaluation.recordings.sensor_text import sensor_text
+    from ...evaluation.recordings.steps import Choice
+    from ...evaluation.results.files import write_bytes
+    from ...maps import open_map
+
+    if truth is not None and start is not None:
+        raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
+    if out.suffix != ".toml":
+        raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
+    options = ReadingOptions(forward_m=forward_m, left_m=left_m, yaw_deg=yaw_deg, no_return_m=no_return_m)
+    room, log = open_map(map_name), open_log(log_path, options)
+    pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
+    doing("comparing readings with the map")
+    residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
+    doing("fitting")
+    found = fit(residuals)
+    with styled():
+        picture = encoded(draw_residuals(found), ["png"])["png"]
+    files = [out, out.with_suffix(".png")]
+    write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
+    write_bytes(files[1], picture)
+    fitted = found.fitted
+    if as_json:
+        print_json(
+            {
+                "scans": len(residuals.readings),
+                "beams": len(residuals.beams),
+                "from_truth": residuals.from_truth,
+                "independent_beams": found.independent_beams,
+                "fitted": fitted.figures(),
+                "intervals": found.intervals,
+                "places": [{"share": p.share, "length_m": p.length} for p in fitted.correlated.places],
+                "files": [str(file) for file in files],
+            }
+        )
+        return
+    _tell(found)
+    say(f"wrote {files[0]} and {files[1]}")
+
+
+def _tell(found: Calibration) -> None:
+    """What was fitted, in words and numbers."""
+    residuals, fitted = found.residuals, found.fitted
+    scans, beams = residuals.readings.shape
+    say(f"{scans} scans of {beams} beams, at {'true poses' if residuals.from_truth else 'poses of a filter'}")
+    if not residuals.from_truth:
+        say("The filter followed the same readings: widths and correlations are a little too small.")
+    for name, text in WORDS.items():
+        low, high = found.intervals[name]
+        say(f"  {text:<52} {fitted.figures()[name]:8.4g}   [{low:.4g}, {high:.4g}]")
+    for place in fitted.correlated.places:
+        say(f"  share that is an error of the map, alike over {place.length:g} m {place.share:12.3f}")
+    say(
+        f"A scan of {beams} beams is worth {found.independent_beams:.1f} independent ones to a filter, "
+        f"and {fitted.weight_of_one_scan * beams:.1f} if it is the only scan."
+    )
+
+
+WORDS = {
+    "bias_m": "readings are too long by, m",
+    "std_m": "standard deviation of hits, m",
+    "short": "share of readings of things before the wall",
+    "random": "share of readings of anything",
+    "lost": "share of beams lost although a wall is in reach",
+    "white": "share of the variance that is a reading's own",
+    "scan": "share that is one error of a whole scan",
+    "weight": "weight of a reading",
+}

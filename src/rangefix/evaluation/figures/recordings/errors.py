@@ -1,0 +1,83 @@
+"""How far estimates of a recording are off in the bands that they claim, and how readings fit the map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ....arrays import Array, wrap
+from ...recordings.trace import Trace
+from ..style import COLOURS, symbol
+
+WIDTH, PANEL = 9.0, 1.7  # inches
+BAND = 1.96  # deviations
+
+
+def draw_errors(name: str, trace: Trace) -> Figure:
+    """Errors of the three components over time, with the band that is claimed to hold 95 % of them.
+
+    Args:
+        name: Of the estimator.
+        trace: Its replay; some true poses must be known.
+    """
+    times = trace.times - trace.times[0]
+    errors = trace.means - trace.truths
+    errors[:, 2] = wrap(errors[:, 2])
+    stds = np.sqrt(np.diagonal(trace.covariances, axis1=1, axis2=2))
+    figure = Figure(figsize=(WIDTH, 3 * PANEL + 0.8), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    degrees = 180 / np.pi
+    scales = ((symbol("x1") + ", m", 1.0), (symbol("x2") + ", m", 1.0), ("heading, deg", degrees))
+    for place, (label, factor) in enumerate(scales):
+        axes: Axes = panels[place]
+        band = factor * BAND * stds[:, place]
+        axes.fill_between(
+            times, -band, band, color=COLOURS[6], alpha=0.45, linewidth=0, label="claimed, 95 %"
+        )
+        axes.plot(times, factor * errors[:, place], color="black", linewidth=0.9, label="error")
+        axes.axhline(0.0, color="0.5", linewidth=0.6)
+        axes.set_ylabel(label)
+    panels[0].legend(loc="upper right", ncols=2)
+    panels[-1].set_xlabel("time, s")
+    inside = (np.abs(errors) <= BAND * stds)[np.isfinite(errors).all(axis=1)]
+    figure.suptitle(f"Errors of {name}: {100 * inside.mean():.0f} % of them in the bands, of 95 % claimed")
+    return figure
+
+
+def draw_fit(traces: Mapping[str, Trace]) -> Figure:
+    """Innovations: how readings differ from the map at the estimates, and what evidence each scan adds.
+
+    Args:
+        traces: By the name of the estimator.
+    """
+    figure = Figure(figsize=(WIDTH, 2 * PANEL + 1.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for place, (name, trace) in enumerate(traces.items()):
+        colour = COLOURS[place % len(COLOURS)]
+        times = trace.times - trace.times[0]
+        low, middle, high = _quartiles(trace.residuals)
+        upper.fill_between(times, low, high, color=colour, alpha=0.2, linewidth=0)
+        upper.plot(times, middle, color=colour, linewidth=0.9, label=name)
+        evidence = np.array([step.log_evidence for step in trace.kept])
+        beams = np.array([max(int((~np.isnan(step.step.measurement)).sum()), 1) for step in trace.kept])
+        gained = np.diff(evidence, prepend=0.0) / trace.every / beams
+        lower.plot(times, gained, color=colour, linewidth=0.8)
+    upper.axhline(0.0, color="0.5", linewidth=0.6)
+    upper.set_ylabel("reading - map, m")
+    upper.set_title("Readings less the map's ranges at the estimate: median of a scan, and middle half")
+    upper.legend(loc="upper right", ncols=2)
+    lower.set_ylabel("nats per beam")
+    lower.set_title("Log evidence that each scan adds")
+    lower.set_xlabel("time, s")
+    return figure
+
+
+def _quartiles(residuals: Array) -> Array:
+    """Quartiles of each scan, (3, K); NaN of a scan without residuals."""
+    result = np.full((3, len(residuals)), np.nan)
+    some = np.isfinite(residuals).any(axis=1)
+    result[:, some] = np.nanquantile(residuals[some], [0.25, 0.5, 0.75], axis=1)
+    return result

@@ -1,0 +1,240 @@
+"""Fits the noise of a recording on a map, and says how many independent beams a scan is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from ...filters import BeamMixture, Biased, Correlated, LostBeams, Rangefinder
+from .fit_noise import CorrelationCurve, correlation_curve, fit_correlation, fit_law, scores_of
+from .residuals import Residuals
+
+BLOCKS = 10  # of consecutive scans, left out one at a time for intervals
+LEAST_SCANS = 20
+STEP_M = 1e-4  # of numerical derivatives by a range
+MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
+STANDARD_ERRORS = 1.96  # to each side of an interval of 95 %
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What residuals say of the noise.
+
+    Attributes:
+        law: Of each reading by itself.
+        correlated: The same with the errors that readings share.
+        curve: What the shares were fitted to.
+        weight: Share of an independent beam that each reading is worth to a filter that takes scans to be
+            independent.
+        weight_of_one_scan: The same where only one scan is taken in.
+        scans: Over how many scans errors were taken to hang together.
+    """
+
+    law: LostBeams
+    correlated: Correlated
+    curve: CorrelationCurve
+    weight: float
+    weight_of_one_scan: float
+    scans: int
+
+    @property
+    def mixture(self) -> BeamMixture:
+        """How readings that return scatter."""
+        biased = self.law.noise
+        assert isinstance(biased, Biased)
+        assert isinstance(biased.noise, BeamMixture)
+        return biased.noise
+
+    @property
+    def bias(self) -> float:
+        """By how much readings of walls are too long, m."""
+        return self.law.noise.bias if isinstance(self.law.noise, Biased) else 0.0
+
+    def figures(self) -> dict[str, float]:
+        """What was fitted, by name; lengths in metres."""
+        mixture = self.mixture
+        told = {
+            "bias_m": self.bias,
+            "std_m": mixture.std,
+            "hit": mixture.hit,
+            "short": mixture.short,
+            "random": mixture.random,
+            "rate_per_m": mixture.rate,
+            "lost": self.law.probability,
+            "weight": self.weight,
+            "weight_of_one_scan": self.weight_of_one_scan,
+            "white": self.correlated.white,
+            "scan": self.correlated.scan,
+        }
+        return {name: float(value) for name, value in told.items()}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The noise of a recording on a map, with intervals.
+
+    Attributes:
+        residuals: What it was fitted to.
+        fitted: To all of them.
+        leaving_out: To all but a block of consecutive scans, for each block.
+    """
+
+    residuals: Residuals
+    fitted: Fitted
+    leaving_out: tuple[Fitted, ...]
+
+    @property
+    def independent_beams(self) -> float:
+        """How many independent beams a scan is worth."""
+        return self.fitted.weight * len(self.residuals.beams)
+
+    @cached_property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Intervals of 95 % of `Fitted.figures`, by the jackknife over blocks (Kuensch, 1989).
+
+        Blocks keep what hangs together over time, as long as it does not outlast them.
+        """
+        values, parts = self.fitted.figures(), [fitted.figures() for fitted in self.leaving_out]
+        count = len(parts)
+        found = {}
+        for name, value in values.items():
+            others = np.array([part[name] for part in parts])
+            error = np.sqrt((count - 1) * others.var())
+            low, high = value - STANDARD_ERRORS * error, value + STANDARD_ERRORS * error
+            found[name] = (low, high) if name == "bias_m" else (max(low, 0.0), high)
+            if name not in ("bias_m", "std_m", "rate_per_m"):  # a share
+                found[name] = (max(low, 0.0), min(high, 1.0))
+        return found
+
+
+def calibrate(residuals: Residuals) -> Calibration:
+    """Fit the noise of a recording.
+
+    Raises:
+        ValueError: If there are fewer than `LEAST_SCANS` scans, or hardly a reading of a wall.
+    """
+    scans = len(residuals.readings)
+    if scans < LEAST_SCANS:
+        raise ValueError(f"{scans} scans are too few to fit noise to: {LEAST_SCANS} at least")
+    arrays = Arrays.of(residuals)
+    fitted = fit_noise(arrays, residuals.from_truth)
+    blocks = np.array_split(np.arange(scans), BLOCKS)
+    others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
+    return Calibration(residuals, fitted, others)
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """What fits need of residuals: readings, expected ranges, ends of beams, and derivatives by the pose.
+
+    Attributes:
+        sensor: The rangefinder.
+        poses: (T, 3).
+        readings, expected: (T, B), m.
+        ends: (T, B, 2), m.
+        slopes: (T, B, 3).
+    """
+
+    sensor: Rangefinder
+    poses: Array
+    readings: Array
+    expected: Array
+    ends: Array
+    slopes: Array
+
+    @classmethod
+    def of(cls, residuals: Residuals) -> Arrays:
+        """Those of a recording, cast once."""
+        sensor, poses = residuals.sensor, residuals.poses
+        expected, slopes = sensor.look(poses)
+        ends = sensor.ends(sensor.mount.laser_poses(sensor.space.poses(poses)), expected)
+        return cls(sensor, poses, residuals.readings, expected, ends, slopes)
+
+    def without(self, block: IntArray) -> Arrays:
+        """The same without some scans."""
+        parts = (self.poses, self.readings, self.expected, self.ends, self.slopes)
+        return Arrays(self.sensor, *(np.delete(part, block, axis=0) for part in parts))
+
+
+def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
+    """Fit the noise of readings to residuals, and how much a reading is worth."""
+    law = fit_law(arrays.readings, arrays.expected, arrays.sensor.max_range)
+    scores = scores_of(law, arrays.readings, arrays.expected)
+    curve = correlation_curve(scores, arrays.ends)
+    correlated = fit_correlation(curve, law)
+    scans = _memory(arrays.poses, correlated)
+    weigh = _weight_of_scores if from_truth else _weight_of_model
+    return Fitted(
+        law,
+        correlated,
+        curve,
+        weigh(arrays, correlated, scores, scans),
+        weigh(arrays, correlated, scores, 0),
+        scans,
+    )
+
+
+def _memory(poses: Array, correlated: Correlated) -> int:
+    """In how many scans the robot drives the longest length of the map's errors."""
+    longest = max((place.length for place in correlated.places), default=0.0)
+    way = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).mean())
+    most = int(MEMORY_SHARE * len(poses))
+    return most if longest > way * most else int(np.ceil(longest / way))
+
+
+def _score_parts(arrays: Arrays, law: LostBeams, scores: Array) -> tuple[Array, Array]:
+    """Derivatives of log densities by the ranges, (T, B), and of the ranges by the pose, (T, B, 3)."""
+    used = np.isfinite(scores)
+    reading = np.where(used, arrays.readings, 1.0)
+    expected = np.where(used, arrays.expected, 1.0)
+    change = law.log_density(reading, expected + STEP_M) - law.log_density(reading, expected - STEP_M)
+    return np.where(used, change / (2 * STEP_M), 0.0), np.where(used[..., None], arrays.slopes, 0.0)
+
+
+def _weight_of_scores(arrays: Arrays, correlated: Correlated, scores: Array, scans: int) -> float:
+    """What readings are worth by how much their scores' sums scatter at the true poses.
+
+    The power that makes a composite likelihood claim what it errs by: n / tr(H^-1 J), with H the information
+    that independent readings would have, and J the long-run covariance of the scans' scores (Pauli, Racugno
+    and Ventura, 2011; the lags by Newey and West, 1987).
+    """
+    law = correlated.noise
+    assert isinstance(law, LostBeams)
+    change, slopes = _score_parts(arrays, law, scores)
+    sums = np.einsum("tb,tbi->ti", change, slopes)
+    information = np.einsum("tb,tbi,tbj->ij", change**2, slopes, slopes)
+    spread = sums.T @ sums
+    for lag in range(1, scans + 1):
+        cross = sums[:-lag].T @ sums[lag:]
+        spread += (1 - lag / (scans + 1)) * (cross + cross.T)
+    return _share(information, spread)
+
+
+def _weight_of_model(arrays: Arrays, correlated: Correlated, scores: Array, scans: int) -> float:
+    """The same by the errors that the fit says readings share: poses that a filter followed fit too well."""
+    law = correlated.noise
+    assert isinstance(law, LostBeams)
+    change, slopes = _score_parts(arrays, law, scores)
+    square = float((change**2).sum() / np.isfinite(scores).sum())
+    information = square * np.einsum("tbi,tbj->ij", slopes, slopes)
+    spread = np.zeros_like(information)
+    alone = correlated.white * np.eye(slopes.shape[1]) + correlated.scan
+    for lag in range(min(scans, len(slopes) - 1) + 1):
+        share = (1 - lag / (scans + 1)) * square
+        for first in range(len(slopes) - lag):
+            one, two = arrays.ends[first], arrays.ends[first + lag]
+            distance = np.hypot(*(one[:, None] - two[None]).transpose(2, 0, 1))
+            shared = sum((place.share * np.exp(-distance / place.length) for place in correlated.places), 0.0)
+            shared = shared + (alone if lag == 0 else 0.0)
+            cross = share * slopes[first].T @ shared @ slopes[first + lag]
+            spread += cross if lag == 0 else cross + cross.T
+    return _share(information, spread)
+
+
+def _share(information: Array, spread: Array) -> float:
+    """N / tr(H^-1 J), at most one, and one thousandth at least."""
+    ratio = float(np.trace(np.linalg.solve(information, spread))) / len(information)
+    return float(np.clip(1.0 / ratio if ratio > 0 else 1.0, 1e-3, 1.0))

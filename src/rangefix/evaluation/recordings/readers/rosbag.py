@@ -1,0 +1,270 @@
+"""Bags of ROS 1 and ROS 2 (db3, mcap): laser scans, odometry or tf, and the laser's place by tf."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....arrays import Array
+from ..log import UNPLACED, LaserDescription, RecordingError, Scan, pose_from_ros
+from ..options import SAYS_ALL, ReadingOptions
+from .clock import checked_times
+from .rosbag_file import Messages, Topic, time_of
+from .sweeps import onto_beams
+from .track import Track
+from .transforms import Rigid, Tree, rigid_of
+
+SCANS = ("sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan")
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSES = (ODOMETRY, "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+OLD_TRANSFORMS = "tf/msg/tfMessage"
+BASES = ("base_footprint", "base_link", "base")
+LOOKED_AT = 400  # messages of tf, for the frames that there are
+TILTED = np.cos(np.deg2rad(10.0))
+NO_STAMP = "scans without a stamp (the time at which they were recorded is taken)"
+
+
+class Source(NamedTuple):
+    """Where odometry comes from: a topic with poses, or tf from one frame to another."""
+
+    topic: Topic | None
+    odom: str = ""
+    base: str = ""
+
+
+@dataclass(frozen=True)
+class RosbagLog:
+    """A bag of ROS 1 (.bag) or ROS 2 (a folder, .db3 or .mcap).
+
+    Attributes:
+        path: The file, or the folder.
+        options: Which topics and frames are meant, where there are several.
+    """
+
+    path: Path
+    options: ReadingOptions = SAYS_ALL
+
+    @cached_property
+    def messages(self) -> Messages:
+        """The messages of the bag."""
+        return Messages(self.path)
+
+    @cached_property
+    def _scan_topic(self) -> Topic:
+        return self._chosen(self.options.scan_topic, SCANS, "scans", "scan_topic")
+
+    def _chosen(self, name: str | None, types: tuple[str, ...], what: str, option: str) -> Topic:
+        topics = [topic for topic in self.messages.topics if topic.type in types and topic.messages]
+        if name is not None:
+            for topic in topics:
+                if topic.name == name:
+                    return topic
+        names = ", ".join(topic.name for topic in topics)
+        if name is not None or len(topics) > 1:
+            wanted = f"no {what} in a topic {name!r}; " if name is not None else ""
+            raise RecordingError(
+                f"{self.path}: {wanted}{what} are in {names or 'no topic'}: say which ({option})"
+            )
+        if not topics:
+            raise RecordingError(f"{self.path}: no {what}: no topic holds {' or '.join(types)}")
+        return topics[0]
+
+    @cached_property
+    def _first(self) -> Any:
+        """The first scan, as a message."""
+        for _, message in self.messages.of([self._scan_topic]):
+            return message
+        raise RecordingError(f"{self.path}: no scans in {self._scan_topic.name}")
+
+    @cached_property
+    def _tree(self) -> Tree:
+        """The frames that do not move against each other, and those of the first messages of tf."""
+        topics = [topic for topic in self.messages.topics if topic.type in (TRANSFORMS, OLD_TRANSFORMS)]
+        fixed = [topic for topic in topics if topic.name.endswith("static")]
+        moving = [topic for topic in topics if topic not in fixed]
+        tree = Tree()
+        for group in (moving, fixed):
+            if group:
+                for _, message in islice(self.messages.of(group), LOOKED_AT):
+                    tree.add(message.transforms)
+        return tree
+
+    @cached_property
+    def _odometry(self) -> Source | None:
+        """Where odometry comes from; None where there is none."""
+        name, kinds = self.options.odometry_topic, POSES if self.options.odometry_topic else (ODOMETRY,)
+        topics = [topic for topic in self.messages.topics if topic.type in kinds and topic.messages]
+        if name != "tf" and (topics or name is not None):
+            topic = self._chosen(name, kinds, "poses by odometry", "odometry_topic")
+            for _, message in self.messages.of([topic]):
+                frame = self.options.base_frame or message.__dict__.get("child_frame_id", "") or ""
+                return Source(topic, base=frame.lstrip("/"))
+        base, odom = self._base, self.options.odom_frame or "odom"
+        if base and self._tree.path(odom, base) is not None:
+            return Source(None, odom, base)
+        if name == "tf":
+            raise RecordingError(f"{self.path}: tf does not lead from {odom} to {base or 'a base frame'}")
+        return None
+
+    @cached_property
+    def _base(self) -> str:
+        """The frame of the robot's reference point."""
+        if self.options.base_frame:
+            return self.options.base_frame.lstrip("/")
+        return next((frame for frame in BASES if frame in self._tree.frames), "")
+
+    @cached_property
+    def _place(self) -> Rigid | None:
+        """From the robot's reference point to the laser; None where tf does not tell."""
+        laser = self._first.header.frame_id.lstrip("/")
+        base = self._odometry.base if self._odometry else ""
+        for frame in (base, self._base):
+            if frame and laser:
+                found = self._tree.path(frame, laser)
+                if found is not None:
+                    return found
+        return None
+
+    @cached_property
+    def _is_upside_down(self) -> bool:
+        return self._place is not None and bool(self._place.rotation[2, 2] < 0)
+
+    def _bearings(self, message: Any) -> Array:
+        """Directions of the beams of a scan, clockwise from the laser's forward axis, rad, (B,).
+
+        Raises:
+            RecordingError: If the angles of the message are not those of a scan.
+        """
+        count = len(message.ranges)
+        if not count:
+            raise RecordingError(f"{self.path}: a scan without beams in {self._scan_topic.name}")
+        first, step = float(message.angle_min), float(message.angle_increment)
+        if not (np.isfinite(first) and np.isfinite(step)) or (step == 0 and count > 1):
+            raise RecordingError(
+                f"{self.path}: angles of a scan in {self._scan_topic.name} are not those of beams: "
+                f"angle_min {first:g}, angle_increment {step:g}"
+            )
+        angles = first + step * np.arange(count)
+        return np.asarray(angles if self._is_upside_down else -angles)
+
+    @cached_property
+    def sensor(self) -> LaserDescription:
+        """The laser, as its first scan and tf describe it."""
+        message, place = self._first, self._place
+        low, high = max(float(message.range_min), 0.0), float(message.range_max)
+        high = high if high > low else np.inf
+        if self.options.no_return_m is not None:
+            high = min(high, self.options.no_return_m)
+        forward, left, yaw = (0.0, 0.0, 0.0) if place is None else place.planar
+        step = abs(float(message.time_increment))
+        try:
+            laser = LaserDescription(
+                self._bearings(message), low, high, forward, left, yaw, step, place is not None
+            )
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}, {self._scan_topic.name}: {error}") from None
+        return self.options.placed(laser)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed where the bag says nothing."""
+        notes = []
+        source = self._odometry
+        if source is None:
+            notes.append("no odometry: neither a topic of nav_msgs/Odometry nor tf from odom to a base frame")
+        else:
+            origin = source.topic.name if source.topic else f"tf, {source.odom} to {source.base}"
+            notes.append(f"scans from {self._scan_topic.name}, odometry from {origin}")
+        if not self.sensor.is_placed:
+            notes.append(UNPLACED)
+        if self._is_upside_down:
+            notes.append("by tf the laser hangs upside down: its beams are counted the other way round")
+        if self._place is not None and abs(self._place.rotation[2, 2]) < TILTED:
+            notes.append("by tf the laser is tilted by more than 10 deg, which is left out of account")
+        if not self.sensor.seconds_per_beam and float(self._first.scan_time) > 0:
+            notes.append("time_increment is 0: all beams of a scan are taken to be measured at once")
+        return tuple(notes)
+
+    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
+        """The scans, in the order in which they were recorded; see `Log`."""
+        counts: Counter[str] = Counter() if tally is None else tally
+        yield from checked_times(self._scans(counts), counts)
+
+    def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
+        laser, wanted = self.sensor, self.sensor.bearings_rad
+        odometry = Track(self.poses()) if self._odometry else None
+        duration = laser.seconds_per_beam * (len(wanted) - 1)
+        first = self._first
+        shape = (len(first.ranges), float(first.angle_min), float(first.angle_increment))
+        for recorded, message in self.messages.of([self._scan_topic]):
+            stamp = time_of(message.header)
+            if stamp == 0:
+                tally[NO_STAMP] += 1
+                stamp = recorded
+            ranges = self._readings(message)
+            if (len(ranges), float(message.angle_min), float(message.angle_increment)) != shape:
+                tally["scans whose beams are not the first scan's (the nearest were taken)"] += 1
+                ranges = onto_beams(self._bearings(message), ranges, wanted)
+            pose = odometry.at(stamp) if odometry else None
+            end = odometry.at(stamp + duration) if odometry and duration else None
+            tally["scans without odometry at their time"] += bool(odometry) and pose is None
+            yield Scan(stamp, ranges, pose, end)
+
+    def _readings(self, message: Any) -> Array:
+        """Ranges as REP-117 has them, (B,), m."""
+        values = message.ranges
+        if self._scan_topic.type == SCANS[1]:
+            values = [self._one_echo(message, beam) for beam in range(len(values))]
+        ranges = np.asarray(values, dtype=float)
+        low, high = self.sensor.range_min_m, self.sensor.range_max_m
+        with np.errstate(invalid="ignore"):
+            ranges = np.where(np.isfinite(ranges) & ((ranges < low) | (ranges <= 0)), np.nan, ranges)
+            return np.where(ranges >= high * (1 - 1e-6), np.inf, ranges)
+
+    def _one_echo(self, message: Any, beam: int) -> float:
+        echoes = message.ranges[beam].echoes
+        if not len(echoes):
+            return np.nan
+        if self.options.echo == "strongest" and beam < len(message.intensities):
+            brightness = message.intensities[beam].echoes
+            if len(brightness) == len(echoes):
+                return float(echoes[int(np.argmax(brightness))])
+        return float(echoes[-1 if self.options.echo == "last" else 0])
+
+    def poses(self, topic: str | None = None) -> Iterator[tuple[float, Array]]:
+        """Times and poses by odometry; or those of a topic, for example one with the true pose.
+
+        Raises:
+            RecordingError: If there are none, or one is not finite.
+        """
+        source = self._odometry if topic is None else Source(self._chosen(topic, POSES, "poses", "topic"))
+        if source is None:
+            raise RecordingError(f"{self.path}: no odometry")
+        if source.topic is None:
+            yield from self._poses_by_tf(source)
+            return
+        for recorded, message in self.messages.of([source.topic]):
+            pose = message.pose if source.topic.type == POSES[2] else message.pose.pose
+            found = rigid_of(pose.position, pose.orientation)
+            yield time_of(message.header) or recorded, pose_from_ros(*found.planar)
+
+    def _poses_by_tf(self, source: Source) -> Iterator[tuple[float, Array]]:
+        topics = [topic for topic in self.messages.topics if topic.type in (TRANSFORMS, OLD_TRANSFORMS)]
+        tree = self._tree.copy()
+        links = tree.links(source.odom, source.base)
+        for _, message in self.messages.of([topic for topic in topics if not topic.name.endswith("static")]):
+            moved = [each for each in message.transforms if tree.link_of(each) in links]
+            if not moved:
+                continue
+            tree.add(moved)
+            found = tree.path(source.odom, source.base)
+            assert found is not None
+            yield max(time_of(each.header) for each in moved), pose_from_ros(*found.planar)

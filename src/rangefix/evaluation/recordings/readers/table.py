@@ -1,0 +1,280 @@
+"""Recordings as tables of our own: CSV, a line to a scan, or the same arrays in a file of numpy (.npz).
+
+Both are in the conventions of this package: clockwise from +x2 for headings, clockwise from the laser's
+forward axis for bearings, degrees, metres and seconds. The columns and the arrays are described in
+docs/recordings.md.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from pathlib import Path
+from typing import IO, Any
+from zipfile import BadZipFile, ZipFile
+
+import numpy as np
+from numpy.lib import format as npy
+
+from ....arrays import Array, wrap
+from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan
+from ..options import SAYS_ALL, ReadingOptions
+from .clock import checked_times
+
+POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
+LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")
+RANGE = "range_m@"
+LONGEST_LINE = 1 << 22  # characters
+UNMEASURED = ("", "nan")
+
+
+def described(bearings_deg: Array, told: dict[str, float], options: ReadingOptions) -> LaserDescription:
+    """A laser, of its bearings and of what else is told of it."""
+    laser = LaserDescription(
+        np.deg2rad(bearings_deg),
+        told.get("range_min_m", 0.0),
+        min(told.get("range_max_m", np.inf), options.no_return_m or np.inf),
+        told.get("forward_m", 0.0),
+        told.get("left_m", 0.0),
+        float(np.deg2rad(told.get("yaw_deg", 0.0))),
+        told.get("seconds_per_beam", 0.0),
+        any(name in told for name in ("forward_m", "left_m", "yaw_deg")),
+    )
+    return options.placed(laser)
+
+
+def readings(ranges: Array, laser: LaserDescription) -> Array:
+    """Ranges as REP-117 has them, of what a table holds."""
+    finite = np.isfinite(ranges)
+    ranges = np.where(finite & ((ranges < laser.range_min_m) | (ranges <= 0)), np.nan, ranges)
+    return np.where(ranges >= laser.range_max_m, np.inf, ranges)
+
+
+def pose_of(values: Array) -> Array | None:
+    """A pose of x1, x2 (m) and heading (deg); None where it is not known.
+
+    Raises:
+        RecordingError: If it is farther away than any map is.
+    """
+    if np.isnan(values).any():
+        return None
+    if not (np.abs(values) < FARTHEST_M).all():
+        raise RecordingError(f"odometry {values.tolist()} is not of this world")
+    return np.array([values[0], values[1], float(wrap(np.deg2rad(values[2])))])
+
+
+@dataclass(frozen=True)
+class TableLog:
+    """A CSV: `time_s`, odometry in three columns, `range_m@BEARING` of each beam, and the laser.
+
+    Attributes:
+        path: The file.
+        options: What it does not say.
+    """
+
+    path: Path
+    options: ReadingOptions = SAYS_ALL
+
+    @cached_property
+    def _columns(self) -> list[str]:
+        for _, cells in self._lines():
+            names = [cell.strip() for cell in cells]
+            known = {"time_s", *POSE, *LASER}
+            for name in names:
+                if name not in known and not name.startswith(RANGE):
+                    raise RecordingError(
+                        f"{self.path}: no column is called {name[:60]!r}; there are "
+                        f"{', '.join(sorted(known))} and {RANGE}BEARING, in degrees"
+                    )
+            if len(set(names)) < len(names):
+                raise RecordingError(f"{self.path}: a column stands there twice")
+            return names
+        raise RecordingError(f"{self.path}: empty")
+
+    @cached_property
+    def _bearings(self) -> Array:
+        names = [name[len(RANGE) :] for name in self._columns if name.startswith(RANGE)]
+        try:
+            return np.array([float(name) for name in names])
+        except ValueError:
+            raise RecordingError(f"{self.path}: {RANGE} needs the bearing in degrees behind it") from None
+
+    @cached_property
+    def sensor(self) -> LaserDescription:
+        """The laser: bearings from the names of the columns, the rest from the first line."""
+        for row in self._rows():
+            told = {name: row[name] for name in LASER if name in row}
+            try:
+                return described(self._bearings, told, self.options)
+            except RecordingError as error:
+                raise RecordingError(f"{self.path}: {error}") from None
+        raise RecordingError(f"{self.path}: no scans: there is no line after the first")
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed where the table says nothing."""
+        notes = () if self.sensor.is_placed else (UNPLACED,)
+        return notes if POSE[0] in self._columns else (*notes, "no odometry: no columns " + ", ".join(POSE))
+
+    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
+        """The scans, line by line; see `Log`."""
+        counts: Counter[str] = Counter() if tally is None else tally
+        yield from checked_times(self._scans(), counts)
+
+    def _scans(self) -> Iterator[Scan]:
+        laser = self.sensor
+        places = [name for name in self._columns if name.startswith(RANGE)]
+        has_odometry = all(name in self._columns for name in POSE)
+        for number, row in enumerate(self._rows(), start=2):
+            if not np.isfinite(row["time_s"]):
+                raise RecordingError(f"{self.path}, line {number}: time_s is no finite number")
+            try:
+                pose = pose_of(np.array([row[name] for name in POSE])) if has_odometry else None
+            except RecordingError as error:
+                raise RecordingError(f"{self.path}, line {number}: {error}") from None
+            ranges = np.array([row[name] for name in places])
+            yield Scan(row["time_s"], readings(ranges, laser), pose)
+
+    def _rows(self) -> Iterator[dict[str, float]]:
+        columns = self._columns
+        if "time_s" not in columns:
+            raise RecordingError(f"{self.path}: no column time_s")
+        for number, cells in self._lines():
+            if number == 1:
+                continue
+            if len(cells) != len(columns):
+                raise RecordingError(
+                    f"{self.path}, line {number}: {len(cells)} cells, where there are {len(columns)} columns"
+                )
+            try:
+                values = [np.nan if cell.strip() in UNMEASURED else float(cell) for cell in cells]
+            except ValueError as error:
+                raise RecordingError(f"{self.path}, line {number}: {error}") from None
+            yield dict(zip(columns, values, strict=True))
+
+    def _lines(self) -> Iterator[tuple[int, list[str]]]:
+        try:
+            with open(self.path, encoding="utf-8", newline="") as file:
+                number = 0
+                while text := file.readline(LONGEST_LINE):
+                    number += 1
+                    if len(text) == LONGEST_LINE:
+                        raise RecordingError(f"{self.path}, line {number}: too long for a line of a table")
+                    if text.strip():
+                        yield number, next(csv.reader([text]))
+        except OSError as error:
+            raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from None
+        except (UnicodeDecodeError, csv.Error):
+            raise RecordingError(f"{self.path} is no table of text") from None
+
+
+@dataclass(frozen=True)
+class ArrayLog:
+    """Arrays of numpy: time_s (T,), ranges_m (T, B), bearings_deg (B,), odometry (T, 3), read row by row.
+
+    Attributes:
+        path: The file.
+        options: What it does not say.
+    """
+
+    path: Path
+    options: ReadingOptions = SAYS_ALL
+
+    @cached_property
+    def _small(self) -> dict[str, Array]:
+        """The arrays that do not grow with the recording."""
+        found = {}
+        with self._opened() as archive:
+            for name in ("bearings_deg", *LASER):
+                if f"{name}.npy" in archive.namelist():
+                    with archive.open(f"{name}.npy") as file:
+                        shape = self._header(file, name)
+                        if prod(shape) > MOST_BEAMS:
+                            raise RecordingError(f"{self.path}: {name} has more than {MOST_BEAMS} numbers")
+                        found[name] = self._block(file, prod(shape), name)
+        return found
+
+    @cached_property
+    def sensor(self) -> LaserDescription:
+        """The laser."""
+        small = self._small
+        if "bearings_deg" not in small:
+            raise RecordingError(f"{self.path}: no array bearings_deg")
+        told = {name: float(small[name][0]) for name in LASER if name in small and small[name].size == 1}
+        try:
+            laser = described(small["bearings_deg"], told, self.options)
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: {error}") from None
+        if next(self._scans(laser), None) is None:
+            raise RecordingError(f"{self.path}: no scans")
+        return laser
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed where the arrays say nothing."""
+        notes = () if self.sensor.is_placed else (UNPLACED,)
+        with self._opened() as archive:
+            odometry = "odometry.npy" in archive.namelist()
+        return notes if odometry else (*notes, "no odometry: no array odometry (T, 3)")
+
+    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
+        """The scans, row by row; see `Log`."""
+        counts: Counter[str] = Counter() if tally is None else tally
+        yield from checked_times(self._scans(self.sensor), counts)
+
+    def _scans(self, laser: LaserDescription) -> Iterator[Scan]:
+        beams = len(laser.bearings_rad)
+        with self._opened() as archive:
+            names = {"time_s": (), "ranges_m": (beams,), "odometry": (3,)}
+            held = [name for name in names if f"{name}.npy" in archive.namelist()]
+            if missing := {"time_s", "ranges_m"} - set(held):
+                raise RecordingError(f"{self.path}: no array {' or '.join(sorted(missing))}")
+            files = {name: archive.open(f"{name}.npy") for name in held}
+            lengths = set()
+            for name, file in files.items():
+                shape = self._header(file, name)
+                if shape[1:] != names[name] or not shape:
+                    wanted = " x ".join(["scans", *map(str, names[name])])
+                    raise RecordingError(f"{self.path}: {name} has shape {shape}, not {wanted}")
+                lengths.add(shape[0])
+            if len(lengths) > 1:
+                raise RecordingError(f"{self.path}: the arrays are of different lengths")
+            for row in range(lengths.pop()):
+                time = float(self._block(files["time_s"], 1, "time_s")[0])
+                ranges = self._block(files["ranges_m"], beams, "ranges_m")
+                pose = pose_of(self._block(files["odometry"], 3, "odometry")) if "odometry" in files else None
+                if not np.isfinite(time):
+                    raise RecordingError(f"{self.path}: time_s of scan {row + 1} is no finite number")
+                yield Scan(time, readings(ranges, laser), pose)
+
+    def _opened(self) -> ZipFile:
+        try:
+            return ZipFile(self.path)
+        except (OSError, BadZipFile) as error:
+            raise RecordingError(f"cannot read {self.path}: {error}") from None
+
+    def _header(self, file: IO[bytes], name: str) -> tuple[int, ...]:
+        """Shape of an array, whose header is read."""
+        try:
+            version = npy.read_magic(file)
+            read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+            shape, fortran, dtype = read(file)
+        except Exception as error:  # of a damaged header: ValueError, SyntaxError and more
+            raise RecordingError(f"{self.path}: {name} is no array: {error}") from None
+        if dtype != np.float64 or (fortran and len(shape) > 1):
+            raise RecordingError(f"{self.path}: {name} must be float64 in C order, got {dtype}")
+        return tuple(shape)
+
+    def _block(self, file: IO[bytes], count: int, name: str) -> Array:
+        """The next numbers of an array."""
+        try:
+            raw: Any = file.read(8 * count)
+        except Exception as error:  # of the archive's decoder
+            raise RecordingError(f"{self.path}: {name} is damaged: {error}") from None
+        if len(raw) != 8 * count:
+            raise RecordingError(f"{self.path}: {name} is cut off")
+        return np.frombuffer(raw, dtype=np.float64)

@@ -1,0 +1,200 @@
+"""A recording put to several estimators, one after the other, with what is told and written of each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from os import getpid
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array
+from ...errors import one_line
+from ...filters import Problem, RangeMap
+from ...filters.registry import build
+from ..seeds import stream as random_stream
+from .log import Log, RecordingError
+from .pose_files import PoseFiles
+from .readers.rosbag import RosbagLog
+from .readers.track import Track
+from .readers.tum import read_tum
+from .replay import Truth, odometry_is_true, replay, truth_by_time, unknown
+from .score import Row, Score
+from .setting import Assumptions, Start, problem_of
+from .steps import Choice, Survey, steps, survey
+from .trace import Trace
+
+LONGEST_GAP_S = 1.0  # between two true poses, across which none is interpolated
+PICTURES = 4  # of beliefs, from the first step to the last
+TRUTH_IS_ODOMETRY = "odometry"
+TOPIC = "topic:"
+PARTICLES_ANYWHERE = 20_000
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """An estimator by its name, with its options; lengths in metres, angles in radians."""
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Name and options."""
+        told = ", ".join(f"{name}={value}" for name, value in self.options.items())
+        return f"{self.name} ({told})" if told else self.name
+
+    @property
+    def file_name(self) -> str:
+        """A name for its files."""
+        return re.sub(r"[^\w.-]+", "_", self.label).strip("_")[:100] or "estimator"
+
+
+@dataclass(frozen=True)
+class Replays:
+    """A recording in a map, and what estimators are told.
+
+    Attributes:
+        room: The map.
+        log: The recording.
+        choice: Which scans and beams are used.
+        assumptions: Noise of readings and odometry.
+        start: Where the robot is at first; about the truth where that is asked for.
+        truth: None; "odometry", where that is the true pose; "topic:NAME" of a bag; or the path of a TUM
+            file.
+        start_at_truth: Whether the start is off the true pose by a draw of its own spread.
+        seed: Of all random numbers.
+    """
+
+    room: RangeMap
+    log: Log
+    choice: Choice
+    assumptions: Assumptions
+    start: Start
+    truth: str | None = None
+    start_at_truth: bool = False
+    seed: int = 0
+
+    def surveyed(self) -> Survey:
+        """A first pass over the recording."""
+        return survey(self.log, self.choice)
+
+    def true_poses(self) -> Truth:
+        """The true pose at a step, from the beginning.
+
+        Raises:
+            RecordingError: If a topic is asked for of what is no bag.
+        """
+        if self.truth is None:
+            return unknown
+        if self.truth == TRUTH_IS_ODOMETRY:
+            return odometry_is_true
+        if self.truth.startswith(TOPIC):
+            if not isinstance(self.log, RosbagLog):
+                raise RecordingError(f"{self.truth}: only bags have topics")
+            poses = self.log.poses(self.truth.removeprefix(TOPIC))
+        else:
+            poses = read_tum(Path(self.truth))
+        return truth_by_time(Track(poses, LONGEST_GAP_S))
+
+    def problem(self, first: Survey) -> Problem:
+        """What estimators are told.
+
+        Raises:
+            RecordingError: If the start is to be the true one, which is not known.
+            ValueError: If the start is not possible in the map.
+        """
+        start = self.start
+        if self.start_at_truth:
+            truth = self.true_poses()(first.first)
+            if truth is None:
+                raise RecordingError(
+                    "the true pose at the first scan is not known: give the start as x1,x2,heading, or global"
+                )
+            start = start.about(truth, random_stream(self.seed, "start", 0))
+        beams = self.choice.places(self.log.sensor)
+        return problem_of(self.room, self.log.sensor, beams, self.assumptions, start)
+
+    def run(
+        self,
+        contestant: Contestant,
+        problem: Problem,
+        first: Survey,
+        files: PoseFiles | None = None,
+        advance: Callable[[int], None] = lambda done: None,
+    ) -> tuple[Row, Trace]:
+        """One estimator over the recording.
+
+        Args:
+            contestant: The estimator.
+            problem: What it is told.
+            first: The first pass.
+            files: Where its poses are written.
+            advance: Told after each step how many are done.
+        """
+        options = dict(contestant.options)
+        if contestant.name == "particle" and self.start.pose is None and not self.start_at_truth:
+            options.setdefault("particles", PARTICLES_ANYWHERE)
+        trace, score = Trace(), Score(problem.space)
+        shown = set(np.linspace(0, first.used - 1, PICTURES).round().astype(int).tolist())
+        try:
+            estimator = build(contestant.name, problem, **options)
+            source = steps(self.log, self.choice)
+            believed = replay(estimator, problem, source, self.true_poses(), self.seed, shown)
+            for done, now in enumerate(believed):
+                if not now.is_sound:
+                    where = f"scan {now.step.scan}, {done} of {first.used} done"
+                    return score.row(contestant.label, f"no pose explains the readings at {where}"), trace
+                score.add(now)
+                trace.add(now, done in shown)
+                if files is not None:
+                    files.write(now)
+                advance(done + 1)
+        except RecordingError:
+            raise
+        except (ValueError, TypeError, ArithmeticError, MemoryError, RuntimeError) as error:
+            where = f" (after {score.scans} scans)" if score.scans else ""
+            return score.row(contestant.label, f"{one_line(error)}{where}"), trace
+        return score.row(contestant.label), trace
+
+
+@contextmanager
+def whole_folder(out: Path) -> Iterator[Path]:
+    """A folder to write into, whose files come to another as they are whole; nothing comes if it fails."""
+    part = out.with_name(f".{out.name}.{getpid()}.part")
+    with ExitStack() as stack:
+        try:
+            part.mkdir(parents=True)
+            stack.callback(rmtree, part, ignore_errors=True)
+            yield part
+            out.mkdir(parents=True, exist_ok=True)
+            for path in sorted(part.iterdir()):
+                goal = out / path.name
+                if goal.is_dir():
+                    rmtree(goal)
+                path.replace(goal)
+        except OSError as error:
+            raise RecordingError(f"cannot write {out}: {error.strerror or error}") from None
+
+
+def start_of(text: str, position_std_m: float, heading_std_rad: float) -> Start:
+    """A start as it is written: x1,x2,heading in m, m and deg clockwise from +x2; or "global".
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    if text == "global":
+        return Start(None)
+    try:
+        x1, x2, heading = (float(part) for part in text.replace(",", " ").split())
+        pose: Array = np.array([x1, x2, np.deg2rad(heading)])
+    except ValueError:
+        raise ValueError(f"a start is x1,x2,heading (m, m, deg), truth or global, got {text!r}") from None
+    if not np.isfinite(pose).all():
+        raise ValueError(f"a start must be finite, got {text!r}")
+    return Start(pose, position_std_m, heading_std_rad)

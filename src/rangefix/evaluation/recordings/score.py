@@ -1,0 +1,132 @@
+"""How an estimator did on a recording: its errors against what it claimed, in memory that does not grow."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...arrays import Array
+from ...filters import StateSpace
+from ..consistency.scores import nees
+from .replay import Believed
+
+LEVEL = 0.95  # of the ellipsoids whose coverage is told
+FITS_M = 0.1  # a residual of less than that counts as a reading of the map
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table of a replay. The scans of one run are no independent trials: there is no interval.
+
+    Attributes:
+        estimator: Its name and options.
+        scans: How many scans it took.
+        judged: After how many of them the true pose is known.
+        reason: Why it ended before the recording, or was not built; "" if it did neither.
+        position_rmse_m: Root mean square error of the position, m.
+        position_claimed_m: What it claims for that: the root of the mean trace of its covariance, m.
+        heading_rmse_deg: Of the heading, deg.
+        heading_claimed_deg: What it claims for that, deg.
+        anees: Mean of e' P^-1 e over 3: 1 where errors are as large as claimed.
+        coverage: Share of scans whose true pose lies in the ellipsoid claimed to hold it in 95 % of them.
+        scans_per_s: Scans in a second of processor time: move, update and estimate.
+        residual_median_m: Of readings less the range of the map at the estimate, m.
+        residual_share: Share of the readings that are within 0.1 m of the map.
+        end: The last estimate: x1, x2 (m), heading (rad), (3,); None if there is none.
+        end_stds: Its claimed deviations, (3,).
+    """
+
+    estimator: str
+    scans: int = 0
+    judged: int = 0
+    reason: str = ""
+    position_rmse_m: float = np.nan
+    position_claimed_m: float = np.nan
+    heading_rmse_deg: float = np.nan
+    heading_claimed_deg: float = np.nan
+    anees: float = np.nan
+    coverage: float = np.nan
+    scans_per_s: float = np.nan
+    residual_median_m: float = np.nan
+    residual_share: float = np.nan
+    end: Array | None = None
+    end_stds: Array | None = None
+
+
+@dataclass
+class Score:
+    """Sums over the scans of a replay.
+
+    Attributes:
+        space: Of the states.
+    """
+
+    space: StateSpace
+    scans: int = 0
+    judged: int = 0
+    seconds: float = 0.0
+    covered: int = 0
+    nees: float = 0.0
+    squares: Array = field(default_factory=lambda: np.zeros(3))
+    variances: Array = field(default_factory=lambda: np.zeros(3))
+    residuals: Counter[int] = field(default_factory=Counter)
+    last: Believed | None = None
+
+    def add(self, believed: Believed) -> Believed:
+        """Count what is believed after a scan; returned as it is."""
+        self.last, self.scans, self.seconds = believed, self.scans + 1, self.seconds + believed.seconds
+        values = believed.residuals[np.isfinite(believed.residuals)]
+        self.residuals.update(np.clip(np.round(values * 1000), -100_000, 100_000).astype(int).tolist())
+        if believed.truth is None:
+            return believed
+        error = self.space.difference(believed.mean, believed.truth)
+        ratio = float(nees(error[None], believed.covariance[None])[0])
+        self.judged += 1
+        self.nees += ratio
+        self.covered += ratio <= _limit()
+        self.squares += error**2
+        self.variances += np.diagonal(believed.covariance)
+        return believed
+
+    def row(self, name: str, reason: str = "") -> Row:
+        """What it comes to."""
+        if self.last is None:
+            return Row(name, reason=reason)
+        total = sum(self.residuals.values())
+        fits = sum(count for value, count in self.residuals.items() if abs(value) <= 1000 * FITS_M)
+        stds = np.sqrt(np.diagonal(self.last.covariance))
+        row = {
+            "scans_per_s": self.scans / self.seconds if self.seconds else np.inf,
+            "residual_median_m": _median(self.residuals) / 1000,
+            "residual_share": fits / total if total else np.nan,
+        }
+        if self.judged:
+            mean, claimed = self.squares / self.judged, self.variances / self.judged
+            row |= {
+                "position_rmse_m": float(np.sqrt(mean[0] + mean[1])),
+                "position_claimed_m": float(np.sqrt(claimed[0] + claimed[1])),
+                "heading_rmse_deg": float(np.rad2deg(np.sqrt(mean[2]))),
+                "heading_claimed_deg": float(np.rad2deg(np.sqrt(claimed[2]))),
+                "anees": self.nees / self.judged / 3,
+                "coverage": self.covered / self.judged,
+            }
+        return Row(name, self.scans, self.judged, reason, **row, end=self.last.mean, end_stds=stds)
+
+
+def _limit() -> float:
+    """What e' P^-1 e of three components stays below in 95 % of honest Gaussian claims."""
+    from scipy.special import chdtri
+
+    return float(chdtri(3, 1 - LEVEL))
+
+
+def _median(counts: Counter[int]) -> float:
+    """The median of values that are counted; NaN of none."""
+    half, seen = 0.5 * sum(counts.values()), 0
+    for value in sorted(counts):
+        seen += counts[value]
+        if seen >= half:
+            return float(value)
+    return float("nan")

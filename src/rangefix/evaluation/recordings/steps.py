@@ -1,0 +1,161 @@
+"""From a recording to what filters take: which scans and beams are used, and the moves between them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from .log import LaserDescription, Log, RecordingError, Scan, motion_between
+from .readers.sweeps import without_motion
+
+STILL = "scans taken where the one before was (left out: a standing robot repeats its errors)"
+WITHOUT_ODOMETRY = "scans without odometry (left out)"
+WITHOUT_READINGS = "scans whose chosen beams are all invalid"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which scans and which of their beams are used.
+
+    Args:
+        beams: The most beams of a scan, spread evenly; 0 = all of them.
+        least_move_m, least_turn_rad: Scans are used where the robot has moved or turned by that since the
+            last one that was, by odometry; both 0 = all scans are used.
+        motion_corrected: Whether scans that take time are corrected for the robot's motion in it.
+
+    Raises:
+        ValueError: If a number is negative.
+    """
+
+    beams: int = 24
+    least_move_m: float = 0.0
+    least_turn_rad: float = 0.0
+    motion_corrected: bool = True
+
+    def __post_init__(self) -> None:
+        if self.beams < 0:
+            raise ValueError(f"the number of beams must be at least 0, which means all, got {self.beams}")
+        if not (self.least_move_m >= 0 and self.least_turn_rad >= 0):
+            raise ValueError(
+                f"the least move and turn must be at least 0, got {self.least_move_m}, {self.least_turn_rad}"
+            )
+
+    def places(self, laser: LaserDescription) -> IntArray:
+        """Numbers of the beams that are used, from 0, ascending."""
+        distinct = laser.distinct_beams
+        if not self.beams or self.beams >= len(distinct):
+            return distinct
+        step = len(distinct) / self.beams  # a full turn has no two ends, an arc leaves half a step at both
+        chosen = np.floor(step * (np.arange(self.beams) + 0.5)).astype(np.int64)
+        return np.asarray(distinct[chosen])
+
+    def moved_enough(self, control: Array) -> bool:
+        """Whether a scan after such a move (forward, right, turn) is used."""
+        if not (self.least_move_m or self.least_turn_rad):
+            return True
+        far = bool(self.least_move_m) and np.hypot(control[0], control[1]) >= self.least_move_m
+        return bool(far or (self.least_turn_rad and abs(control[2]) >= self.least_turn_rad))
+
+
+@dataclass(frozen=True)
+class Step:
+    """A scan as filters take it.
+
+    Attributes:
+        scan: Its number in the recording, from 1.
+        time_s: When it was taken.
+        control: Forward, right (m), turn (rad) by odometry since the last step, (3,); None for the first one.
+        measurement: Ranges of the chosen beams, (B,), m.
+        odometry: The pose by odometry, (3,).
+    """
+
+    scan: int
+    time_s: float
+    control: Array | None
+    measurement: Array
+    odometry: Array
+
+
+def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterator[Step]:
+    """The steps of a recording, in bounded memory.
+
+    Args:
+        log: The recording.
+        choice: Which scans and beams.
+        tally: Where what is left out is counted.
+
+    Raises:
+        RecordingError: If the recording is damaged, or no scan is left.
+    """
+    counts: Counter[str] = Counter() if tally is None else tally
+    laser = log.sensor
+    places, before, some = choice.places(laser), None, False
+    for number, scan in enumerate(log.scans(counts), start=1):
+        if scan.odometry is None:
+            counts[WITHOUT_ODOMETRY] += 1
+            continue
+        control = None if before is None else motion_between(before, scan.odometry)
+        if control is not None and not choice.moved_enough(control):
+            counts[STILL] += 1
+            continue
+        ranges = _ranges(scan, laser, choice)[places]
+        counts[WITHOUT_READINGS] += bool(np.isnan(ranges).all())
+        before, some = scan.odometry, True
+        yield Step(number, scan.time_s, control, ranges, scan.odometry)
+    if not some:
+        raise RecordingError("no scan of the recording can be used: it has no odometry at their times")
+
+
+def _ranges(scan: Scan, laser: LaserDescription, choice: Choice) -> Array:
+    if choice.motion_corrected and laser.seconds_per_beam:
+        return without_motion(scan, laser)
+    return scan.ranges_m
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a first pass over a recording tells.
+
+    Attributes:
+        scans: How many scans it has.
+        used: How many of them are used.
+        duration_s: From the first used scan to the last, by their times.
+        way_m: How far odometry says that the robot went.
+        turned_rad: How much it turned.
+        first: The first step that is used.
+        oddities: What is odd, with how often.
+    """
+
+    scans: int
+    used: int
+    duration_s: float
+    way_m: float
+    turned_rad: float
+    first: Step
+    oddities: dict[str, int]
+
+
+def survey(log: Log, choice: Choice) -> Survey:
+    """Read a recording once, without filtering it.
+
+    Raises:
+        RecordingError: If it is damaged, or no scan can be used.
+    """
+    tally: Counter[str] = Counter()
+    first = last = None
+    used, way, turned = 0, 0.0, 0.0
+    for step in steps(log, choice, tally):
+        first = step if first is None else first
+        last, used = step, used + 1
+        if step.control is not None:
+            way += float(np.hypot(step.control[0], step.control[1]))
+            turned += abs(float(step.control[2]))
+    assert first is not None
+    assert last is not None
+    scans = used + tally[STILL] + tally[WITHOUT_ODOMETRY]
+    told = {kind: count for kind, count in tally.items() if count}
+    return Survey(scans, used, last.time_s - first.time_s, way, turned, first, told)

@@ -1,0 +1,233 @@
+"""Errors that readings share: along a scan, over time, in a whole scan, and at a place of the map.
+
+A reading scatters by a law of its own, whatever the others do; a Gaussian copula over the readings' normal
+scores says how they hang together (Joe, Dependence Modeling with Copulas, 2014, section 2.4). For Gaussian
+noise that is the multivariate normal law. The scores' correlation is a sum of parts: white, AR(1) over beams
+and scans, one error for each scan, and errors of the map's walls, which are the same whenever a beam meets
+the same place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.random import Generator
+
+from ...arrays import Array, IntArray
+from ..problem import Noise, Sensor
+from .noise import CumulativeNoise
+from .normal_scores import normal_scores, readings_at
+from .wrapped_noise import Tempered, WrapsNoise
+
+WAVES = 256  # of a random field; its fourth moment is off by 1 / (2 WAVES) of a Gaussian's
+NUGGET = 1e-9  # of a variance, on the diagonal of correlations, which rounding must not make indefinite
+
+
+@dataclass(frozen=True)
+class PlaceError:
+    """An error of the map: the same at the same place, alike within a length.
+
+    Attributes:
+        share: Of a reading's variance, from 0 to 1.
+        length: Distance of two places on walls at which their correlation has fallen to 1 / e, m.
+    """
+
+    share: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Correlated:
+    """Readings that scatter as another noise says, with errors that they share.
+
+    Alone, every reading has the law of `noise`; that is what the methods here tell, which see one reading at
+    a time. A `Rangefinder` knows where its beams point, draws readings together, and weighs the readings of
+    one scan together. Errors that outlast a scan (`over_time`, `places`) are drawn, and no estimator here
+    follows them: what they cost, a study shows, and `Tempered` is the stand-in. A missing return is taken to
+    be independent of the rest.
+
+    Args:
+        noise: The law of each reading by itself.
+        beams: Share of the variance that is AR(1) over beams.
+        along: Correlation of that part between neighbouring beams.
+        over_time: Correlation of that part between consecutive scans.
+        scan: Share of the variance that is one error of a whole scan.
+        places: Shares that are errors of the map.
+
+    Raises:
+        ValueError: If shares are negative or sum to more than one, or a correlation or length is not in its
+            bounds.
+    """
+
+    noise: CumulativeNoise
+    beams: float = 0.0
+    along: float = 0.0
+    over_time: float = 0.0
+    scan: float = 0.0
+    places: tuple[PlaceError, ...] = ()
+
+    def __post_init__(self) -> None:
+        shares = [self.beams, self.scan, *(place.share for place in self.places)]
+        if not all(share >= 0 for share in shares) or not sum(shares) <= 1 + NUGGET:
+            raise ValueError(f"shares of a variance must be at least 0 and sum to at most 1, got {shares}")
+        if not (0 <= self.along < 1 and 0 <= self.over_time < 1):
+            raise ValueError(
+                f"along and over_time must be in [0, 1), got {self.along!r} and {self.over_time!r}"
+            )
+        if not all(0 < place.length < np.inf for place in self.places):
+            raise ValueError(f"lengths of map errors must be positive and finite, got {self.places}")
+
+    @cached_property
+    def white(self) -> float:
+        """Share of the variance that a reading has for itself."""
+        return max(0.0, 1.0 - self.beams - self.scan - sum(place.share for place in self.places))
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        """That of each reading by itself, elementwise; nats."""
+        return self.noise.log_density(measurement, expected)
+
+    def log_above(self, limit: Array, expected: Array) -> Array:
+        """Log probability of a reading above the limit, or of none."""
+        return self.noise.log_above(limit, expected)
+
+    def log_below(self, limit: Array, expected: Array) -> Array:
+        """Log probability of a reading up to the limit."""
+        return self.noise.log_below(limit, expected)
+
+    def sample(self, expected: Array, rng: Generator) -> Array:
+        """One reading for each expected range, each by itself, m; together they come from the rangefinder."""
+        return self.noise.sample(expected, rng)
+
+    def variance(self, expected: Array) -> Array:
+        """That of each reading by itself, m^2."""
+        return self.noise.variance(expected)
+
+    def correlation(self, beams: IntArray, ends: Array) -> Array:
+        """Correlation of the normal scores of some beams of one scan.
+
+        Args:
+            beams: Their numbers, (K,).
+            ends: Where they end, m, in any frame, (K, 2).
+
+        Returns:
+            (K, K), with ones on the diagonal.
+        """
+        apart = np.abs(beams[:, None] - beams)
+        total = self.scan + self.beams * self.along**apart + self.white * (apart == 0)
+        if self.places:
+            distance = np.hypot(*(ends[:, None] - ends).T)
+            total = total + sum(place.share * np.exp(-distance / place.length) for place in self.places)
+        return np.asarray(total)
+
+    def log_copula(self, reading: Array, expected: Array, bearings: Array) -> Array:
+        """What readings of one scan weigh together beyond what each weighs by itself; nats.
+
+        -1/2 log |R| - 1/2 z' (R^-1 - I) z for the normal scores z of the finite readings and their
+        correlation R. Beams end where they were read to end, which keeps R the same at all states.
+
+        Args:
+            reading: Of one scan, (B,), m.
+            expected: Ranges at states, (..., B), m.
+            bearings: Of the beams, rad, (B,).
+
+        Returns:
+            Shape (...).
+        """
+        read = np.flatnonzero(np.isfinite(reading))
+        if not read.size:
+            return np.zeros(np.shape(expected)[:-1])
+        root = self._root(read, reading, bearings)
+        scores = normal_scores(self.noise, reading[read], np.asarray(expected)[..., read])
+        white = scores @ np.linalg.inv(root).T
+        return np.asarray(0.5 * ((scores**2).sum(-1) - (white**2).sum(-1)) - np.log(np.diagonal(root)).sum())
+
+    def _root(self, read: IntArray, reading: Array, bearings: Array) -> Array:
+        """Lower Cholesky factor of the correlation of the beams that were read, (K, K)."""
+        ends = reading[read, None] * np.column_stack([np.sin(bearings[read]), np.cos(bearings[read])])
+        return np.asarray(np.linalg.cholesky(self.correlation(read, ends) + NUGGET * np.eye(len(read))))
+
+    def sample_scans(self, expected: Array, ends: Array, rng: Generator) -> Array:
+        """Consecutive scans of one drive, drawn together.
+
+        Args:
+            expected: Ranges without noise, (T, B), m; inf = no wall.
+            ends: Where beams meet walls, in one frame for all scans, (T, B, 2), m; anywhere for those that
+                meet none.
+            rng: The only source of chance.
+
+        Returns:
+            Readings (T, B), m; inf = no return.
+        """
+        return readings_at(self.noise, self.scores(ends, rng), expected, rng)
+
+    def scores(self, ends: Array, rng: Generator) -> Array:
+        """Normal scores of consecutive scans: (T, B, 2) m -> (T, B), each N(0, 1)."""
+        scans, beams = ends.shape[:2]
+        total = np.sqrt(self.white) * rng.standard_normal((scans, beams))
+        total += np.sqrt(self.scan) * rng.standard_normal((scans, 1))
+        if self.beams:
+            drawn = _autoregressive(rng.standard_normal((scans, beams)), self.over_time)
+            total += np.sqrt(self.beams) * _autoregressive(drawn.T, self.along).T
+        for place in self.places:
+            total += np.sqrt(place.share) * random_field(ends, place.length, rng)
+        return np.asarray(total)
+
+
+def _autoregressive(drawn: Array, correlation: float) -> Array:
+    """AR(1) along the first axis, stationary from the start, made of independent standard normal numbers."""
+    for before, after in pairwise(drawn):
+        after *= np.sqrt(1.0 - correlation**2)
+        after += correlation * before
+    return drawn
+
+
+def random_field(points: Array, length: float, rng: Generator) -> Array:
+    """A stationary field over the plane with unit variance and correlation exp(-distance / length).
+
+    A sum of cosine waves (Rahimi and Recht, 2007); the waves of that correlation in two dimensions are Cauchy
+    distributed.
+
+    Args:
+        points: Where, (..., 2), m.
+        length: Of correlation, m.
+        rng: Draws the field.
+
+    Returns:
+        Shape (...).
+    """
+    waves = rng.standard_normal((2, WAVES)) / (length * np.abs(rng.standard_normal(WAVES)))
+    phases = rng.uniform(0.0, 2 * np.pi, WAVES)
+    flat = points.reshape(-1, 2)
+    values = np.empty(len(flat))
+    for start in range(0, len(flat), 4096):
+        part = flat[start : start + 4096]
+        values[start : start + 4096] = np.cos(part @ waves + phases).sum(-1)
+    return np.asarray(np.sqrt(2.0 / WAVES) * values.reshape(points.shape[:-1]))
+
+
+def shared_errors(noise: Noise) -> tuple[Correlated | None, float]:
+    """What beams share by a noise, and the weight that it is given; None, 1 for beams that share nothing."""
+    weight = noise.weight if isinstance(noise, Tempered) else 1.0
+    law = noise.noise if isinstance(noise, Tempered) else noise
+    return (law, weight) if isinstance(law, Correlated) else (None, 1.0)
+
+
+def refuse_shared_errors(sensor: Sensor, who: str) -> None:
+    """Refuse a noise with errors that beams share, for what takes beams to be independent.
+
+    Raises:
+        ValueError: If there are such errors.
+    """
+    noise: Noise = sensor.noise
+    while True:
+        if isinstance(noise, Correlated):
+            raise ValueError(
+                f"{who} takes beams one by one, and this noise has errors that they share: tell it, under "
+                "[assumed.sensor.noise], a noise without correlation and with the weight of its readings"
+            )
+        if not isinstance(noise, WrapsNoise):
+            return
+        noise = noise.noise

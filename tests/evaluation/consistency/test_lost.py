@@ -1,0 +1,152 @@
+"""Am I lost: false alarms as stated under correlated errors, and alarms where pose or map are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rangefix.arrays import Array
+from rangefix.evaluation.consistency.lost import CAP, Fit, LostTest, predictive_scores
+from rangefix.filters import (
+    BeamMixture,
+    Biased,
+    Correlated,
+    Gaussian,
+    LostBeams,
+    Noise,
+    PlaceError,
+    Rangefinder,
+    Tempered,
+    pose_space,
+)
+from rangefix.maps import RectangularRoom
+
+ROOM = RectangularRoom(6.0, 9.0)
+LAW = Biased(BeamMixture(0.9, 0.02, 0.02, 0.06, 0.04, 1.0, 8.0), 0.04)
+SHARED = Correlated(LostBeams(LAW, 0.03), places=(PlaceError(0.5, 0.1), PlaceError(0.3, 1.0)))
+
+
+def rangefinder(noise: Noise) -> Rangefinder:
+    bearings = np.deg2rad(np.arange(0.0, 360.0, 15.0))
+    return Rangefinder(ROOM, bearings, noise, pose_space(), max_range=8.0)
+
+
+def drive(seed: int, scans: int) -> Array:
+    """Poses along a straight way from a random place, (T, 3)."""
+    rng = np.random.default_rng(seed)
+    start, heading = rng.uniform([2.0, 3.0], [4.0, 6.0]), rng.uniform(0, 2 * np.pi)
+    way = 0.05 * np.arange(scans)[:, None] * np.array([np.sin(heading), np.cos(heading)])
+    return np.column_stack([start + way, np.full(scans, heading)])
+
+
+def fits(
+    test: LostTest, drives: int, scans: int, wrong: Callable[[Array], Array] = lambda poses: poses
+) -> list[list[Fit]]:
+    """Fits of simulated drives, each with a map error of its own, at the poses that are said to be theirs."""
+    found = []
+    for seed in range(drives):
+        poses = drive(seed, scans)
+        expected = test.sensor.expected(poses)[None]
+        sensor = rangefinder(SHARED)
+        readings = sensor.read_each(expected, [np.random.default_rng([1, seed])], poses[None])[0]
+        steps = ((reading, pose[None]) for reading, pose in zip(readings, wrong(poses), strict=True))
+        found.append(list(test.follow(steps)))
+    return found
+
+
+def share_of_alarms(found: list[list[Fit]]) -> tuple[float, float]:
+    """The share of scans with an alarm, and its standard error over drives."""
+    shares = np.array([np.mean([fit.lost for fit in drive]) for drive in found])
+    return float(shares.mean()), float(shares.std() / np.sqrt(len(shares)))
+
+
+def test_false_alarms_are_no_more_than_stated() -> None:
+    """At a stated 5 %, in 60 drives of 4 scans: at most 5 % and 3.7 standard errors.
+
+    Errors of the map outlast scans, so drives are what is independent. A right test fails for fewer than 1
+    seed in 5000; one that takes beams to be independent raises more than twice as many (next test).
+    """
+    share, error = share_of_alarms(fits(LostTest(rangefinder(SHARED), 0.05, 1), 60, 4))
+    assert share < 0.05 + 3.7 * error
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("window", [1, 5])
+@pytest.mark.parametrize("stated", [0.05, 0.01, 0.001])
+def test_false_alarms_of_200_drives_are_no_more_than_stated(window: int, stated: float) -> None:
+    """The same for 200 drives of 30 scans; at 1 in 1000 a handful of scans decides, so an error is set."""
+    share, error = share_of_alarms(fits(LostTest(rangefinder(SHARED), stated, window), 200, 30))
+    assert share < stated + 3.7 * max(error, stated / np.sqrt(200 * stated * 30) if stated < 0.01 else error)
+
+
+def test_beams_taken_for_independent_raise_false_alarms() -> None:
+    """The negative control: with errors of 3 m length, ignoring them doubles the stated 5 % at least."""
+    law = Correlated(Gaussian(0.05), places=(PlaceError(0.9, 3.0),))
+    sensor = rangefinder(law)
+    alarms = []
+    for seed in range(150):
+        pose = drive(seed, 1)
+        reading = sensor.read(sensor.expected(pose[0]), np.random.default_rng([2, seed]))
+        alarms.append(
+            [LostTest(sensor, 0.05, 1, each).one_scan(reading, pose).lost for each in (law, Gaussian(0.05))]
+        )
+    share, ignored = np.mean(alarms, axis=0)
+    assert ignored > 0.1
+    assert share < 0.05 + 3.7 * np.sqrt(0.05 * 0.95 / 150)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda poses: poses + np.array([0.5, 0.5, 0.0]),
+        lambda poses: poses * np.array([1.0, 1.0, -1.0]) + np.array([0.0, 0.0, 0.3]),
+        lambda poses: poses * np.array([1.1, 0.8, 1.0]) + np.array([0.0, 0.0, 1.0]),
+    ],
+    ids=["shifted", "mirrored", "elsewhere"],
+)
+def test_wrong_poses_are_told_within_ten_scans(wrong: Callable[[Array], Array]) -> None:
+    """By the usual 1 in 1000: in every one of 10 drives."""
+    found = fits(LostTest(rangefinder(SHARED)), 10, 10, wrong)
+    assert all(any(fit.lost for fit in drive) for drive in found)
+
+
+def test_scores_are_standard_normal_whatever_the_belief() -> None:
+    """Readings at a state drawn from the belief itself have N(0, 1) scores: mean and variance to 4.5 errors.
+
+    100 readings by beams one at a time, so that they are independent.
+    """
+    sensor = rangefinder(LostBeams(LAW, 0.03))
+    rng = np.random.default_rng(5)
+    scores = []
+    for _ in range(100):
+        states = np.array([3.0, 4.0, 0.5]) + np.array([0.1, 0.1, 0.02]) * rng.standard_normal((200, 3))
+        reading = sensor.read(sensor.expected(states[0]), rng)
+        scores.append(predictive_scores(sensor, reading, states[1:])[rng.integers(24)])
+    found = np.array(scores)
+    assert abs(found.mean()) < 4.5 / np.sqrt(100)
+    assert np.minimum(found**2, CAP).mean() == pytest.approx(0.995, abs=4.5 * 1.38 / np.sqrt(100))
+
+
+def test_weights_raise_the_threshold() -> None:
+    """A weight stands for errors that beams share: the same misfit is less of a surprise."""
+    pose = np.array([[3.0, 4.0, 0.5]])
+    plain, weighed = (rangefinder(noise) for noise in (LAW, Tempered(LAW, 0.1)))
+    reading = plain.expected(pose[0]) + 0.1
+    alone, shared = (LostTest(sensor).one_scan(reading, pose) for sensor in (plain, weighed))
+    assert alone.misfit == pytest.approx(shared.misfit)
+    assert alone.threshold < shared.threshold
+
+
+def test_a_scan_without_readings_says_nothing() -> None:
+    sensor = rangefinder(LAW)
+    fit = LostTest(sensor).one_scan(np.full(24, np.nan), np.array([[3.0, 4.0, 0.5]]))
+    assert not fit.lost
+    assert fit.readings == 0
+
+
+@pytest.mark.parametrize(("share", "window"), [(0.0, 5), (1.0, 5), (0.1, 0)])
+def test_numbers_out_of_bounds_are_refused(share: float, window: int) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        LostTest(rangefinder(LAW), share, window)

@@ -1,0 +1,150 @@
+"""Logs of CARMEN: conventions, no returns, clocks, and what is wrong with them in one line."""
+
+from __future__ import annotations
+
+import gzip
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.evaluation.recordings.log import RecordingError
+from rangefix.evaluation.recordings.open_log import open_log
+from rangefix.evaluation.recordings.options import ReadingOptions
+from rangefix.evaluation.recordings.readers.clock import BACK, JUMPS, REPEATED, TWICE
+from rangefix.filters import Gaussian, Rangefinder, pose_space
+
+from .conftest import MOUNT, ROOM, drive, write_carmen
+
+BEARINGS = -np.deg2rad(np.arange(-90.0, 91.0))
+
+
+@pytest.fixture
+def readings() -> np.ndarray:
+    sensor = Rangefinder(ROOM, BEARINGS, Gaussian(1e-6), pose_space(), mount=MOUNT)
+    return sensor.expected(drive(12)[1])
+
+
+@pytest.mark.parametrize("kind", ["FLASER", "ROBOTLASER1"])
+def test_what_is_written_is_read(tmp_path: Path, readings: np.ndarray, kind: str) -> None:
+    """Poses, bearings and the place of the laser come back, so that the map says what was read, to 2 mm."""
+    times, poses = drive(12)
+    write_carmen(tmp_path / "a.log", times, poses, readings, kind)
+    log = open_log(tmp_path / "a.log")
+    laser, scans = log.sensor, list(log.scans())
+    found = (laser.forward_m, laser.left_m, laser.yaw_rad)
+    assert found == pytest.approx((MOUNT.forward, MOUNT.left, MOUNT.yaw), abs=2e-4)
+    assert laser.is_placed
+    assert laser.range_max_m == (81.0 if kind == "FLASER" else 30.0)
+    np.testing.assert_allclose(laser.bearings_rad, BEARINGS, atol=1e-6)
+    np.testing.assert_allclose([scan.time_s for scan in scans], times, atol=1e-5)
+    np.testing.assert_allclose([scan.odometry for scan in scans], poses, atol=1e-5)
+    sensor = Rangefinder(ROOM, laser.bearings_rad, Gaussian(0.1), pose_space(), mount=MOUNT)
+    away = np.array([scan.ranges_m for scan in scans]) - sensor.expected(poses)
+    assert np.quantile(np.abs(away), 0.99) < 2e-3  # a beam may pass a corner on the other side
+
+
+def test_packed_and_told_twice(tmp_path: Path, readings: np.ndarray) -> None:
+    """A log packed by gzip is read as it is, as often as one likes."""
+    write_carmen(tmp_path / "a.log", *drive(12), readings)
+    (tmp_path / "a.log.gz").write_bytes(gzip.compress((tmp_path / "a.log").read_bytes()))
+    log = open_log(tmp_path / "a.log.gz")
+    assert [scan.time_s for scan in log.scans()] == [scan.time_s for scan in log.scans()]
+
+
+def test_no_returns(tmp_path: Path, readings: np.ndarray) -> None:
+    """81.83 means no return; another code where that is told; 0 and nan say nothing."""
+    readings[:, :5] = [81.83, 81.91, 0.0, np.nan, 29.9]
+    write_carmen(tmp_path / "a.log", *drive(12), readings)
+    first = next(open_log(tmp_path / "a.log").scans()).ranges_m
+    np.testing.assert_array_equal(first[:5], [np.inf, np.inf, np.nan, np.nan, 29.9])
+    other = open_log(tmp_path / "a.log", ReadingOptions(no_return_m=29.0))
+    assert next(other.scans()).ranges_m[4] == np.inf
+
+
+def test_clocks(tmp_path: Path, readings: np.ndarray) -> None:
+    """Times that repeat, go back and jump are counted; all scans but an exact repetition stay, in order."""
+    times, poses = drive(12)
+    order = [0, 1, 2, 2, 3, 4, 5, 6, 7, 8, 9]
+    shown = times[order].copy()
+    shown[5] = shown[4]  # repeats
+    shown[7] -= 0.5  # goes back
+    shown[9:] += 60.0  # jumps
+    write_carmen(tmp_path / "a.log", shown, poses[order], readings[order])
+    tally: Counter[str] = Counter()
+    scans = list(open_log(tmp_path / "a.log").scans(tally))
+    assert len(scans) == 10
+    assert tally == {TWICE: 1, REPEATED: 1, BACK: 1, JUMPS: 1}
+    np.testing.assert_allclose([scan.odometry for scan in scans], poses[:10], atol=1e-5)
+
+
+def test_a_clock_of_six_digits(tmp_path: Path, readings: np.ndarray) -> None:
+    """Where the laser's clock stands still for want of digits the logger's is taken, and that is said."""
+    write_carmen(tmp_path / "a.log", *drive(12), readings)
+    lines = (tmp_path / "a.log").read_text().splitlines()
+    words = [line.split() for line in lines[1:]]
+    for line in words:
+        line[-3] = "1.13777e+09"
+    (tmp_path / "a.log").write_text("\n".join(map(" ".join, words)) + "\n")
+    log = open_log(tmp_path / "a.log")
+    np.testing.assert_allclose([scan.time_s for scan in log.scans()], 0.1 * np.arange(12), atol=1e-5)
+    assert any("stands still" in note for note in log.notes)
+
+
+def test_a_corrected_log_does_not_tell_the_place(tmp_path: Path, readings: np.ndarray) -> None:
+    """Laser poses that a mapping program has moved are not the place on the robot; a PARAM line tells it."""
+    write_carmen(tmp_path / "a.log", *drive(12), readings)
+    lines = (tmp_path / "a.log").read_text().splitlines()
+    words = [line.split() for line in lines[1:]]
+    for number, line in enumerate(words):
+        line[2 + 181] = str(5.0 + 0.3 * number)
+    text = "\n".join(map(" ".join, words)) + "\n"
+    (tmp_path / "a.log").write_text(text)
+    log = open_log(tmp_path / "a.log")
+    assert not log.sensor.is_placed
+    assert any("nothing says where the laser stands" in note for note in log.notes)
+    (tmp_path / "b.log").write_text("PARAM robot_frontlaser_offset 0.25\n" + text)
+    assert open_log(tmp_path / "b.log").sensor.forward_m == 0.25
+    given = open_log(tmp_path / "a.log", ReadingOptions(forward_m=-0.1, yaw_deg=90.0)).sensor
+    assert (given.forward_m, given.left_m, given.yaw_rad) == (-0.1, 0.0, pytest.approx(np.pi / 2))
+
+
+GOOD = "FLASER 3 1 2 3 0 0 0 0 0 0 5.0 host 0.0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("PARAM a b\n# nothing\n", "no scans"),
+        (GOOD[:-20], "line 1: the file is cut off in the middle of a scan"),
+        (GOOD + GOOD[:30], "line 2: the file is cut off in the middle of a scan"),
+        (GOOD + "FLASER 2 1 2 0 0 0 0 0 0 6.0 host 0.0\n", "line 2: 2 ranges, where the first scan has 3"),
+        ("FLASER x 1 2 3\n", "line 1: no scan as CARMEN writes it"),
+        ("FLASER 0 0 0 0 0 0 0 5.0 host 0.0\n", "line 1: a scan of 0 ranges"),
+        ("FLASER 999999999 1 2\n", "line 1: a scan of 999999999 ranges"),
+        (GOOD.replace("5.0", "nan"), "line 1: nan is no finite number"),
+        (GOOD.replace("3 0 0 0 0", "3 0 0 0 1e300"), "pose must be finite"),
+        (
+            "ROBOTLASER1 0 0 3.1 0.0 30 0.1 0 2 1 2 0 0 0 0 0 0 0 0 0 0 0 0 5.0 h 0\n",
+            "increment between beams is zero",
+        ),
+        ("A" * (1 << 22), "no log of CARMEN"),
+        ("\0\1\2\xff binary\n", "no scans"),
+    ],
+)
+def test_bad_logs(tmp_path: Path, text: str, said: str) -> None:
+    """One clear line each."""
+    (tmp_path / "a.log").write_text(text, encoding="latin-1")
+    with pytest.raises(RecordingError, match=said) as caught:
+        list(open_log(tmp_path / "a.log").scans())
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_packing(tmp_path: Path) -> None:
+    (tmp_path / "a.log").write_bytes(gzip.compress((GOOD * 500).encode())[:60])
+    with pytest.raises(RecordingError, match="cut off or damaged"):
+        list(open_log(tmp_path / "a.log").scans())
+    with pytest.raises(RecordingError, match="no file"):
+        open_log(tmp_path / "b.log")

@@ -1,0 +1,285 @@
+"""Recordings put to estimators: tracking, global start, the files that are written, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rangefix.cli import main
+from rangefix.evaluation.recordings.log import LaserDescription
+from rangefix.evaluation.recordings.open_log import open_log
+from rangefix.evaluation.recordings.pose_files import in_ros
+from rangefix.evaluation.recordings.readers.tum import tum_line
+from rangefix.evaluation.recordings.replay import odometry_is_true, replay
+from rangefix.evaluation.recordings.score import Score
+from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
+from rangefix.evaluation.recordings.steps import STILL, WITHOUT_ODOMETRY, Choice, steps, survey
+from rangefix.filters import Gaussian, build, pose_space
+
+from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """A drive in a room, whose odometry begins elsewhere and has no errors."""
+    times, poses = drive(24)
+    odometry = np.column_stack([poses[:, :2], np.rad2deg(poses[:, 2])])
+    np.savez(
+        tmp_path / "drive.npz", time_s=times, ranges_m=ranges_at(poses, 0.02), odometry=odometry,
+        bearings_deg=np.rad2deg(-ANGLES), range_max_m=12.0, forward_m=MOUNT.forward, left_m=MOUNT.left,
+        yaw_deg=np.rad2deg(MOUNT.yaw),
+    )  # fmt: skip
+    (tmp_path / "room.toml").write_text(ROOM_TOML)
+    return tmp_path / "drive.npz"
+
+
+def call(arguments: list[Any], capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    shown = capsys.readouterr()
+    return int(ended.value.code or 0), shown.out, shown.err
+
+
+def test_tracking_is_consistent(recording: Path) -> None:
+    """With the noise that there is, a particle filter errs as it claims: over 24 scans e' P^-1 e averages 3.
+
+    A right filter exceeds 2 for the mean over 3 (its scans hang together, as if they were 8) once in 100.
+    """
+    log = open_log(recording)
+    choice = Choice(beams=0)
+    assumptions = Assumptions(Gaussian(0.02), (0.0, 0.0, 0.0, 0.0), (0.005, 0.005, 0.005))
+    first = survey(log, choice)
+    start = Start(None, 0.03, 0.02).about(first.first.odometry, np.random.default_rng(1))
+    problem = problem_of(ROOM, log.sensor, choice.places(log.sensor), assumptions, start)
+    estimator, score = build("particle", problem, particles=1000), Score(pose_space())
+    for believed in replay(estimator, problem, steps(log, choice), odometry_is_true):
+        score.add(believed)
+    row = score.row("particle")
+    assert (row.scans, row.judged) == (24, 24)
+    assert row.position_rmse_m < 0.02
+    assert row.anees < 2
+    assert row.residual_share > 0.95
+    assert row.scans_per_s > 2
+
+
+def test_a_wrong_place_of_the_laser_shows(recording: Path) -> None:
+    """Negative control: with the laser on the other side readings no longer fit the map."""
+    log = open_log(recording)
+    choice, shares = Choice(beams=0), []
+    for laser in (log.sensor, replace(log.sensor, forward_m=-0.4, yaw_rad=-0.3)):
+        start = Start(drive(24)[1][0], 0.1, 0.05)
+        problem = problem_of(ROOM, laser, choice.places(laser), Assumptions(), start)
+        score = Score(pose_space())
+        for believed in replay(build("ekf", problem), problem, steps(log, choice), odometry_is_true):
+            score.add(believed)
+        shares.append(score.row("ekf").residual_share)
+    assert shares[0] > 0.9 > 0.6 > shares[1]
+
+
+def test_which_scans_and_beams(recording: Path) -> None:
+    """Scans of a robot that has not moved are left out, and the motion is taken up from the last used one."""
+    log = open_log(recording)
+    every, some = list(steps(log, Choice())), []
+    tally: Counter[str] = Counter()
+    some = list(steps(log, Choice(least_move_m=0.5), tally))
+    assert tally[STILL] == len(every) - len(some) > 0
+    assert all(np.hypot(*step.control[:2]) >= 0.5 for step in some[1:] if step.control is not None)
+    assert some[0].control is None
+    assert len(every[0].measurement) == 24
+    assert len(next(iter(steps(log, Choice(beams=0)))).measurement) == len(ANGLES)
+    with pytest.raises(ValueError, match="at least 0"):
+        Choice(beams=-1)
+
+
+def test_the_beams_of_a_full_turn(tmp_path: Path) -> None:
+    """The last beam of 0, 1, ..., 360 deg is the first: it is not used twice."""
+    laser = LaserDescription(np.deg2rad(np.arange(0.0, 360.1, 10.0)))
+    assert len(laser.distinct_beams) == 36
+    assert len(Choice(beams=0).places(laser)) == 36
+    chosen = Choice(beams=12).places(laser)
+    assert set(np.diff(chosen)) == {3}
+
+
+def test_files_are_read_by_evo(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """TUM and mcap hold the same path, whose error by evo is the RMSE of the table; CSV holds covariances."""
+    file_interface = pytest.importorskip("evo.tools.file_interface", reason="no evo")
+    from evo.core import metrics, sync
+    from rosbags.rosbag2 import Reader
+
+    out = recording.parent / "out"
+    times, poses = drive(24)
+    (recording.parent / "truth.tum").write_text("".join(map(tum_line, times, poses)))
+    code, shown, _ = call(
+        ["replay", "--map", recording.parent / "room.toml", "--log", recording, "--truth",
+         recording.parent / "truth.tum", "-e", "ekf", "--out", out, "--bag", "mcap", "--json"], capsys
+    )  # fmt: skip
+    assert code == 0
+    row = json.loads(shown)["estimators"][0]
+    truth = file_interface.read_tum_trajectory_file(recording.parent / "truth.tum")
+    path = file_interface.read_tum_trajectory_file(out / "ekf.tum")
+    assert path.check()[0]
+    with Reader(out / "ekf_mcap") as reader:
+        in_bag = file_interface.read_bag_trajectory(reader, "/ekf")
+    np.testing.assert_allclose(in_bag.positions_xyz, path.positions_xyz, atol=1e-8)
+    np.testing.assert_allclose(in_bag.orientations_quat_wxyz, path.orientations_quat_wxyz, atol=1e-8)
+    error = metrics.APE(metrics.PoseRelation.translation_part)
+    error.process_data(sync.associate_trajectories(truth, path))
+    assert error.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(row["position_rmse_m"], rel=1e-6)
+    with (out / "ekf.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == 24
+    assert float(lines[-1]["cov_x1_x1_m2"]) > 0
+    assert float(lines[3]["nees"]) >= 0
+    names = {path.name for path in out.iterdir()}
+    assert {"paths.png", "fit.svg", "ekf_errors.png", "ekf_beliefs.png", "replay.json"} <= names
+    assert not [path for path in recording.parent.iterdir() if path.name.endswith(".part")]
+
+
+def test_covariances_in_ros() -> None:
+    """The heading grows to the right, the yaw to the left: place and yaw covary with the other sign."""
+    root = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.05, -0.04, 0.1]])
+    covariance = root @ root.T
+    draws = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, 200_000)
+    turned = draws * [1, 1, -1]
+    full = in_ros(covariance)
+    np.testing.assert_allclose(full[np.ix_([0, 1, 5], [0, 1, 5])], np.cov(turned.T), atol=1e-3)
+    assert not full[2:5].any()
+
+
+def test_a_table_and_a_second_time(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """People get a table and what was assumed; the same seed gives the same numbers."""
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth", "odometry"]
+    given += ["-e", "particle", "-O", "particle:particles=300"]
+    code, shown, _ = call(given, capsys)
+    again = call(given, capsys)[1]
+    assert code == 0
+    assert "ANEES/3" in shown
+    assert "noise is not calibrated" in shown
+
+    def end(text: str) -> str:
+        (line,) = [line for line in text.splitlines() if line.strip().startswith("particle (particles=300)")]
+        return line.split("  ")[-2]
+
+    assert end(shown) == end(again)
+
+
+def test_global_start(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From anywhere in the room the particle filter ends where the robot does, within 5 cm and 2 deg."""
+    code, shown, _ = call(
+        ["replay", "-m", recording.parent / "room.toml", "-l", recording, "-e", "particle", "-O",
+         "particle:particles=4000", "--json"], capsys
+    )  # fmt: skip
+    end = json.loads(shown)["estimators"][0]["end"]
+    x1, x2, heading = drive(24)[1][-1]
+    assert code == 0
+    assert np.hypot(end["x1_m"] - x1, end["x2_m"] - x2) < 0.05
+    assert abs((end["heading_deg"] - np.rad2deg(heading) + 180) % 360 - 180) < 2
+
+
+def test_an_animation(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from PIL import Image
+
+    out = recording.parent / "out"
+    code, _, _ = call(
+        ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth", "odometry", "-e", "ekf",
+         "--least-move-m", "0.6", "--out", out, "--animation", "gif"], capsys
+    )  # fmt: skip
+    assert code == 0
+    with Image.open(out / "ekf.gif") as picture:
+        assert getattr(picture, "n_frames", 1) > 2
+
+
+def test_one_that_cannot_and_one_that_is_lost(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An estimator for what stands still says so; the others go on, and the exit code is 1."""
+    code, shown, _ = call(
+        ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth", "odometry", "-e",
+         "point-mass,ekf", "--json"], capsys
+    )  # fmt: skip
+    rows = {row["estimator"]: row for row in json.loads(shown)["estimators"]}
+    assert code == 1
+    assert "stays where it is" in rows["point-mass"]["reason"]
+    assert rows["ekf"]["scans"] == 24
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (["--log", "none.npz"], "no file none.npz"),
+        (["--estimators", "kalman"], "no estimator 'kalman'"),
+        (["--option", "ukf:alpha=1"], "write ESTIMATOR:NAME=VALUE"),
+        (["--option", "ekf:wings=2"], "wings"),
+        (["--start", "here"], "a start is x1,x2,heading"),
+        (["--start", "90,90,0"], "free space|outside|no free"),
+        (["--start", "truth"], "the true pose at the first scan is not known"),
+        (["--truth", "none.tum"], "cannot read none.tum"),
+        (["--truth", "topic:/odom"], "only bags have topics"),
+        (["--bag", "mcap"], "give --out"),
+        (["--no-return-m", "-1"], "must be positive"),
+        (["--sensor", "none.toml"], "cannot read none.toml"),
+        (["--forward-m", "1e9"], "within 100 m"),
+    ],
+)
+def test_refused(
+    recording: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    change: list[str],
+    said: str,
+) -> None:
+    """One line, exit code 2, and nothing written."""
+    monkeypatch.chdir(recording.parent)
+    given = ["replay", "--map", "room.toml", "-e", "ekf"]
+    given += [] if "--log" in change else ["--log", "drive.npz"]
+    given = [word for word in given if "--estimators" not in change or word not in ("-e", "ekf")]
+    with_out = [] if "--bag" in change else ["--out", "out"]
+    code, _, told = call([*given, *with_out, *change], capsys)
+    assert code == 2
+    assert len(told.strip().splitlines()) == 1
+    assert re.search(said, told)
+    assert {path.name for path in recording.parent.iterdir()} == {"drive.npz", "room.toml"}
+
+
+def test_a_log_that_breaks_off_leaves_nothing(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A recording that is damaged further on: one line, and no half-written folder."""
+    arrays = dict(np.load(recording))
+    arrays["odometry"][20] = 1e9
+    np.savez(recording, **arrays)
+    given = [
+        "replay",
+        "-m",
+        recording.parent / "room.toml",
+        "-l",
+        recording,
+        "-e",
+        "ekf",
+        "--start",
+        "3,1.6,90",
+    ]
+    code, _, told = call([*given, "--out", recording.parent / "out"], capsys)
+    assert code == 2
+    assert "not of this world" in told
+    assert {path.name for path in recording.parent.iterdir()} == {"drive.npz", "room.toml"}
+
+
+def test_readings_that_say_nothing(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Scans of NaN are counted, and odometry alone moves the estimate; without odometry they are left out."""
+    arrays = dict(np.load(recording))
+    arrays["ranges_m"][5:8] = np.nan
+    arrays["odometry"][10] = np.nan
+    np.savez(recording, **arrays)
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "-e", "particle", "--truth"]
+    code, shown, _ = call([*given, "odometry", "-O", "particle:particles=500", "--json"], capsys)
+    told = json.loads(shown)
+    assert code == 0
+    assert told["oddities"]["scans whose chosen beams are all invalid"] == 3
+    assert told["oddities"][WITHOUT_ODOMETRY] == 1
+    assert told["estimators"][0]["scans"] == 23
+    assert told["estimators"][0]["position_rmse_m"] < 0.1

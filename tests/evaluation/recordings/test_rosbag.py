@@ -1,0 +1,224 @@
+"""Bags of ROS 1 and 2: conventions, topics, tf, clocks, REP-117, and what is wrong with them in one line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.arrays import wrap
+from rangefix.evaluation.recordings.log import RecordingError
+from rangefix.evaluation.recordings.open_log import open_log
+from rangefix.evaluation.recordings.options import ReadingOptions
+from rangefix.evaluation.recordings.readers.rosbag import RosbagLog
+from rangefix.filters import Mount
+
+from .conftest import ANGLES, MOUNT, Bag, drive, in_ros, ranges_at
+
+NewBag = Callable[[Path, str], Bag]
+PLACE = (MOUNT.forward, MOUNT.left, MOUNT.yaw)
+
+
+def path_of(folder: Path, kind: str) -> Path:
+    return folder / ("a.bag" if kind == "bag" else "a")
+
+
+@pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
+def test_what_is_written_is_read(tmp_path: Path, new_bag: NewBag, kind: str) -> None:
+    """Scans, odometry at their times, and the laser's place by two static transforms."""
+    times, poses = drive(10)
+    scans = ranges_at(poses)
+    bag = new_bag(path_of(tmp_path, kind), kind)
+    bag.transform(99.0, "base_link", "mast", (0.5, 0.0, 0.0), static=True)
+    inner = (PLACE[0] - 0.5, PLACE[1], PLACE[2])
+    bag.transform(99.0, "mast", "laser", inner, static=True)
+    for time, pose in zip(times, in_ros(poses), strict=True):
+        bag.odometry(time - 0.05, pose)
+        bag.odometry(time, pose)
+    for time, scan in zip(times, scans, strict=True):
+        bag.scan(time, scan)
+    bag.close()
+    log = open_log(path_of(tmp_path, kind))
+    laser, found = log.sensor, list(log.scans())
+    assert (laser.forward_m, laser.left_m, laser.yaw_rad) == pytest.approx(PLACE, abs=1e-9)
+    assert (laser.range_min_m, laser.range_max_m) == pytest.approx((0.05, 12.0), abs=1e-6)
+    np.testing.assert_allclose(laser.bearings_rad, -ANGLES, atol=1e-6)
+    np.testing.assert_allclose([scan.time_s for scan in found], times, atol=1e-6)
+    np.testing.assert_allclose([scan.ranges_m for scan in found], scans, atol=1e-6)
+    away = np.array([scan.odometry for scan in found]) - poses
+    away[:, 2] = wrap(away[:, 2])
+    np.testing.assert_allclose(away, 0.0, atol=1e-6)
+    if kind != "bag":  # a file by itself, without its metadata
+        (inside,) = path_of(tmp_path, kind).glob(f"*.{kind}")
+        alone = inside.rename(tmp_path / inside.name)
+        assert len(list(open_log(alone).scans())) == 10
+
+
+def test_odometry_by_tf(tmp_path: Path, new_bag: NewBag) -> None:
+    """Without a topic of odometry tf leads from odom to the base, and is interpolated."""
+    times, poses = drive(10)
+    bag = new_bag(tmp_path / "a", "mcap")
+    bag.transform(99.0, "base_footprint", "base_link", (0.0, 0.0, 0.0), static=True)
+    bag.transform(99.0, "base_link", "laser", PLACE, static=True)
+    ros = in_ros(poses)
+    for before, after, time in zip(ros[:-1], ros[1:], times[:-1], strict=True):
+        bag.transform(time, "odom", "base_footprint", before, static=False)
+        bag.transform(time + 0.05, "odom", "base_footprint", 0.5 * (before + after), static=False)
+    bag.transform(times[-1], "odom", "base_footprint", ros[-1], static=False)
+    for time, scan in zip(times + 0.025, ranges_at(poses), strict=True):
+        bag.scan(time, scan)
+    bag.close()
+    log = open_log(tmp_path / "a")
+    found = list(log.scans())
+    assert log.sensor.forward_m == pytest.approx(MOUNT.forward)
+    expected = poses[:-1] + 0.25 * np.diff(poses, axis=0)
+    away = np.array([scan.odometry for scan in found[:-1]]) - expected
+    np.testing.assert_allclose(away[:, :2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(wrap(away[:, 2]), 0.0, atol=1e-6)
+
+
+def test_rep_117_and_other_beams(tmp_path: Path, new_bag: NewBag) -> None:
+    """-inf is too close, inf and the maximum no return; NaN, 0 and what is below the minimum are invalid."""
+    times, poses = drive(3)
+    scans = ranges_at(poses)
+    scans[0, :7] = [-np.inf, np.inf, np.nan, 12.0, 12.5, 0.0, 0.01]
+    bag = new_bag(tmp_path / "a", "mcap")
+    bag.scan(times[0], scans[0])
+    bag.scan(times[1], scans[1][:-4])  # fewer beams
+    bag.scan(times[2], scans[2], angle_min=float(ANGLES[0]) + np.deg2rad(6.0))  # turned by one beam
+    for time, pose in zip(times, in_ros(poses), strict=True):
+        bag.odometry(time, pose)
+    bag.close()
+    tally: Counter[str] = Counter()
+    found = [scan.ranges_m for scan in open_log(tmp_path / "a").scans(tally)]
+    nothing, invalid = np.inf, np.nan
+    np.testing.assert_array_equal(
+        found[0][:7], [-np.inf, nothing, invalid, nothing, nothing, invalid, invalid]
+    )
+    assert np.isnan(found[1][-4:]).all()
+    np.testing.assert_allclose(found[1][:-4], scans[1][:-4], atol=1e-6)
+    np.testing.assert_allclose(found[2][1:], scans[2][:-1], atol=1e-6)
+    assert tally["scans whose beams are not the first scan's (the nearest were taken)"] == 2
+
+
+def test_a_laser_upside_down(tmp_path: Path, new_bag: NewBag) -> None:
+    """A roll of 180 deg in tf turns the order of the beams round."""
+    times, poses = drive(3)
+    bag = new_bag(tmp_path / "a", "mcap")
+    bag.transform(99.0, "base_link", "laser", (0.1, 0.0, 0.2), static=True, roll=np.pi)
+    for time, pose, scan in zip(times, in_ros(poses), ranges_at(poses), strict=True):
+        bag.odometry(time, pose)
+        bag.scan(time, scan)
+    bag.close()
+    log = open_log(tmp_path / "a")
+    np.testing.assert_allclose(log.sensor.bearings_rad, ANGLES, atol=1e-6)
+    assert log.sensor.yaw_rad == pytest.approx(0.2)
+    assert any("upside down" in note for note in log.notes)
+
+
+def test_stamps_that_are_missing_or_begin_anew(tmp_path: Path, new_bag: NewBag) -> None:
+    """Without a stamp the time of recording counts; a clock that begins anew is followed by odometry's."""
+    times, poses = drive(8)
+    shown = np.concatenate([times[:4], times[4:] - 50.0])  # a simulation that was started again
+    bag = new_bag(tmp_path / "a", "mcap")
+    for number, (time, pose, scan) in enumerate(zip(shown, in_ros(poses), ranges_at(poses), strict=True)):
+        recorded = 200.0 + 0.1 * number
+        bag.odometry(time, pose, recorded=recorded)
+        bag.scan(0.0 if number == 1 else time, scan, recorded=recorded)
+    bag.close()
+    tally: Counter[str] = Counter()
+    found = list(open_log(tmp_path / "a").scans(tally))
+    assert found[1].time_s == pytest.approx(200.1)
+    known = [scan.odometry is not None for scan in found]
+    assert known == [True, False, True, True, True, True, True, True]
+    assert tally["scans without odometry at their time"] == 1
+    np.testing.assert_allclose([scan.odometry[:2] for scan in found[4:]], poses[4:, :2], atol=1e-6)
+
+
+def test_which_topic(tmp_path: Path, new_bag: NewBag) -> None:
+    """Two topics of odometry are asked about; a topic of another kind is none."""
+    times, poses = drive(3)
+    bag = new_bag(tmp_path / "a", "mcap")
+    for time, pose, scan in zip(times, in_ros(poses), ranges_at(poses), strict=True):
+        bag.odometry(time, pose)
+        bag.odometry(time, pose + 1.0, "/truth")
+        bag.scan(time, scan)
+    bag.close()
+    with pytest.raises(RecordingError, match="/odom, /truth: say which"):
+        _ = open_log(tmp_path / "a").notes
+    log = open_log(tmp_path / "a", ReadingOptions(odometry_topic="/odom"))
+    assert isinstance(log, RosbagLog)
+    truth = [pose for _, pose in log.poses("/truth")]
+    np.testing.assert_allclose(np.array(truth)[:, :2], poses[:, :2] + 1.0, atol=1e-6)
+    with pytest.raises(RecordingError, match="no scans in a topic '/odom'; scans are in /scan"):
+        open_log(tmp_path / "a", ReadingOptions(scan_topic="/odom"))
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({"angle_increment": 0.0}, "angle_increment 0"),
+        ({"angle_min": np.nan}, "angle_min nan"),
+        ({"angle_increment": 1e-12}, "same direction"),
+    ],
+)
+def test_bad_angles(tmp_path: Path, new_bag: NewBag, told: dict[str, float], said: str) -> None:
+    bag = new_bag(tmp_path / "a", "mcap")
+    bag.scan(1.0, np.ones(5), **told)
+    bag.close()
+    with pytest.raises(RecordingError, match=said):
+        open_log(tmp_path / "a")
+
+
+@pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
+@pytest.mark.parametrize("damage", ["half", "flipped", "no scans", "empty scans"])
+def test_damaged_bags(tmp_path: Path, new_bag: NewBag, kind: str, damage: str) -> None:
+    """Cut off, with bytes turned over, or without scans: one line."""
+    path = path_of(tmp_path, kind)
+    bag = new_bag(path, kind)
+    for time, pose, scan in zip(*(drive(20)[0], in_ros(drive(20)[1]), ranges_at(drive(20)[1])), strict=True):
+        bag.odometry(time, pose)
+        if damage != "no scans":
+            bag.scan(time, [] if damage == "empty scans" else scan)
+    bag.close()
+    file = path if kind == "bag" else next(path.glob(f"*.{kind}"))
+    content = bytearray(file.read_bytes())
+    if damage == "half":
+        file.write_bytes(content[: len(content) // 2])
+    elif damage == "flipped":
+        content[len(content) // 4 : len(content) // 4 + 3000] = np.random.default_rng(0).bytes(3000)
+        file.write_bytes(content)
+    if damage == "flipped":
+        with suppress(RecordingError):  # or what was turned over lay where nobody looks
+            assert list(open_log(path).scans())
+        return
+    with pytest.raises(RecordingError) as caught:
+        list(open_log(path).scans())
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 2000
+
+
+def test_no_bag(tmp_path: Path) -> None:
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(RecordingError, match="no bag, or a damaged one"):
+        open_log(tmp_path / "a.bag")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(RecordingError, match="without metadata"):
+        open_log(tmp_path / "folder")
+    (tmp_path / "folder" / "metadata.yaml").write_text("a: [")
+    with pytest.raises(RecordingError, match="no bag, or a damaged one"):
+        open_log(tmp_path / "folder")
+
+
+def test_the_place_can_be_given() -> None:
+    """What is given replaces what a recording says, each number by itself."""
+    from rangefix.evaluation.recordings.log import LaserDescription
+
+    laser = LaserDescription(-ANGLES, forward_m=0.5, left_m=0.2, yaw_rad=0.1)
+    placed = ReadingOptions(left_m=-0.3).placed(laser)
+    assert (placed.forward_m, placed.left_m, placed.yaw_rad) == (0.5, -0.3, 0.1)
+    assert Mount(0.5) == Mount(forward=0.5)

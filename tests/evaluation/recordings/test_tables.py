@@ -1,0 +1,211 @@
+"""Tables of our own, trajectories, poses between times, and scans taken in motion."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rangefix.arrays import Array, wrap
+from rangefix.evaluation.recordings.log import LaserDescription, RecordingError, Scan, motion_between
+from rangefix.evaluation.recordings.open_log import open_log
+from rangefix.evaluation.recordings.readers.sweeps import onto_beams, without_motion
+from rangefix.evaluation.recordings.readers.track import Track
+from rangefix.evaluation.recordings.readers.tum import read_tum, tum_line
+from rangefix.filters import Gaussian, Odometry, Rangefinder, pose_space
+
+from .conftest import ANGLES, MOUNT, ROOM, drive, ranges_at
+
+
+def arrays(scans: int = 6) -> dict[str, Any]:
+    times, poses = drive(scans)
+    odometry = np.column_stack([poses[:, :2], np.rad2deg(poses[:, 2])])
+    return {
+        "time_s": times,
+        "ranges_m": ranges_at(poses),
+        "bearings_deg": np.rad2deg(-ANGLES),
+        "odometry": odometry,
+        "forward_m": MOUNT.forward,
+        "left_m": MOUNT.left,
+        "yaw_deg": np.rad2deg(MOUNT.yaw),
+        "range_max_m": 12.0,
+    }
+
+
+def write_csv(path: Path, told: dict[str, Any]) -> None:
+    laser = ("forward_m", "left_m", "yaw_deg", "range_max_m")
+    names = ["time_s", "odometry_x1_m", "odometry_x2_m", "odometry_heading_deg", *laser]
+    names += [f"range_m@{bearing:.9g}" for bearing in told["bearings_deg"]]
+    rows = [",".join(names)]
+    for time, pose, scan in zip(told["time_s"], told["odometry"], told["ranges_m"], strict=True):
+        values = [time, *pose, *(told[name] for name in laser), *scan]
+        rows.append(",".join(f"{value:.9g}" for value in values))
+    path.write_text("\n".join(rows) + "\n")
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz", "packed"])
+def test_tables(tmp_path: Path, kind: str) -> None:
+    """Both kinds of table give what was written."""
+    told, (times, poses) = arrays(), drive(6)
+    path = tmp_path / ("a.csv" if kind == "csv" else "a.npz")
+    if kind == "csv":
+        write_csv(path, told)
+    else:
+        (np.savez_compressed if kind == "packed" else np.savez)(path, **told)
+    log = open_log(path)
+    laser, found = log.sensor, list(log.scans())
+    assert (laser.forward_m, laser.left_m, laser.yaw_rad) == pytest.approx((0.2, -0.1, 0.3), abs=1e-7)
+    assert laser.range_max_m == 12.0
+    np.testing.assert_allclose(laser.bearings_rad, -ANGLES, atol=1e-7)
+    np.testing.assert_allclose([scan.time_s for scan in found], times, atol=1e-6)
+    np.testing.assert_allclose([scan.ranges_m for scan in found], told["ranges_m"], atol=1e-6)
+    np.testing.assert_allclose(wrap(np.array([scan.odometry for scan in found]) - poses), 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"bearings_deg": None}, "no array bearings_deg"),
+        ({"ranges_m": None}, "no array ranges_m"),
+        ({"time_s": np.zeros(5)}, "different lengths"),
+        ({"time_s": np.array([1.0, np.nan, 3, 4, 5, 6])}, "time_s of scan 2 is no finite number"),
+        ({"ranges_m": np.zeros((6, 3))}, r"ranges_m has shape \(6, 3\)"),
+        ({"ranges_m": np.zeros((6, len(ANGLES)), np.float32)}, "must be float64"),
+        ({"odometry": np.full((6, 3), 1e9)}, "not of this world"),
+        ({"bearings_deg": np.zeros(len(ANGLES))}, "same direction"),
+        ({"time_s": np.array(["a"] * 6, object)}, "must be float64"),
+        (
+            {"time_s": np.zeros(0), "ranges_m": np.zeros((0, len(ANGLES))), "odometry": np.zeros((0, 3))},
+            "no scans",
+        ),
+        ({"forward_m": 1e9}, "within 100 m"),
+    ],
+)
+def test_bad_arrays(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+    told = {name: value for name, value in (arrays() | change).items() if value is not None}
+    np.savez(tmp_path / "a.npz", **told)
+    with pytest.raises(RecordingError, match=said):
+        list(open_log(tmp_path / "a.npz").scans())
+
+
+def test_cut_off_archive(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", **arrays())
+    content = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(content[: len(content) // 2])
+    with pytest.raises(RecordingError, match="cannot read"):
+        list(open_log(tmp_path / "a.npz").scans())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time_s,range_m@0\n", "no scans"),
+        ("time_s,range_m@0\n1,2,3\n", "line 2: 3 cells, where there are 2 columns"),
+        ("time_s,range_m@0\n1,x\n", "line 2: could not convert"),
+        ("time_s,range_m@0\n,1\n", "line 2: time_s is no finite number"),
+        ("time_s,range_m@x\n1,2\n", "needs the bearing in degrees"),
+        ("time_s,colour\n1,2\n", "no column is called 'colour'"),
+        ("time_s,time_s\n1,2\n", "twice"),
+        ("time_s,range_m@0,range_m@0.0\n1,2,3\n", "same direction"),
+    ],
+)
+def test_bad_tables(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordingError, match=said):
+        list(open_log(tmp_path / "a.csv").scans())
+
+
+def test_trajectories(tmp_path: Path) -> None:
+    """A trajectory that is written is read; the yaw of ROS is pi / 2 less the heading."""
+    times, poses = drive(8)
+    lines = [tum_line(time, pose) for time, pose in zip(times, poses, strict=True)]
+    (tmp_path / "a.tum").write_text("# a comment\n" + "".join(lines))
+    found = list(read_tum(tmp_path / "a.tum"))
+    np.testing.assert_allclose([time for time, _ in found], times)
+    np.testing.assert_allclose(wrap(np.array([pose for _, pose in found]) - poses), 0.0, atol=1e-8)
+    assert tum_line(1.0, np.array([0.0, 0.0, np.pi / 2])).split()[-2:] == ["0.000000000000", "1.000000000000"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "holds no pose"),
+        ("1 2 3\n", "line 1: not the 8 numbers"),
+        ("1 0 0 0 0 0 0 0\n", "line 1: .*quaternion"),
+        ("nan 0 0 0 0 0 0 1\n", "line 1: the time is not finite"),
+        ("1 1e300 0 0 0 0 0 1\n", "line 1: a pose must be finite"),
+    ],
+)
+def test_bad_trajectories(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "a.tum").write_text(text)
+    with pytest.raises(RecordingError, match=said):
+        list(read_tum(tmp_path / "a.tum"))
+
+
+def poses_at(*times: float) -> list[tuple[float, Array]]:
+    return [(time, np.array([time, 0.0, wrap(np.asarray(time))])) for time in times]
+
+
+def test_between_poses() -> None:
+    """Linear between neighbours, the short way round for headings, and nothing beyond 0.2 s of the ends."""
+    track = Track(iter(poses_at(1.0, 2.0, 4.0)), longest_gap_s=1.5)
+    asked = [0.5, 0.9, 1.0, 1.25, 2.0, 3.0, 4.1, 4.5]
+    found = [track.at(time) for time in asked]
+    known = [None if pose is None else round(float(pose[0]), 9) for pose in found]
+    assert known == [None, 1.0, 1.0, 1.25, 2.0, None, 4.0, None]
+    turning = Track(iter([(0.0, np.array([0, 0, 3.0])), (1.0, np.array([0, 0, -3.0]))]))
+    middle = turning.at(0.5)
+    assert middle is not None
+    assert abs(wrap(middle[2] - np.pi)) < 1e-9
+
+
+def test_a_track_that_begins_anew() -> None:
+    """After a clock went back by more than a second the new part is used; smaller steps back are left out."""
+    track = Track(iter(poses_at(10.0, 11.0, 10.9, 12.0, 1.0, 2.0, 3.0)))
+    assert [float(track.at(time)[0]) for time in (10.5, 11.5, 1.5, 2.5)] == [10.5, 11.5, 1.5, 2.5]  # type: ignore[index]
+
+
+def test_controls_lead_from_pose_to_pose() -> None:
+    """`Odometry` moved by the control of two poses is at the second."""
+    _, poses = drive(9)
+    motion = Odometry(pose_space())
+    for start, end in pairwise(poses):
+        away = motion.mean(start, motion_between(start, end)) - end
+        np.testing.assert_allclose([*away[:2], wrap(away[2])], 0.0, atol=1e-12)
+
+
+def test_the_nearest_beams() -> None:
+    """Ranges go to the nearest of the wanted beams, round the turn too; where none is near stands NaN."""
+    bearings = np.deg2rad([178.0, -179.0, 0.0, 10.0])
+    found = onto_beams(bearings, np.array([1.0, 2.0, 3.0, 4.0]), np.deg2rad([180.0, 1.0, 5.1, -90.0, 11.0]))
+    np.testing.assert_array_equal(found, [2.0, 3.0, 4.0, np.nan, 4.0])
+    fine = onto_beams(bearings, np.array([1.0, 2.0, 3.0, 4.0]), np.deg2rad([0.0, 4.0, 8.0]))
+    np.testing.assert_array_equal(fine, [3.0, np.nan, 4.0])
+
+
+def test_scans_in_motion() -> None:
+    """A scan of a robot that turns and drives while it is taken is brought to what it would see at rest.
+
+    0.3 m and 30 deg during the scan: uncorrected ranges are off by more than 5 cm for half of the beams,
+    corrected ones by less than 3 cm, a beam's width at a slanting wall, for nine in ten.
+    """
+    bearings = np.deg2rad(np.arange(-120.0, 121.0, 1.0))
+    start, end = np.array([3.5, 2.5, 0.4]), np.array([3.7, 2.72, 0.4 + np.deg2rad(30.0)])
+    space = pose_space()
+    laser = LaserDescription(bearings, 0.0, 12.0, MOUNT.forward, MOUNT.left, MOUNT.yaw, 1e-3)
+    poses = start + np.linspace(0.0, 1.0, len(bearings))[:, None] * (end - start)
+    sensor = Rangefinder(ROOM, bearings, Gaussian(0.1), space, mount=MOUNT)
+    taken = np.diagonal(sensor.expected(poses))
+    still = sensor.expected(start)
+    found = without_motion(Scan(0.0, taken, start, end), laser)
+    measured = np.isfinite(found)
+    assert (
+        measured.mean() > 0.8
+    )  # it turns to the right by 30 deg: there beams see twice, and never at the left
+    assert np.quantile(np.abs(found - still)[measured], 0.9) < 0.03
+    assert np.median(np.abs(taken - still)) > 0.05
+    unknown = Scan(0.0, taken, start, None)
+    np.testing.assert_array_equal(without_motion(unknown, laser), taken)
