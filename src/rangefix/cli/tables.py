@@ -6,14 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
 
 from ..evaluation import PairedComparison, Results, Row
-from ..evaluation.bounds.catalogue import NOT_BELOW
-from ..evaluation.bounds.catalogue import Row as BoundRow
 from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
@@ -21,6 +19,9 @@ from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
 from .screen import WIDTH, least_width, new_table
+
+if TYPE_CHECKING:
+    from ..evaluation.bounds.catalogue import Row as BoundRow
 
 SHOWN = 40  # lines of a config's diff
 
@@ -73,6 +74,8 @@ UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
 
 def bounds(rows: Sequence[BoundRow], components: Sequence[str], title: str) -> Table:
     """Deviations of the optimum and of bounds, and their variances as shares of the optimum's."""
+    from ..evaluation.bounds.catalogue import NOT_BELOW  # brings scipy.stats, which no other table needs
+
     columns = ["", *(f"std {name}, {unit(name)}" for name in components)]
     columns += [f"variance {name}\nof the optimum's" for name in components]
     table = new_table(title, columns)
