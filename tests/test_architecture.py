@@ -14,7 +14,7 @@ import rangefix
 
 ROOT = Path(rangefix.__file__).parent
 ON_TOP = {"cli", "__main__"}
-GROUND = {"arrays", "errors", "extensions", "raster"}
+GROUND = {"arrays", "compiled", "errors", "extensions", "raster"}
 MAY_IMPORT = {
     "maps": {"maps"} | GROUND,
     "filters": {"filters"} | GROUND,
@@ -115,17 +115,21 @@ filters.adaptive
 filters.point_mass filters.exact filters.particle filters.kalman filters.registry
 filters.refined_cells
 filters.models filters.images
-filters.estimator filters.sampling filters.compiled filters.plugin_line filters.option_units
+filters.estimator filters.sampling filters.plugin_line filters.option_units
 filters.measurement filters.optional_methods filters.estimate
 filters.problem
 filters.space
 maps
 maps.readers
-maps.mesh maps.floor_plan maps.rectangle
+maps.describe
+maps.mesh
+maps.floor_plan maps.rectangle maps.occupancy
 maps.free_space
-maps.mesh_files maps.walls maps.polygon
-maps._open3d maps.base maps.mesh_text
-raster extensions
+maps.mesh_files maps.walls maps.grid_walls maps.centre_lines
+maps.mesh_formats
+maps.polygon
+maps._open3d maps.base maps.grid_kernels
+raster extensions compiled
 arrays errors rangefix
 """
 RANKS = {

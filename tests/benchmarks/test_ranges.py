@@ -58,7 +58,7 @@ def test_real_building(beams, board):
     if not path.exists():
         pytest.skip(f"{path} is missing; set RANGEFIX_DATA to the folder that holds avz/avz.ply")
     room = MeshRoom.load(path, sensor_height=0.9)
-    vertices, triangles = read_mesh(path)
+    vertices, triangles = read_mesh(path)[:2]
     centre = np.append((vertices.min(0) + vertices.max(0))[:2] / 2, 0.9)
     tensor, scene = open3d().core.Tensor.from_numpy, open3d().t.geometry.RaycastingScene()
     scene.add_triangles(tensor((vertices - centre).astype(np.float32)), tensor(triangles.astype(np.uint32)))

@@ -21,7 +21,7 @@ from .bounds import bounds
 from .check import check
 from .estimators import estimators
 from .map_accuracy import map_accuracy
-from .maps import RangesCommand, ranges
+from .maps import RangesCommand, map, ranges
 from .plan import plan
 from .results import compare, paper, plot, report, table
 from .run import run
@@ -31,7 +31,7 @@ AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
-    "Estimators and maps": (estimators, check, ranges),
+    "Estimators and maps": (estimators, check, map, ranges),
     "Bounds and planning": (bounds, plan, map_accuracy),
     "The paper": (paper,),
 }

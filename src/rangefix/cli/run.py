@@ -12,8 +12,9 @@ from .app import ExitCode, Json, Stopped, named, names_from, print_json, warn
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
-    from ..evaluation import ClusterTls
+    from ..evaluation import ClusterTls, Experiment
 
+FOUND, DRAWINGS = ("mesh", "occupancy"), (".dxf", ".geojson")  # maps whose free space is found, not written
 WHERE_PANEL = "Where it runs"
 KEPT_PANEL = "What is kept"
 
@@ -145,6 +146,9 @@ def run(
         raise ValueError(f"--memory-gb must be above 0, got {memory_gb:g}")
     described = read_study(study, runs, seed, map_path, not no_plugins)
     experiment = described.experiment()
+    drawn = any(file.suffix.lower() in DRAWINGS for file in described.map.files(described.folder))
+    if drawn or described.map.kind in FOUND:
+        _tell_map(experiment)
     names = experiment.assumed_problem.space.names
     need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs), bounds)
     folder = Path("results") / described.name if out is None else out
@@ -211,6 +215,16 @@ def run(
         raise typer.Exit(ExitCode.GATE_FAILED)
     if any(row.ok < row.planned for row in rows):
         raise typer.Exit(ExitCode.SOME_FAILED)
+
+
+def _tell_map(experiment: Experiment) -> None:
+    """What the map of a file is, and the one that estimators are told, where that is another."""
+    from ..maps.describe import describe
+
+    true, assumed = experiment.truth.sensor.room, experiment.assumed_problem.sensor.room
+    warn(f"map: {describe(true)}")
+    if assumed != true:
+        warn(f"map that estimators assume: {describe(assumed)}")
 
 
 def _tls(

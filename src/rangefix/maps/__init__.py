@@ -4,6 +4,7 @@ from .base import Hits, MapError
 from .floor_plan import FloorPlan
 from .free_space import FreeSpace
 from .mesh import MeshRoom
+from .occupancy import OccupancyMap
 from .readers import load, open_map, save
 from .rectangle import RectangularRoom
 
@@ -13,6 +14,7 @@ __all__ = [
     "Hits",
     "MapError",
     "MeshRoom",
+    "OccupancyMap",
     "RectangularRoom",
     "load",
     "open_map",

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, BoolArray, IntArray
 from ..raster import Raster
@@ -24,7 +24,18 @@ BLOCKED, FREE, MIXED = 0, 1, 2
 STEP = 0.25  # m that the floor may differ from its level: thresholds and carpets are floor, furniture is not
 MOST_CELLS = 30_000_000
 BESIDE = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
-Drop = Callable[[Array], Array]  # points (N, 2) to heights of the first surface below them; -inf = none
+Surface = Callable[[Raster], Array]  # the height of the first surface below each cell, -inf = none
+ROOMY = 0.3  # m from the nearest wall; what is narrower everywhere is the inside of a wall
+LEAST_AREA, LEAST_SHARE = 0.5, 0.01  # m^2, and of the outline's area; less is no place to be
+REMEDY = "give reachable_from (a point), floor_height (z) or an outline, and look with rangefix map"
+
+
+@runtime_checkable
+class Outline(Protocol):
+    """A map that says where free space is."""
+
+    def is_free(self, points: ArrayLike) -> BoolArray:
+        """Whether points are free: (..., 2) -> (...)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +47,30 @@ class FreeSpace:
         origin: Lower corner of the raster, m, (2,).
         resolution: Cell size, m.
         found: What was taken: "reachable" from the stated point, or the "largest" connected area.
-        ground: What bounds it beside walls: "floor" below, or "enclosed" where the mesh has no floor.
+        ground: What bounds it beside walls: "floor" below, "enclosed" where the mesh has no floor, or an
+            "outline" that was given.
         level: Height of the floor, m; NaN without one.
+        outline_area: Area of the convex hull of all walls, or of the outline that was given, m^2.
     """
 
     cells: NDArray[np.uint8]
     origin: Array
     resolution: float
     found: Literal["reachable", "largest"]
-    ground: Literal["floor", "enclosed"]
+    ground: Literal["floor", "enclosed", "outline"]
     level: float
+    outline_area: float
 
     @property
     def area(self) -> float:
         """Area of the free cells, half of those cut by a wall, m^2."""
         counts = np.bincount(self.cells.ravel(), minlength=3)
         return float((counts[FREE] + counts[MIXED] / 2) * self.resolution**2)
+
+    @property
+    def share(self) -> float:
+        """Share of the outline's area that is free."""
+        return self.area / self.outline_area
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -62,8 +81,13 @@ class FreeSpace:
     def __str__(self) -> str:
         """One line that says what was taken."""
         how = "reachable from the stated point" if self.found == "reachable" else "the largest connected area"
-        what = f"floor at {self.level:.2f} m" if self.ground == "floor" else "enclosed by walls (no floor)"
-        return f"{self.area:.1f} m^2 of {what}, {how}, cells of {self.resolution:g} m"
+        what = {
+            "floor": f"floor at {round(self.level, 2) + 0.0:.2f} m",
+            "enclosed": "enclosed by walls (no floor)",
+            "outline": "the outline that was given",
+        }[self.ground]
+        share = f"{self.share:.0%} of the outline"
+        return f"{self.area:.1f} m^2 of {what} ({share}), {how}, cells of {self.resolution:g} m"
 
     def contains(self, points: Array, walls: Walls) -> BoolArray:
         """Whether points are free: (N, 2) -> (N,)."""
@@ -81,53 +105,124 @@ class FreeSpace:
 
 
 def find_free_space(
-    walls: Walls, drop: Drop, resolution: float, reachable_from: Array | None, name: str
+    walls: Walls,
+    surface: Surface,
+    resolution: float,
+    reachable_from: Array | None,
+    name: str,
+    floor_height: float | None = None,
+    outline: Outline | None = None,
 ) -> FreeSpace:
-    """The floor that is reachable from a point, or the largest connected one.
+    """The floor that is reachable from a point, or the largest connected one that is wide enough to stand in.
+
+    Args:
+        walls: The walls.
+        surface: What lies below.
+        resolution: Size of a cell, m.
+        reachable_from: A point of the area that is meant.
+        name: What error messages call the map.
+        floor_height: z of the floor, m; the most common height of what lies below unless given.
+        outline: Where free space is, whatever lies below, unless `floor_height` is given, too.
 
     Raises:
-        MapError: If there is none, the point is not on it, or the raster would be too large.
+        MapError: If there is none, it is inside walls, the point is not on it, or the raster is too large.
     """
     from scipy import ndimage  # a tenth of a second, and only meshes need it
 
-    ends = walls.segments.reshape(-1, 2)
-    origin = ends.min(0) - 2.37 * resolution  # off the round numbers on which walls like to lie
-    size = (ends.max(0) - origin) / resolution + 2.37
-    if size.prod() > MOST_CELLS:
-        raise MapError(
-            f"{name}: {size[0] * resolution:.0f} x {size[1] * resolution:.0f} m in cells of {resolution:g} m "
-            "are too many; is the mesh in metres? if so, give a coarser resolution"
-        )
-    shape = (int(size[0]), int(size[1]))
-    touched = np.zeros(shape, dtype=bool)
-    touched[tuple(_cells_on(walls.segments, origin, resolution).T)] = True
-    raster = Raster(origin, resolution, shape)
-    height = drop(raster.centres.reshape(-1, 2)).reshape(shape)
-    level = _level(height[~touched])
-    on_floor = np.abs(height - level) <= STEP if np.isfinite(level) else np.ones(shape, dtype=bool)
+    raster = _raster_over(walls.segments, resolution, name)
+    touched = np.zeros(raster.shape, dtype=bool)
+    touched[tuple(cells_on(walls.segments, raster.lower, resolution).T)] = True
+    height = surface(raster)
+    apart = ndimage.distance_transform_edt(~touched) * resolution
+    level = _level(height[~touched], apart[~touched]) if floor_height is None else float(floor_height)
+    if outline is not None and floor_height is None:
+        level = float("nan")
+    ground: Literal["floor", "enclosed", "outline"] = "floor" if np.isfinite(level) else "enclosed"
+    on_floor = np.abs(height - level) <= STEP if np.isfinite(level) else np.ones(raster.shape, dtype=bool)
     on_floor |= ndimage.binary_closing(on_floor, np.ones((3, 3), dtype=bool))  # cracks between triangles
+    if outline is not None:
+        ground = "outline"
+        within = outline.is_free(raster.centres)
+        on_floor &= within
     parts, count = ndimage.label(on_floor & ~touched)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
     sizes[0] = 0
-    if not np.isfinite(level):
+    if ground == "enclosed":
         sizes[np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))] = 0  # outdoors
     if not sizes.any():
-        raise MapError(f"{name}: no free space: no floor below and no area enclosed at sensor height")
-    part = int(sizes.argmax())
+        if floor_height is not None:
+            told = f"no floor within {STEP} m of floor_height {floor_height:g} m"
+            raise MapError(f"{name}: {told}; {_heights(height)}")
+        raise MapError(
+            f"{name}: no free space: no floor below and no area enclosed at sensor height; {REMEDY}"
+        )
+    depth = ndimage.distance_transform_edt(parts > 0) * resolution
+    roomy = np.bincount(parts[depth >= ROOMY], minlength=count + 1) * (sizes > 0)
+    part = int(roomy.argmax()) if roomy.any() else int(sizes.argmax())
     if reachable_from is not None:
         part = _part_at(reachable_from, parts, sizes, walls, raster, name)
     reached = parts == part
     mixed = touched & ndimage.binary_dilation(reached, np.ones((3, 3), dtype=bool))
     cells = np.where(reached, FREE, np.where(mixed, MIXED, BLOCKED)).astype(np.uint8)
     cells.setflags(write=False)
-    origin.setflags(write=False)
+    raster.lower.setflags(write=False)
     found: Literal["reachable", "largest"] = "largest" if reachable_from is None else "reachable"
-    return FreeSpace(cells, origin, resolution, found, "floor" if np.isfinite(level) else "enclosed", level)
+    whole = hull_area(walls.segments) if outline is None else float(within.sum()) * resolution**2
+    space = FreeSpace(cells, raster.lower, resolution, found, ground, level, whole)
+    if not roomy[part]:
+        raise MapError(
+            f"{name}: what is free there ({space.area:.2f} m^2) is nowhere wider than {2 * ROOMY:g} m: the "
+            f"inside of walls? {_heights(height)}; {REMEDY}"
+        )
+    if space.area < LEAST_AREA or (space.share < LEAST_SHARE and reachable_from is None and outline is None):
+        raise MapError(
+            f"{name}: only {space.area:.2f} m^2 are free, {space.share:.1%} of the outline's "
+            f"{space.outline_area:.0f} m^2; {_heights(height)}; {REMEDY}"
+        )
+    return space
 
 
-def _level(height: Array) -> float:
-    """The most common height to a centimetre; NaN where nothing lies below."""
+def _raster_over(segments: Array, resolution: float, name: str) -> Raster:
+    """Cells over all walls and a little more."""
+    ends = segments.reshape(-1, 2)
+    origin = ends.min(0) - 2.37 * resolution  # off the round numbers on which walls like to lie
+    size = (ends.max(0) - origin) / resolution + 2.37
+    if size.prod() > MOST_CELLS:
+        raise MapError(
+            f"{name}: {size[0] * resolution:.0f} x {size[1] * resolution:.0f} m in cells of {resolution:g} m "
+            "are too many; is its unit right? if so, give a coarser resolution"
+        )
+    return Raster(origin, resolution, (int(size[0]), int(size[1])))
+
+
+def hull_area(segments: Array) -> float:
+    """Area of the convex hull of all walls, m^2; inf where they lie on one line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return float(ConvexHull(segments.reshape(-1, 2)).volume)
+    except QhullError:
+        return float("inf")
+
+
+def _heights(height: Array) -> str:
+    """At which heights surfaces lie below, in words: the three that cover most."""
     below = height[np.isfinite(height)]
+    if not len(below):
+        return "nothing lies below the sensor"
+    values, counts = np.unique(np.round(below, 1), return_counts=True)
+    most = np.argsort(-counts)[:3]
+    listed = ", ".join(
+        f"{values[each] + 0.0:g} m ({counts[each] / len(height.ravel()):.0%})" for each in most
+    )
+    return f"surfaces below the sensor lie at {listed} of its box"
+
+
+def _level(height: Array, apart: Array) -> float:
+    """The most common height to a centimetre, away from walls where there is any; NaN where nothing lies."""
+    below = height[np.isfinite(height) & (apart >= ROOMY)]
+    if not len(below):
+        below = height[np.isfinite(height)]
     if not len(below):
         return float("nan")
     values, counts = np.unique(np.round(below, 2), return_counts=True)
@@ -154,7 +249,7 @@ def _in_sight(points: Array, targets: Array, walls: Walls) -> BoolArray:
     return np.asarray(walls.ranges(poses, np.zeros(1))[:, 0] >= np.hypot(*ahead.T) - 1e-9)
 
 
-def _cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
+def cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
     """Cells that segments run through, (k, 2): the middle between one grid line crossed and the next."""
     ends = (segments.reshape(-1, 2, 2) - origin) / resolution
     a, along = ends[:, 0], ends[:, 1] - ends[:, 0]

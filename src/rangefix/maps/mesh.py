@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from functools import partial
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, BoolArray, IntArray
-from ._open3d import open3d
+from ..raster import Raster
 from .base import MapError, check_points
-from .free_space import FreeSpace, find_free_space
+from .floor_plan import FloorPlan
+from .free_space import FreeSpace, Outline, find_free_space
 from .walls import InWalls, Walls
 
 SHORT = 1e-9  # m; a shorter piece of the cut is rounding
@@ -32,10 +33,14 @@ class MeshRoom(InWalls):
         sensor_height: z of the plane, m.
         reachable_from: A point (x1, x2) in the free space, m; the largest area is taken if None.
         resolution: Cell size for finding the free space, m; openings under about two cells count as shut.
+        floor_height: z of the floor, m; the most common height of what lies below unless given.
+        outline: Where free space is, whatever lies below: corners (x1, x2), m, (n, 2), or a map.
         name: What error messages call the mesh.
+        unit, up: What to say of the file's unit and of its axis that is up.
 
     Raises:
-        MapError: If the mesh is empty or not finite, the plane cuts nothing, or there is no free space.
+        MapError: If the mesh is empty or not finite, the plane cuts nothing, or there is no plausible free
+            space: none at all, or only the inside of walls.
     """
 
     def __init__(
@@ -46,26 +51,36 @@ class MeshRoom(InWalls):
         reachable_from: ArrayLike | None = None,
         *,
         resolution: float = 0.05,
+        floor_height: float | None = None,
+        outline: ArrayLike | Outline | None = None,
         name: str = "mesh",
+        unit: str = "m",
+        up: str = "z",
     ) -> None:
         points, corners = _check_mesh(vertices, triangles, name)
         start = None if reachable_from is None else np.array(reachable_from, dtype=np.float64)
         if start is not None and (start.shape != (2,) or not np.isfinite(start).all()):
             raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {reachable_from!r}")
-        if not np.isfinite(sensor_height):
-            raise MapError(f"{name}: sensor_height must be finite, got {sensor_height} m")
+        for what, value in (("sensor_height", sensor_height), ("floor_height", floor_height)):
+            if value is not None and not np.isfinite(value):
+                raise MapError(f"{name}: {what} must be finite, got {value} m")
         if not 0 < resolution < np.inf:
             raise MapError(f"{name}: resolution must be positive, got {resolution} m")
         segments = cut(points, corners, sensor_height)
         if not len(segments):
-            low, high = points[:, 2].min(), points[:, 2].max()
+            low, high = points[corners, 2].min(), points[corners, 2].max()
             raise MapError(
-                f"{name}: no wall at sensor height {sensor_height:g} m; the mesh spans {low:g} to {high:g} m"
+                f"{name}: no wall at sensor height {sensor_height:g} m; the mesh spans {low:g} to {high:g} m "
+                f"(up: {up}; unit: {unit})"
             )
         self.sensor_height = float(sensor_height)
-        self._walls = Walls(segments)
-        drop = partial(_drop, points, corners, sensor_height)
-        self.free_space: FreeSpace = find_free_space(self._walls, drop, float(resolution), start, name)
+        self.unit, self.up = unit, up
+        self._walls: Walls = Walls(segments)
+        within = outline if outline is None or isinstance(outline, Outline) else FloorPlan(outline)
+        below = partial(_surface_below, points, corners, float(sensor_height))
+        self.free_space: FreeSpace = find_free_space(
+            self._walls, below, float(resolution), start, name, floor_height, within
+        )
 
     @classmethod
     def load(
@@ -75,8 +90,19 @@ class MeshRoom(InWalls):
         sensor_height: float,
         reachable_from: ArrayLike | None = None,
         resolution: float = 0.05,
+        floor_height: float | None = None,
+        outline: ArrayLike | Outline | None = None,
+        unit: str | None = None,
+        up: str | None = None,
     ) -> Self:
-        """The mesh of a file that Open3D reads (.ply, .obj, .stl, .off, .gltf, .glb), z up, in metres.
+        """The mesh of a file (.ply, .obj, .stl, .off, .gltf, .glb, .dae).
+
+        Args:
+            path: The file.
+            sensor_height, reachable_from, resolution, floor_height, outline: As for the class, with z up and
+                in metres, whatever the file has.
+            unit: Of the file's numbers: "m", "cm", "mm", "inch" or "foot"; metres unless given or stated.
+            up: The file's axis that is up: "x", "y" or "z". Unless given y in glTF, what a .dae says, or z.
 
         Raises:
             FileNotFoundError: If there is no such file.
@@ -84,10 +110,26 @@ class MeshRoom(InWalls):
         """
         from .mesh_files import read_mesh
 
-        vertices, triangles = read_mesh(path)
+        mesh = read_mesh(path, unit, up)
         return cls(
-            vertices, triangles, sensor_height, reachable_from, resolution=resolution, name=os.fspath(path)
+            mesh.vertices,
+            mesh.triangles,
+            sensor_height,
+            reachable_from,
+            resolution=resolution,
+            floor_height=floor_height,
+            outline=outline,
+            name=os.fspath(path),
+            unit=mesh.unit,
+            up=mesh.up,
         )
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the free space reaches where the mesh ends: it may be outdoors."""
+        ends = self.segments.reshape(-1, 2)
+        (lower, upper), edge = self.free_space.bounds, self.free_space.resolution
+        return bool((lower < ends.min(0) - edge).any() or (upper > ends.max(0) + edge).any())
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -117,8 +159,9 @@ class MeshRoom(InWalls):
 def cut(vertices: Array, triangles: IntArray, height: float) -> Array:
     """Where triangles meet the plane z = height: segments (S, 4).
 
-    A vertex in the plane counts as above it, so neighbours agree and a face in the plane adds nothing; a
-    shared edge is cut from its lower index on, so neighbours share the end of their segments to the last bit.
+    A vertex in the plane counts as above it, so neighbours agree and a face in the plane adds nothing; an
+    edge is cut from below to above, so neighbours share the end of their segments to the last bit, also in
+    files where they share no vertices.
     """
     z = vertices[:, 2] - height
     above = z[triangles] >= 0
@@ -130,29 +173,26 @@ def cut(vertices: Array, triangles: IntArray, height: float) -> Array:
     apex = triangles[rows, lone]
 
     def crossing(other: IntArray) -> Array:
-        i, j = np.minimum(apex, other), np.maximum(apex, other)
-        share = z[i] / (z[i] - z[j])
-        return np.asarray(vertices[i, :2] + share[:, None] * (vertices[j, :2] - vertices[i, :2]))
+        over = np.where(count == 1, apex, other)
+        under = np.where(count == 1, other, apex)
+        share = z[under] / (z[under] - z[over])
+        return np.asarray(vertices[under, :2] + share[:, None] * (vertices[over, :2] - vertices[under, :2]))
 
     segments = np.hstack([crossing(triangles[rows, (lone + k) % 3]) for k in (1, 2)])
     return np.asarray(segments[np.hypot(*(segments[:, 2:] - segments[:, :2]).T) > SHORT])
 
 
-def _drop(vertices: Array, triangles: IntArray, height: float, points: Array) -> Array:
-    """Height z of the first surface below points (N, 2) at a height; -inf where there is none."""
-    o3d = open3d()
-    tensor, scene = o3d.core.Tensor.from_numpy, o3d.t.geometry.RaycastingScene()
-    centre = np.append((vertices[:, :2].min(0) + vertices[:, :2].max(0)) / 2, height)
-    scene.add_triangles(tensor((vertices - centre).astype(np.float32)), tensor(triangles.astype(np.uint32)))
-    rays = np.zeros((len(points), 6), dtype=np.float32)
-    rays[:, :2] = points - centre[:2]
-    rays[:, 5] = -1.0
-    answer: Any = scene.cast_rays(tensor(rays))
-    return np.asarray(height - answer["t_hit"].numpy().astype(np.float64))
+def _surface_below(vertices: Array, triangles: IntArray, height: float, raster: Raster) -> Array:
+    """Height of the first surface straight below the centres of cells, (n1, n2); -inf where there is none."""
+    from .grid_kernels import surface_below  # numba takes a quarter of a second
+
+    found = np.full(raster.shape, -np.inf)
+    surface_below(vertices, triangles, height, raster.lower, float(raster.step), found)
+    return found
 
 
 def _check_mesh(vertices: ArrayLike, triangles: ArrayLike, name: str) -> tuple[Array, IntArray]:
-    points, corners = np.array(vertices, dtype=np.float64), np.array(triangles)
+    points, corners = np.array(vertices, dtype=np.float64), np.asarray(triangles)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MapError(f"{name}: vertices are x1, x2, z: shape (V, 3), got {points.shape}")
     if not corners.size:
@@ -163,8 +203,10 @@ def _check_mesh(vertices: ArrayLike, triangles: ArrayLike, name: str) -> tuple[A
         raise MapError(f"{name}: triangles are indices of shape (T, 3), got {corners.dtype} {corners.shape}")
     if corners.min() < 0 or corners.max() >= len(points):
         raise MapError(f"{name}: a triangle refers to a vertex that is none of the {len(points)}")
-    corners = corners.astype(np.int64)
-    used = np.isfinite(points[corners]).all(axis=(1, 2))
-    if not used.all():
-        raise MapError(f"{name}: {np.count_nonzero(~used)} triangles have vertices that are not finite")
-    return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), corners
+    corners = corners.astype(np.int64, copy=False)
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    if not finite.all():
+        if broken := np.count_nonzero(~finite[corners].all(axis=1)):
+            raise MapError(f"{name}: {broken} triangles have vertices that are not finite")
+        points[~finite] = 0.0
+    return points, corners

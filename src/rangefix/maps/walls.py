@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,11 +33,16 @@ class Walls:
     """
 
     def __init__(self, segments: Array) -> None:
-        self.segments = np.array(segments, dtype=np.float64)
-        self.segments.setflags(write=False)
+        self._segments = np.array(segments, dtype=np.float64)
+        self._segments.setflags(write=False)
+
+    @property
+    def segments(self) -> Array:
+        """All walls, (S, 4)."""
+        return self._segments
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"segments": self.segments}
+        return {"segments": self._segments}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["segments"])  # type: ignore[misc]
@@ -159,10 +164,24 @@ class Walls:
         np.maximum(distance, 0.0, out=outs[0])
 
 
-class InWalls:
-    """A map whose walls are segments: what beams meet is asked of `Walls`."""
+class Caster(Protocol):
+    """Walls that say what beams meet: arguments and answers as for `Walls`."""
 
-    _walls: Walls
+    @property
+    def segments(self) -> Array:
+        """All walls as x1a, x2a, x1b, x2b, m, (S, 4)."""
+
+    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Distance to the first wall along each beam."""
+
+    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
+        """Ranges, normals of the walls met and gradients of one cast."""
+
+
+class InWalls:
+    """A map whose walls are segments: what beams meet is asked of its walls."""
+
+    _walls: Caster
 
     @property
     def segments(self) -> Array:

@@ -16,7 +16,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
@@ -196,6 +195,8 @@ def _energy_score(runs: RunBlock) -> Array:
 
 
 def _is_inside(runs: RunBlock, level: float) -> BoolArray:
+    from scipy.special import chdtri
+
     return np.asarray(runs.nees <= chdtri(len(runs.names), 1 - level))
 
 

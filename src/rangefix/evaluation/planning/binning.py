@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...arrays import Array
-from ...filters.compiled import njit
+from ...compiled import njit
 
 TWELFTH = 1 / 12  # of a bin squared: the variance within a bin, which the table of readings takes off
 FARTHEST = 1e300  # m; an expected range beyond it is none

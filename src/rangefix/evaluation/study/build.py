@@ -64,7 +64,7 @@ def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
 
 
 def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
-    files = study.map.files()
+    files = study.map.files(study.folder)
     where = (*at, "path") if files else at
     try:
         room = study.map.build(study.folder)

@@ -94,7 +94,7 @@ def outline(study: Study) -> Outline:
         for entry in study.estimators
         for variant in entry.variants()
     }
-    files = tuple(study.folder / file for section in study.sections() for file in section.files())
+    files = tuple(study.folder / file for section in study.sections() for file in section.files(study.folder))
     return Outline(study, made, sources, files)
 
 

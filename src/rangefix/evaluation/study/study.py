@@ -120,7 +120,7 @@ class Study(StudySections):
         """What tells its problem from another's: the sections, and what is in the files that they read."""
         text = json.dumps(self.model_dump(mode="json", include=WORLD), sort_keys=True)
         contents = []
-        for file in (file for section in self.sections() for file in section.files()):
+        for file in (file for section in self.sections() for file in section.files(self._folder)):
             contents.append(sha256((self._folder / file).read_bytes()).hexdigest())
             text = text.replace(json.dumps(str(file)), '""')
         return json.dumps([text, contents])

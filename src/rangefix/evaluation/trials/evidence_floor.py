@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
@@ -23,6 +22,8 @@ def evidence_floor(sensor: Sensor, measurement: Array) -> Array:
     the step. For other noise the chi-square law gives way to the gamma law of the same mean and variance
     of an honest reading's shortfall.
     """
+    from scipy.special import chdtri
+
     mean, variance, counted = _shortfall(sensor, measurement)
     best = np.cumsum(sensor.log_density(measurement, measurement), axis=1)
     readings = np.cumsum(counted.sum(-1), axis=1)

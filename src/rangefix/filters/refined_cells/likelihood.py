@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray
-from ..compiled import njit
+from ...compiled import njit
 from ..problem import Sensor
 
 HALVINGS = 12  # of a noise's deviation, in search of the width of its peak

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ..compiled import njit
+from ...compiled import njit
 from .likelihood import IMPOSSIBLE_NATS, TAIL_SHARE, Terms, best_in, term_at
 from .range_model import LEAST_COSINE
 
@@ -190,7 +190,7 @@ def _scale(first: Array, second: Array, factor: float) -> None:
             second[i, j] *= factor
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _longer(values: IntArray) -> IntArray:
     out = np.empty(2 * values.size, np.int64)
     for row in range(values.size):
@@ -198,7 +198,7 @@ def _longer(values: IntArray) -> IntArray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _taller(values: Array) -> Array:
     out = np.empty((2 * values.shape[0], values.shape[1]))
     for row in range(values.shape[0]):

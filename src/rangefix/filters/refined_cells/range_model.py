@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..compiled import njit
+from ...compiled import njit
 from ..problem import Problem
 
 INSET_SHARE = 0.005  # of a cell's size: its corners are asked within, for at an edge a wall may begin
@@ -68,7 +68,7 @@ class PriorModel(NamedTuple):
     off: Array
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def range_at(r: float, slope: Array, place: float, sine: float, cosine: float) -> float:
     """The range where the place adds `place` to the numerator and the heading turns: see `RangeModel`."""
     turned = cosine

@@ -12,9 +12,13 @@ from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
 from ..mesh_files import MESHES, PathLike, existing
+from ..occupancy import OccupancyMap
 from ..rectangle import RectangularRoom
-from .plan_files import PLANS, plan_of, read_plan
+from .plan_files import DRAWN, plan_of, read_plan
+from .ros_map import YAMLS, read_ros_map
 
+AnyRoom = RectangularRoom | FloorPlan | MeshRoom | OccupancyMap
+PATHS = ("path", "outline_path")
 GROUP = "rangefix.maps"  # entry points: sections of a study that build maps, see `evaluation/study/sections`
 
 
@@ -29,15 +33,31 @@ class Reader(NamedTuple):
     """
 
     suffixes: tuple[str, ...]
-    read: Callable[..., RectangularRoom | FloorPlan | MeshRoom]
+    read: Callable[..., AnyRoom]
     options: tuple[str, ...] = ()
     needs: tuple[str, str] | None = None
 
 
+MESH_OPTIONS = (
+    "floor_height",
+    "outline",
+    "reachable_from",
+    "resolution",
+    "sensor_height",
+    "unit",
+    "up",
+)
+OCCUPANCY_OPTIONS = ("image_anywhere", "memory_gb", "reachable_from", "unknown", "wall_lines")
+IMAGE = "an image says nothing of its scale: give the .yaml of map_server that names it"
+OTHERS = dict.fromkeys((".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"), IMAGE)
+OTHERS[".svg"] = "SVG is not read: it says nothing of lengths; save the plan as DXF or GeoJSON"
+OTHERS[".dwg"] = "DWG is not read: save the plan as DXF"
+OTHERS[".ifc"] = "IFC is not read: save the building as a mesh, such as .glb"
 HEIGHT = ("sensor_height", "the rangefinder's height z in metres")
 READERS = {  # by the kind that a study calls such a map
-    "mesh": Reader(MESHES, MeshRoom.load, ("reachable_from", "resolution", "sensor_height"), HEIGHT),
-    "floor-plan": Reader(PLANS, read_plan),
+    "mesh": Reader(MESHES, MeshRoom.load, MESH_OPTIONS, HEIGHT),
+    "floor-plan": Reader(DRAWN, read_plan, ("layers", "reachable_from", "unit")),
+    "occupancy": Reader(YAMLS, read_ros_map, OCCUPANCY_OPTIONS),
 }
 
 
@@ -64,7 +84,9 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     if kind not in (None, "rectangle", *READERS) and kind in extensions(GROUP):
         section: Any = extensions(GROUP)[kind]
         return section.model_validate({"kind": kind, **table, **options}).build(Path(folder))
-    options |= {key.removesuffix("_m"): value for key, value in table.items() if key != "path"}
+    options |= {key.removesuffix("_m"): value for key, value in table.items() if key not in PATHS}
+    if (outline := table.get("outline_path")) is not None:
+        options["outline"] = open_map(Path(folder) / outline)
     if path is None and kind in (None, "rectangle", "floor-plan"):
         return plan_of(options)
     if path is None or kind not in READERS:
@@ -72,14 +94,14 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     return _read(path, kind, options)
 
 
-def load(path: PathLike, **options: Any) -> RectangularRoom | FloorPlan | MeshRoom:
+def load(path: PathLike, **options: Any) -> AnyRoom:
     """The map in a file, by its suffix: see `open_map`.
 
     Raises:
         FileNotFoundError: If there is no such file.
         MapError: If there is no map in it, or an option does not fit.
     """
-    room: RectangularRoom | FloorPlan | MeshRoom = open_map({"path": path}, **options)
+    room: AnyRoom = open_map({"path": path}, **options)
     return room
 
 
@@ -112,17 +134,19 @@ def kind_of(path: PathLike) -> str:
     for kind, known in suffixes.items():
         if suffix in known:
             return kind
+    if suffix in OTHERS:
+        raise MapError(f"{path}: {OTHERS[suffix]}")
     listed = ", ".join(suffix for known in suffixes.values() for suffix in known)
     raise MapError(f"{path}: no map of type {suffix or 'without suffix'!r}; there are {listed}")
 
 
-def _read(path: Path, kind: str, options: Mapping[str, Any]) -> RectangularRoom | FloorPlan | MeshRoom:
+def _read(path: Path, kind: str, options: Mapping[str, Any]) -> AnyRoom:
     """The map in a file that is read as a map of that kind."""
     reader, suffix = READERS[kind], path.suffix.lower()
     if suffix not in reader.suffixes:
         raise MapError(f"{path}: no {kind} of type {suffix!r}; there are {', '.join(reader.suffixes)}")
     if unknown := sorted(options.keys() - reader.options):
-        takes = ", ".join(reader.options) or "none"
+        takes = ", ".join(reader.options)
         raise MapError(f"{path}: unknown option {', '.join(unknown)}; a {suffix} map takes {takes}")
     if reader.needs and reader.needs[0] not in options:
         raise MapError(f"{path}: a {kind} needs {reader.needs[0]}, {reader.needs[1]}")

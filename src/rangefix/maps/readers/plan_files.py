@@ -17,8 +17,10 @@ from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh_files import PathLike
 from ..rectangle import RectangularRoom
+from .vector_plans import VECTORS, is_geojson, read_dxf, read_geojson
 
 PLANS = (".toml", ".json")
+DRAWN = (*PLANS, *VECTORS)
 ROOM, PLAN = {"width", "length"}, {"outer", "holes", "walls"}
 
 
@@ -44,18 +46,33 @@ def save(room: RectangularRoom | FloorPlan, path: PathLike) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def read_plan(path: Path) -> RectangularRoom | FloorPlan:
-    """The room or floor plan in a file.
+def read_plan(path: Path, **options: Any) -> RectangularRoom | FloorPlan:
+    """The room or floor plan in a file: .toml and .json by their keys, GeoJSON and DXF as drawn.
+
+    Args:
+        path: The file.
+        **options: Of `read_geojson` and `read_dxf`; none for others.
 
     Raises:
         MapError: If the file is broken, or the map cannot be; one line that names the file.
     """
+    suffix = path.suffix.lower()
+    if suffix == ".dxf":
+        return read_dxf(path, **options)
+    if suffix == ".geojson" and "layers" not in options:
+        return read_geojson(path, **options)
     try:
         text = path.read_text(encoding="utf-8")
-        content = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
+        content = tomllib.loads(text) if suffix == ".toml" else json.loads(text)
+        if is_geojson(content) and "layers" not in options:
+            return read_geojson(path, content, **options)
+        if options:
+            drawing = "drawings" if "layers" in options else "drawings and GeoJSON"
+            raise MapError(f"{', '.join(sorted(options))} has no effect on it: it is for {drawing}")
         return plan_of(content)
     except MapError as error:
-        raise MapError(f"{path}: {one_line(error)}") from error
+        text = one_line(error).removeprefix(f"{path}: ")
+        raise MapError(f"{path}: {text}") from error
     except (ValueError, RecursionError) as error:  # of decoding, of TOML and of JSON alike
         raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({one_line(error)})") from error
 

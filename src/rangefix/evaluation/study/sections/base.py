@@ -34,10 +34,13 @@ class Section(BaseModel):
     alternatives: ClassVar[tuple[frozenset[str], ...]] = ()
     fixed: ClassVar[frozenset[str]] = frozenset()
 
-    def files(self) -> tuple[Path, ...]:
-        """Files that numbers depend on, from the study's folder: unless overridden, what `path` keys name.
+    def files(self, folder: Path) -> tuple[Path, ...]:
+        """Files that numbers depend on: unless overridden, what `path` keys name.
 
         Their content is part of what tells results of one study from those of another.
+
+        Args:
+            folder: The study's, where paths count from, for sections that must look into a file.
         """
         values = [value for name, value in self if name == "path" or name.endswith("_path")]
         return tuple(Path(value) for value in values if value is not None)

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from ....filters import RangeMap
 from ....maps import open_map
+from ....maps.readers.ros_map import read_yaml
 from .base import Misfit, Point, Positive, Section, Size, WithExtensions
 
 CORNERS = "corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
@@ -43,7 +44,12 @@ class FloorPlanMap(MapSection):
 
     alternatives: ClassVar = (frozenset({"path", "outer_m", "holes_m", "walls_m"}),)
     kind: Literal["floor-plan"]
-    path: str | None = Field(default=None, min_length=1, description="a .toml or .json file")
+    path: str | None = Field(default=None, min_length=1, description="a .toml, .json, .geojson or .dxf file")
+    unit: Literal["m", "cm", "mm", "inch", "foot"] | None = Field(
+        default=None, description="of the numbers of GeoJSON and DXF"
+    )
+    layers: list[str] | None = Field(default=None, min_length=1, description="of a DXF; all unless given")
+    reachable_from_m: Point | None = None
     outer_m: list[Point] | None = Field(default=None, min_length=3, description=CORNERS)
     holes_m: list[Annotated[list[Point], Field(min_length=3)]] | None = None
     walls_m: list[Annotated[list[float], Field(min_length=4, max_length=4)]] | None = None
@@ -60,6 +66,7 @@ class FloorPlanMap(MapSection):
 class MeshMap(MapSection):
     """A triangle mesh, cut at the height of the rangefinder."""
 
+    alternatives: ClassVar = (frozenset({"outline_m", "outline_path"}),)
     kind: Literal["mesh"]
     path: str = Field(
         min_length=1, description='a mesh file: run with --map FILE, or write path = "FILE" here'
@@ -67,7 +74,48 @@ class MeshMap(MapSection):
     sensor_height_m: float = 0.9
     reachable_from_m: Point | None = None
     resolution_m: Positive = 0.05
+    floor_height_m: float | None = Field(default=None, description="z of the floor; found unless given")
+    outline_m: list[Point] | None = Field(default=None, min_length=3, description=CORNERS)
+    outline_path: str | None = Field(
+        default=None, min_length=1, description="a map that is free where this is"
+    )
+    unit: Literal["m", "cm", "mm", "inch", "foot"] | None = Field(
+        default=None, description="of the file's numbers; metres unless the file says otherwise"
+    )
+    up: Literal["x", "y", "z"] | None = Field(
+        default=None, description="the file's axis that points up; y in glTF, what a .dae says, else z"
+    )
+
+    @model_validator(mode="after")
+    def _one_outline(self) -> MeshMap:
+        if self.outline_m is not None and self.outline_path is not None:
+            raise Misfit("outline_m", "stands in the file that outline_path names: leave one of them out")
+        return self
 
 
-Ours = RectangleMap | FloorPlanMap | MeshMap
+class OccupancyMapFile(MapSection):
+    """A map that a robot has made, as ROS saves it: walls are cells of a grid."""
+
+    kind: Literal["occupancy"]
+    path: str = Field(min_length=1, description="the .yaml of map_server; --map FILE names another")
+    unknown: Literal["excluded", "free", "wall"] = Field(
+        default="excluded", description="what unknown cells are; excluded: nobody is there, and beams pass"
+    )
+    wall_lines: Literal["edges", "centre"] = Field(
+        default="edges", description="where beams end: at cells' edges, or at centre lines of thick walls"
+    )
+    reachable_from_m: Point | None = None
+    memory_gb: Positive = 2.0
+    image_anywhere: bool = False
+
+    def files(self, folder: Path) -> tuple[Path, ...]:
+        """The .yaml and its image."""
+        path = Path(self.path)
+        try:
+            return path, path.parent / read_yaml(folder / path).image
+        except (OSError, ValueError):  # building the map tells it
+            return (path,)
+
+
+Ours = RectangleMap | FloorPlanMap | MeshMap | OccupancyMapFile
 AnyMap = Annotated[Ours, WithExtensions(MapSection, Ours, "rangefix.maps")]

@@ -1,0 +1,260 @@
+"""Floor plans in GeoJSON and DXF: their lines and polygons, by shapely and ezdxf, as one floor plan."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import one_line
+from ..base import MapError
+from ..floor_plan import FloorPlan
+from ..mesh_files import UNITS
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+VECTORS = (".geojson", ".dxf")
+GEOJSON = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon", "MultiPolygon", "LineString",
+           "MultiLineString")  # fmt: skip
+DXF_UNITS = {1: "inch", 2: "foot", 4: "mm", 5: "cm", 6: "m"}  # of the header's $INSUNITS
+CURVES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
+LARGEST, SMALLEST = 300.0, 1.0  # m of a plan; beyond them its unit is asked for
+MOST_BYTES, MOST_CURVES = 1 << 27, 500_000
+SAGITTA = 0.005  # m between a curve and the lines that stand for it
+NEAR = 1e-6  # m; ends as near as this are one
+
+
+def is_geojson(content: Any) -> bool:
+    """Whether the content of a JSON file is GeoJSON."""
+    return isinstance(content, dict) and content.get("type") in GEOJSON
+
+
+def read_geojson(
+    path: Path, content: Any = None, *, unit: str | None = None, reachable_from: ArrayLike | None = None
+) -> FloorPlan:
+    """The floor plan of a GeoJSON file.
+
+    Polygons that one of them contains are what nobody stands in, in an outline; polygons side by side are
+    rooms, with walls between. Lines are walls; without polygons they must enclose an area.
+
+    Args:
+        path: The file.
+        content: What is in it, if it is read already.
+        unit: Of its numbers; must be given where they could be degrees.
+        reachable_from: A point of the area that is meant, m, where lines enclose several; the largest else.
+
+    Raises:
+        MapError: If it is none, its unit is open, or it makes no floor plan.
+    """
+    shapely = _library("shapely", path)
+    if content is None:
+        _check_bytes(path)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:
+            raise MapError(f"{path}: not a GeoJSON file ({one_line(error)})") from None
+    if not is_geojson(content):
+        raise MapError(f"{path}: not a GeoJSON file: no type of {', '.join(GEOJSON)}")
+    try:
+        with np.errstate(invalid="ignore"):
+            shapes = [shapely.geometry.shape(each) for each in _geometries(content)]
+            shapes = [shapely.force_2d(shape) for shape in shapes if not shape.is_empty]
+    except (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError) as error:
+        raise MapError(f"{path}: broken GeoJSON ({one_line(error)})") from None
+    box = _box(shapes, path)
+    if unit is None and (np.abs(box) <= [180, 90, 180, 90]).all():
+        raise MapError(
+            f"{path}: its coordinates may be degrees, as GeoJSON has them, or metres: give unit = 'm' if "
+            f"they are ({box[2] - box[0]:.4g} x {box[3] - box[1]:.4g} m), else project them to metres first"
+        )
+    return _plan_of(shapes, unit or "m", path, reachable_from)
+
+
+def read_dxf(
+    path: Path,
+    *,
+    unit: str | None = None,
+    layers: Sequence[str] | None = None,
+    reachable_from: ArrayLike | None = None,
+) -> FloorPlan:
+    """The floor plan of a DXF drawing: its lines, polylines, arcs, circles, ellipses and splines are walls.
+
+    Args:
+        path: The file.
+        unit: Of its numbers; what its header says unless given, else metres if the size is one of a building.
+        layers: Layers to read; all unless given.
+        reachable_from: A point of the area that is meant, m; the largest enclosed one unless given.
+
+    Raises:
+        MapError: If it is no drawing, its unit is open, a layer is not there, or its lines enclose no area.
+    """
+    ezdxf, shapely = _library("ezdxf", path), _library("shapely", path)
+    _check_bytes(path)
+    logging.getLogger("ezdxf").setLevel(logging.CRITICAL)  # what it repairs it tells there
+    try:
+        drawing = ezdxf.readfile(path)
+    except Exception as error:  # whatever a broken file makes of it
+        raise MapError(f"{path}: not a DXF file that can be read ({one_line(error)})") from None
+    stated = DXF_UNITS.get(int(drawing.header.get("$INSUNITS", 0)))
+    scale = UNITS[_unit(unit or stated or "m", path)]
+    known = {layer.dxf.name for layer in drawing.layers} | {each.dxf.layer for each in drawing.modelspace()}
+    if missing := sorted(set(layers or ()) - known):
+        raise MapError(f"{path}: no layer {', '.join(missing)}; there are {', '.join(sorted(known))}")
+    lines = []
+    parts = ezdxf.disassemble.recursive_decompose(drawing.modelspace())
+    try:
+        for number, entity in enumerate(islice(parts, MOST_CURVES + 1)):
+            if number == MOST_CURVES:
+                raise MapError(f"{path}: more than {MOST_CURVES} entities; name the layers of its walls")
+            if entity.dxftype() in CURVES and (layers is None or entity.dxf.layer in layers):
+                curve = ezdxf.path.make_path(entity).flattening(SAGITTA / scale)
+                corners = [(corner.x, corner.y) for corner in curve]
+                lines += [shapely.LineString(corners)] if len(corners) > 1 else []
+    except (ValueError, TypeError, ezdxf.DXFError) as error:
+        raise MapError(f"{path}: a broken drawing ({one_line(error)})") from None
+    lines = [line for line in lines if line.length > 0]
+    box = _box(lines, path)
+    size = (box[2:] - box[:2]) * scale
+    if unit is None and stated is None and not SMALLEST <= size.max() <= LARGEST:
+        sizes = [f"{' x '.join(f'{each * UNITS[name]:.4g}' for each in size)} m in {name}" for name in UNITS]
+        raise MapError(f"{path}: give its unit: it would be {'; '.join(sizes)}")
+    return _plan_of(lines, unit or stated or "m", path, reachable_from)
+
+
+def _library(name: str, path: Path) -> Any:
+    """A library that comes with the extra `maps`."""
+    import importlib
+
+    try:
+        library = importlib.import_module(name)
+        for part in {"ezdxf": ("disassemble", "path"), "shapely": ("geometry", "ops", "affinity")}[name]:
+            importlib.import_module(f"{name}.{part}")
+        return library
+    except ModuleNotFoundError:
+        raise MapError(f"{path}: reading it needs {name}: pip install 'rangefix[maps]'") from None
+
+
+def _check_bytes(path: Path) -> None:
+    if path.stat().st_size > MOST_BYTES:
+        raise MapError(f"{path}: has more than {MOST_BYTES} bytes: too large for a floor plan")
+
+
+def _unit(unit: str, path: Path) -> str:
+    if unit not in UNITS:
+        raise MapError(f"{path}: no unit {unit!r}; there are {', '.join(UNITS)}")
+    return unit
+
+
+def _geometries(content: dict[str, Any]) -> Iterable[dict[str, Any]]:
+    """All geometries that are not collections."""
+    kind = content.get("type")
+    if kind == "FeatureCollection":
+        for feature in content["features"]:
+            yield from _geometries(feature)
+    elif kind == "Feature":
+        if content.get("geometry"):
+            yield from _geometries(content["geometry"])
+    elif kind == "GeometryCollection":
+        for geometry in content["geometries"]:
+            yield from _geometries(geometry)
+    elif kind not in ("Point", "MultiPoint"):
+        yield content
+
+
+def _box(shapes: Sequence[BaseGeometry], path: Path) -> Any:
+    """Lower and upper corner of all shapes, in the file's unit."""
+    if not shapes:
+        raise MapError(f"{path}: no lines and no polygons in it")
+    corners = _library("shapely", path).get_coordinates(shapes)
+    if not np.isfinite(corners).all():
+        raise MapError(f"{path}: its coordinates are not all finite")
+    return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
+
+
+def _plan_of(
+    shapes: Sequence[BaseGeometry], unit: str, path: Path, reachable_from: ArrayLike | None
+) -> FloorPlan:
+    """One floor plan of lines and polygons."""
+    shapely: Any = _library("shapely", path)
+    scale = UNITS[_unit(unit, path)]
+    if scale != 1.0:
+        shapes = [shapely.affinity.scale(shape, scale, scale, origin=(0, 0)) for shape in shapes]
+    parts = [part for shape in shapes for part in getattr(shape, "geoms", [shape])]
+    polygons = [part for part in parts if part.geom_type == "Polygon"]
+    lines = [part for part in parts if part.geom_type in ("LineString", "LinearRing")]
+    if broken := next((each for each in polygons if not each.is_valid), None):
+        raise MapError(f"{path}: a polygon crosses itself: {shapely.is_valid_reason(broken)}")
+    if polygons:
+        outline, walls = _of_polygons(polygons, shapely, path)
+        walls += lines
+    else:
+        outline, walls = _of_lines(lines, shapely, path, reachable_from)
+    inner = shapely.unary_union(walls).intersection(outline) if walls else shapely.LineString()
+    inner = inner.difference(outline.boundary.buffer(NEAR))
+    segments = [
+        (*one, *two)
+        for line in getattr(inner, "geoms", [inner])
+        if line.geom_type == "LineString"
+        for one, two in zip(line.coords[:-1], line.coords[1:], strict=True)
+        if np.hypot(two[0] - one[0], two[1] - one[1]) > 10 * NEAR
+    ]
+    try:
+        return FloorPlan(
+            _corners(outline.exterior, shapely),
+            [_corners(ring, shapely) for ring in outline.interiors],
+            segments,
+        )
+    except MapError as error:
+        raise MapError(f"{path}: {one_line(error)}") from None
+
+
+def _corners(ring: Any, shapely: Any) -> list[tuple[float, float]]:
+    return [(x, y) for x, y in shapely.simplify(ring, NEAR).coords[:-1]]
+
+
+def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, list[Any]]:
+    """Outline and inner walls: an outline with what nobody stands in, or rooms side by side."""
+    largest = max(polygons, key=lambda polygon: shapely.Polygon(polygon.exterior).area)
+    others = [polygon for polygon in polygons if polygon is not largest]
+    whole = shapely.Polygon(largest.exterior).buffer(NEAR)
+    if all(whole.contains(other) for other in others):
+        return _one_polygon(largest.difference(shapely.unary_union(others)), path), []
+    return _one_polygon(shapely.unary_union(polygons), path), [polygon.boundary for polygon in polygons]
+
+
+def _one_polygon(shape: Any, path: Path) -> Any:
+    if shape.geom_type != "Polygon":
+        count = len(getattr(shape, "geoms", []))
+        raise MapError(f"{path}: its polygons make {count} areas that do not hang together; keep one of them")
+    return shape
+
+
+def _of_lines(
+    lines: list[Any], shapely: Any, path: Path, reachable_from: ArrayLike | None
+) -> tuple[Any, list[Any]]:
+    """The area that lines enclose, the largest or the one about a point; and all lines, of it or not."""
+    noded = shapely.unary_union(shapely.set_precision(shapely.MultiLineString(lines), NEAR))
+    areas = list(shapely.ops.polygonize(noded))
+    if not areas:
+        box = np.array(noded.bounds)
+        raise MapError(
+            f"{path}: its {len(lines)} lines enclose no area ({box[2] - box[0]:.4g} x {box[3] - box[1]:.4g} m"
+            "); draw the outline as lines that meet"
+        )
+    if reachable_from is not None:
+        place = np.array(reachable_from, dtype=np.float64)
+        about = [area for area in areas if place.shape == (2,) and area.contains(shapely.Point(place))]
+        if not about:
+            raise MapError(f"{path}: reachable_from {place.tolist()} is in no area that its lines enclose")
+        return about[0], [noded]
+    return max(areas, key=_area), [noded]
+
+
+_area: Callable[[Any], float] = lambda polygon: polygon.area  # noqa: E731

@@ -1,0 +1,229 @@
+"""Mesh files as people have them: faces of any number of corners, units, axes, nodes."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.maps import MapError, MeshRoom
+from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_formats.triangulate import triangulated
+
+from .conftest import DATA, box
+
+CASES = DATA.parent / "cases" / "maps"
+ROUND = np.deg2rad([0.0, 90.0, 180.0, 270.0])
+CORNERS = box((0, 0, 0), (4, 6, 2.5))[0]
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def obj(points, faces) -> str:
+    """A mesh of any faces."""
+    lines = [f"v {x} {y} {z}" for x, y, z in points]
+    return "\n".join([*lines, *("f " + " ".join(str(i + 1) for i in face) for face in faces)]) + "\n"
+
+
+def area(points, triangles) -> float:
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+STAR = [((1 + i % 2) * np.sin(i * np.pi / 6), (1 + i % 2) * np.cos(i * np.pi / 6)) for i in range(12)]
+DOOR = [(0, 0), (1, 0), (1, 2.1), (1.9, 2.1), (1.9, 0), (6, 0), (6, 2.5), (0, 2.5)]
+JOINED_HOLE = [(0, 0), (9, 0), (9, 9), (0, 9), (0, 0), (3, 3), (3, 6), (6, 6), (6, 3), (3, 3)]
+
+
+@pytest.mark.parametrize(
+    ("flat", "expected"),
+    [
+        ([(0, 0), (4, 0), (4, 6), (0, 6)], 24.0),
+        ([(0, 0), (2, 0), (4, 0), (4, 3), (4, 6), (0, 6)], 24.0),
+        ([(0, 0), (8, 0), (8, 5), (3, 5), (3, 7), (0, 7)], 46.0),
+        (DOOR, 15 - 0.9 * 2.1),
+        (JOINED_HOLE, 72.0),
+        (STAR, 6 * np.sin(np.pi / 6) * 2),
+    ],
+)
+@pytest.mark.parametrize("turn", [(0, 1, 2), (2, 0, 1), (1, 2, 0), (1, 0, 2)])
+def test_triangles_cover_the_face(flat, expected, turn):
+    """They have its area, which no others have that reach out of it; either way round, in any plane."""
+    flat = np.array(flat, dtype=float)
+    points = np.column_stack([flat, np.full(len(flat), 0.7)])[:, turn]
+    for order in (np.arange(len(flat)), np.arange(len(flat))[::-1]):
+        triangles = triangulated(points, order, np.array([len(flat)]))
+        assert area(points, triangles) == pytest.approx(expected)
+
+
+def test_a_wall_with_a_door_is_one_face(tmp_path):
+    """A beam through the door of a wall that is one face of eight corners goes on; beside it, it does not."""
+    wall = [
+        (0, 3, 0),
+        (1, 3, 0),
+        (1, 3, 2.1),
+        (1.9, 3, 2.1),
+        (1.9, 3, 0),
+        (4, 3, 0),
+        (4, 3, 2.5),
+        (0, 3, 2.5),
+    ]
+    path = tmp_path / "door.obj"
+    path.write_text(obj([*CORNERS, *wall], [*QUADS, range(8, 16)]))
+    room = MeshRoom.load(path, sensor_height=0.9)
+    np.testing.assert_allclose(room.ranges([[1.5, 2.0, 0.0], [3.0, 2.0, 0.0]], [0.0])[:, 0], [4.0, 1.0])
+    assert room.free_space.area == pytest.approx(24, rel=0.03)
+
+
+def ply(order: str, faces, more: bool) -> bytes:
+    """The room in binary of either order, with colours before the corners and edges after them."""
+    head = f"ply\nformat binary_{'little' if order == '<' else 'big'}_endian 1.0\nelement vertex 8\n"
+    head += "property float x\nproperty uchar red\nproperty float y\nproperty double z\n"
+    head += f"element face {len(faces)}\n{'property uchar red' if more else 'comment none'}\n"
+    head += "property list ushort uint vertex_index\nelement edge 1\nproperty int vertex1\nend_header\n"
+    data = b"".join(struct.pack(f"{order}fBfd", x, 7, y, z) for x, y, z in CORNERS)
+    for face in faces:
+        data += struct.pack(f"{order}B", 1) if more else b""
+        data += struct.pack(f"{order}H{len(face)}I", len(face), *face)
+    return head.encode() + data + struct.pack(f"{order}i", 5)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("more", [False, True])
+def test_any_ply(tmp_path, order, more):
+    """Of either order of bytes, with any properties, in squares or mixed faces."""
+    path = tmp_path / "room.ply"
+    for faces in (QUADS, [*QUADS[:-1], (1, 5, 7), (1, 7, 3)]):
+        path.write_bytes(ply(order, faces, more))
+        mesh = read_mesh(path)
+        assert (len(mesh.triangles), area(*mesh[:2])) == (12, pytest.approx(98.0))
+
+
+def glb(nodes, points=CORNERS, triangles=None) -> bytes:
+    """A scene of nodes that show one mesh."""
+    triangles = box((0, 0, 0), (1, 1, 1))[1] if triangles is None else triangles
+    data = points.astype("<f4").tobytes() + triangles.astype("<u4").tobytes()
+    told = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"byteLength": len(data)}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": points.size * 4},
+            {"buffer": 0, "byteOffset": points.size * 4, "byteLength": triangles.size * 4},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3",
+             "min": points.min(0).tolist(), "max": points.max(0).tolist()},
+            {"bufferView": 1, "componentType": 5125, "count": triangles.size, "type": "SCALAR"},
+        ],
+    }  # fmt: skip
+    text = json.dumps(told).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def test_nodes_of_a_scene(tmp_path):
+    """Nodes within nodes, turned, scaled and moved, as the standard has it: parents last."""
+    half = np.sqrt(0.5)
+    nodes = [
+        {"rotation": [-half, 0, 0, half], "children": [1]},  # the room is z-up: lay its z along y
+        {"scale": [0.01, 0.01, 0.01], "translation": [1, 2, 0], "children": [2]},
+        {"mesh": 0},
+    ]
+    path = tmp_path / "scene.glb"
+    path.write_bytes(glb(nodes, CORNERS * 100))
+    room = MeshRoom.load(path, sensor_height=0.9)
+    np.testing.assert_allclose(room.ranges([3.0, 5.0, 0.0], ROUND), [3, 2, 3, 2], atol=1e-6)
+    assert room.up == "y (of its format)"
+
+
+DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2026-01-01T00:00:00</created><modified>2026-01-01T00:00:00</modified>
+<unit name="centimeter" meter="0.01"/><up_axis>{up}</up_axis></asset>
+<library_geometries><geometry id="room"><mesh>
+<source id="p"><float_array id="a" count="24">{points}</float_array><technique_common>
+<accessor source="#a" count="8" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist count="6"><input semantic="VERTEX" source="#v" offset="0"/><vcount>4 4 4 4 4 4</vcount>
+<p>{corners}</p></polylist></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node id="n"><translate>100 0 0</translate>
+<instance_geometry url="{url}#room"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize(("up", "axes"), [("Z_UP", (0, 1, 2)), ("Y_UP", (0, 2, 1))])
+def test_collada(tmp_path, up, axes):
+    """With the unit and the axis that it states, its squares cut, its node moved; no other file is read."""
+    pytest.importorskip("collada")
+    points = CORNERS[:, axes] * ([100, 100, 100] if up == "Z_UP" else [100, 100, -100])
+    told = {
+        "up": up,
+        "points": " ".join(map(str, points.ravel())),
+        "corners": " ".join(map(str, sum(QUADS, ()))),
+    }
+    path = tmp_path / "room.dae"
+    path.write_text(DAE.format(url="", **told))
+    room = MeshRoom.load(path, sensor_height=0.9)
+    np.testing.assert_allclose(room.ranges([3.0, 3.0, 0.0], ROUND), [3, 2, 3, 2], atol=1e-6)
+    assert room.unit == "0.01 m (the file's)"
+    path.write_text(DAE.format(url="other.dae", **told))
+    with pytest.raises(MapError, match="can be read"):
+        MeshRoom.load(path, sensor_height=0.9)
+
+
+RIGHT = [3.0, 2.0, 3.0, 2.0]
+MADE = [
+    *((f"room_{name}.ply", {}, (2, 3), RIGHT) for name in ("zup", "inverted", "soup")),
+    *((f"mixed_quad.{suffix}", {}, (2, 3), RIGHT) for suffix in ("ply", "off", "obj")),
+    ("quads.obj", {}, (2, 3), RIGHT),
+    ("nan_unused.obj", {}, (2, 3), RIGHT),
+    ("room_yup.glb", {}, (2, 3), RIGHT),
+    ("room_yup_centred.glb", {}, (0.5, 0.5), [2.5, 1.5, 3.5, 2.5]),
+    ("node_scale.glb", {"up": "z"}, (2, 3), RIGHT),
+    ("two_nodes.glb", {"up": "z"}, (0.5, 3), [3.0, 1.3, 3.0, 0.5]),
+    *((f"room_utm{name}", {}, (691236, 5400126), RIGHT) for name in (".obj", "_f32.ply", "_f32.stl")),
+    ("room_mm.stl", {"unit": "mm"}, (2, 3), RIGHT),
+    ("room_inch.stl", {"unit": "inch"}, (2, 3), RIGHT),
+]
+ASKED = [
+    ("room_mm.stl", "give its unit: it would be 4000 x 6000 x 2500 m in m; .* 4 x 6 x 2.5 m in mm"),
+    ("room_inch.stl", "give its unit: it would be 157.5 x 236.2 x 98.43 m in m; .* 4 x 6 x 2.5 m in inch"),
+    ("node_scale.glb", "which way is up.* up = 'y' or up = 'z'"),
+    ("two_nodes.glb", "which way is up.* up = 'y' or up = 'z'"),
+]
+
+
+def made(name: str) -> Path:
+    if not (CASES / name).exists():
+        pytest.skip(f"{CASES / name} is missing")
+    return CASES / name
+
+
+@pytest.mark.parametrize(("name", "options", "place", "expected"), MADE)
+def test_files_of_all_kinds(name, options, place, expected):
+    """Small rooms as modellers write them, with the ranges that they have by hand."""
+    room = MeshRoom.load(made(name), sensor_height=0.9, **options)
+    assert room.is_free(place)
+    np.testing.assert_allclose(room.ranges([*place, 0.0], ROUND), expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "words"), ASKED)
+def test_what_is_open_is_asked_for(name, words):
+    """The unit with the sizes that it would give, and which way is up."""
+    with pytest.raises(MapError, match=words):
+        MeshRoom.load(made(name), sensor_height=0.9)
+
+
+@pytest.mark.parametrize(("option", "value"), [("unit", "furlong"), ("up", "w")])
+def test_options_that_are_none(tmp_path, option, value):
+    path = tmp_path / "room.obj"
+    path.write_text(obj(CORNERS, QUADS))
+    with pytest.raises(MapError, match=value):
+        MeshRoom.load(path, sensor_height=0.9, **{option: value})
