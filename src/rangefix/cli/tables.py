@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from ..evaluation import PairedComparison, Results, Row
+from ..evaluation import Fusion, PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
@@ -327,6 +327,26 @@ def accuracy(pairs: Sequence[PairedComparison]) -> Table:
             rms = format_number(pair.rmse), format_number(pair.best_rmse)
             style = "bold" if pair.significant else ""
             table.add_row(f"  {pair.estimator}", str(pair.runs), *rms, closer, p, style=style)
+        table.add_section()
+    return table
+
+
+def fusions(found: Sequence[Fusion]) -> Table:
+    """What a claimed covariance costs where an estimate is fused with a second position."""
+    second = format_number(found[0].second_alone)
+    columns = ["\nestimator", "\nruns", "rms error,\nposition, m", "fused by\nits claims, m"]
+    columns += ["fused by\nthe true G, m", "price,\nm"]
+    title = f"Fused with a second position of rms error {second} m, after the last measurement"
+    table = new_table(title, columns)
+    for beams in dict.fromkeys(each.beams for each in found):
+        table.add_row(beams_in_words(beams), style="bold")
+        for each in (each for each in found if each.beams == beams):
+            figures = (each.alone, each.claimed, each.true, each.price)
+            worse = each.claimed > each.second_alone  # than the second position alone
+            table.add_row(
+                f"  {each.estimator}", str(each.runs), *map(format_number, figures),
+                style="bold red" if worse else "",
+            )  # fmt: skip
         table.add_section()
     return table
 
