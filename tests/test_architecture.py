@@ -128,7 +128,7 @@ maps.free_space
 maps.mesh_files maps.walls maps.grid_walls maps.centre_lines
 maps.mesh_formats
 maps.polygon
-maps._open3d maps.base maps.grid_kernels
+maps._open3d maps.base maps.grid_kernels maps.segment_kernels
 raster extensions compiled
 arrays errors rangefix
 """
