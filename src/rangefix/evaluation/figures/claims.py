@@ -182,13 +182,18 @@ def draw_efficiency(data: FigureData, sheet: Sheet) -> None:
     )[:, 0]
     for axes, name in zip(panels, names, strict=True):
         axes.axvline(100.0, color="black", linewidth=1.0, linestyle="--", label="nobody is better: 100 %")
-        for row, y in zip(listed.rows, listed.heights, strict=True):
-            for figure, label, marker in EFFICIENCIES:
-                interval = row.figures.get(f"{figure}_{name}")
-                if interval is not None and np.isfinite(interval.value) and interval.value > 0:
-                    _bar(
-                        axes, scaled(interval, 100.0), y, fmt=marker, markersize=4.5, color=TRUE, label=label
-                    )
+        for figure, label, marker in EFFICIENCIES:
+            told = [
+                (scaled(row.figures[f"{figure}_{name}"], 100.0), y)
+                for row, y in zip(listed.rows, listed.heights, strict=True)
+                if f"{figure}_{name}" in row.figures
+            ]
+            known = [
+                (interval, y) for interval, y in told if np.isfinite(interval.value) and interval.value > 0
+            ]
+            if known:
+                intervals, heights = zip(*known, strict=True)
+                _bars(axes, intervals, heights, fmt=marker, markersize=4.5, color=TRUE, label=label)
         axes.set_xscale("log")
         listed.name_rows(axes)
         axes.set_xlabel(sheet.broken(f"efficiency in {symbol(name)}, %", "axes.labelsize"))
