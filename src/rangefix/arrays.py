@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import fields
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,11 @@ LONGEST_SHOWN = 8  # numbers of an array
 def wrap(angle: Array) -> Array:
     """The same angle in [-pi, pi), rad."""
     return (angle + np.pi) % TWO_PI - np.pi
+
+
+def sum_terms(terms: Iterable[Array]) -> Array:
+    """Sum over the first axis term by term, for numpy's order depends on the shape."""
+    return reduce(np.add, terms)
 
 
 def read_only(array: Array) -> Array:

@@ -1,17 +1,105 @@
-"""numba as rangefix uses it: OpenMP threads first, and threads that sleep while they wait.
+"""numba as rangefix uses it: loops that are compiled when first needed, and shared out among threads.
+
+Threads are Python's own, over loops that release the interpreter's lock: numba's `parallel=True` takes longer
+to compile than all the rest (docs/decisions/0001). How many there are is still numba's to say.
+
+What was compiled is kept beside the source, else in the user's folder for caches, else nowhere: then each
+process compiles anew. While it lasts a terminal says so.
 
 Open3D's dependencies bring a TBB that numba refuses with a warning; asked last, it is never tried. OpenMP's
-threads spin after each loop unless told otherwise, and then a call costs 5 ms where another process has the
-second core, and 0.03 ms if they sleep; see docs/decisions/0001. A setting of your own is kept.
+threads, which numba starts and nobody uses, would spin unless told otherwise. A setting of your own is kept.
 """
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from typing import Any, TypeVar
 
 import numba
-from numba import njit, prange
+from numba.core import event
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
 setattr(numba.config, "THREADING_LAYER_PRIORITY", ["omp", "workqueue", "tbb"])  # noqa: B010 (it has no stub)
-__all__ = ["njit", "prange"]
+__all__ = ["in_threads", "njit"]
+
+SHARES_PER_THREAD = 4  # of a loop, for shares take unlike times
+LEAST_WORK = 1_000_000  # values that a loop reads: with fewer, waking a thread takes longer than it saves
+
+
+Loop = TypeVar("Loop", bound=Callable[..., Any])
+NOTICE = "compiling for this machine: some seconds, the first time only ..."
+CLEARED = "\r\033[K"  # a line of a terminal
+
+
+def njit(**options: Any) -> Callable[[Loop], Loop]:
+    """The njit of numba; where no folder for its cache can be written, without one."""
+
+    def decorate(loop: Loop) -> Loop:
+        try:
+            compiled: Loop = numba.njit(**options)(loop)
+        except RuntimeError:  # no locator of a cache suits
+            compiled = numba.njit(**{**options, "cache": False})(loop)
+        return compiled
+
+    return decorate
+
+
+class _SaysSo(event.Listener):
+    """A line on the terminal while a loop of ours is compiled, which is gone afterwards."""
+
+    depth, told = 0, False
+
+    def on_start(self, event: Any) -> None:
+        """Say so, unless it is done for something that is being compiled already."""
+        self.depth += 1
+        if self.depth == 1 and sys.stderr.isatty():
+            self.told = event.data["dispatcher"].py_func.__module__.startswith("rangefix.")
+            sys.stderr.write(NOTICE if self.told else "")
+            sys.stderr.flush()
+
+    def on_end(self, event: Any) -> None:
+        """Take it back."""
+        self.depth -= 1
+        if self.depth == 0 and self.told:
+            self.told = False
+            sys.stderr.write(CLEARED)
+            sys.stderr.flush()
+
+
+event.register("numba:compile", _SaysSo())  # type: ignore[no-untyped-call]
+
+
+def in_threads(loop: Callable[..., None], count: int, work: float, *arguments: Any) -> None:
+    """Call `loop(first, last, *arguments)` for shares of 0 to count, on as many threads as numba may use.
+
+    Args:
+        loop: A compiled loop that releases the interpreter's lock; no step may depend on another.
+        count: How many steps it has.
+        work: How many values all steps together read, about.
+        arguments: What the loop is given beside.
+    """
+    threads = 1 if count < 2 or work < LEAST_WORK else min(count, _threads())
+    if threads == 1:
+        loop(0, count, *arguments)
+        return
+    shares = min(count, SHARES_PER_THREAD * threads)
+    ends = [count * share // shares for share in range(shares + 1)]
+    pool = _pool(os.getpid(), threads)
+    for done in [pool.submit(loop, *share, *arguments) for share in pairwise(ends)]:
+        done.result()
+
+
+def _threads() -> int:
+    """How many threads numba may use here."""
+    return 1 if os.environ.get("NUMBA_NUM_THREADS") == "1" else int(numba.get_num_threads())
+
+
+@cache
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
+    """The threads of a process: a forked one has none of its parent's."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="rangefix")

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, doing, names_from, names_in, one_of, print_json, warn
-from .studies import Map, NoPlugins, StudyFile, read_study
+from .app import ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, warn
+from .studies import Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
+    from ..evaluation import Study
     from ..evaluation.bounds.catalogue import Row
+
+AT_ONE_STATE = (
+    "All truths of this study are one state: bounds are averages over the prior, and not about its G."
+)
 
 
 def names() -> tuple[str, ...]:
@@ -21,7 +27,14 @@ def names() -> tuple[str, ...]:
 
 
 def bounds(
-    study: StudyFile,
+    study: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="A study file, the name of one that comes along, or a folder of results.",
+            autocompletion=names_from(studies_here),
+        ),
+    ],
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -31,27 +44,48 @@ def bounds(
             "that does not apply.",
         ),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            parser=named,
+            metavar="DIR",
+            help="Folder of the study's results, in which they are saved; results/STUDY, if it is there, "
+            "unless given.",
+        ),
+    ] = None,
     map_path: Map = None,
     no_plugins: NoPlugins = False,
     as_json: Json = False,
 ) -> None:
-    """How good anybody could be on a study: the optimum, and bounds below which no estimator comes."""
+    """How good anybody could be on a study: the optimum, and bounds below which no estimator comes.
+
+    Beside results of the study they are saved: its tables and report show them then.
+    """
     from ..evaluation.bounds.catalogue import bounds_of
+    from ..evaluation.bounds.document import row_as_json
+    from ..evaluation.monte_carlo.save_bounds import save_bounds
 
     asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
-    described = read_study(study, None, None, map_path, not no_plugins)
+    described, folder = _study_and_folder(study, out, map_path, not no_plugins)
     experiment = described.experiment()
+    if asked and out is not None:
+        raise ValueError("--only goes without --out: what is saved is all there is")
+    saves = not asked and _may_save(folder, described, required=out is not None or folder == Path(study))
     rows = list(bounds_of(experiment, chosen, doing))
     doing("")
     refused = [row for row in rows if row.bound is None]
     components = experiment.truth.space.names
+    saved = save_bounds(folder, experiment, rows) if saves else None
     if as_json:
         print_json(
             {
                 "study": described.name,
                 "names": list(components),
-                "rows": [_as_json(row, components) for row in rows],
+                "rows": [row_as_json(row, components) for row in rows],
+                "saved": None if saved is None else str(saved),
             }
         )
     elif len(refused) < len(rows) or not asked:
@@ -64,10 +98,66 @@ def bounds(
         )
         for text in _notes(rows):
             screen.say(text)
+        if experiment.start is not None:
+            screen.say(AT_ONE_STATE)
+        if saved is not None:
+            screen.say(f"Saved beside the results: {saved}   Tables and report: rangefix report {folder}")
     if asked and refused:
         for text in dict.fromkeys(f"{row.name} does not apply: {row.refused}" for row in refused):
             warn(text)
         raise typer.Exit(ExitCode.BAD_INPUT)
+
+
+def _study_and_folder(
+    target: str, out: Path | None, map_name: str | None, plugins: bool
+) -> tuple[Study, Path]:
+    """The study that is asked about, and where its results may be.
+
+    Raises:
+        ValueError: If a folder of results is given with options that are for a study.
+        StudyError: If the study is not sound.
+    """
+    from ..evaluation import load, parse_study
+
+    folder = Path(target)
+    if not folder.is_dir() or not (folder / "manifest.json").exists():
+        study = read_study(target, None, None, map_name, plugins)
+        return study, Path("results") / study.name if out is None else out
+    if out is not None or map_name is not None:
+        raise ValueError("--out and --map go with a study, not with a folder of results")
+    manifest = load(folder).manifest
+    if not manifest["config"]:
+        raise ValueError(f"{folder} is of an experiment from Python: run it once more, with bounds=True")
+    study = parse_study(
+        manifest["config"],
+        source=f"{manifest['name']}.toml",
+        changes={"seed": manifest["seed"]},
+        plugins=plugins,
+    )
+    return study, folder
+
+
+def _may_save(folder: Path, study: Study, required: bool) -> bool:
+    """Whether a folder holds results of a study, beside which its bounds belong.
+
+    Args:
+        folder: The folder.
+        study: The study.
+        required: Whether it is a mistake if it does not.
+
+    Raises:
+        ValueError: If it does not, and must.
+    """
+    from ..evaluation.monte_carlo.save_bounds import is_of
+
+    if is_of(folder, study.experiment()):
+        return True
+    if required:
+        raise ValueError(
+            f"{folder} holds no finished results of this study as it is now, of this version and the same "
+            f"map: run it with --bounds, or name the study that was run and --out {folder}"
+        )
+    return False
 
 
 def _notes(rows: list[Row]) -> list[str]:
@@ -86,19 +176,3 @@ def _notes(rows: list[Row]) -> list[str]:
         of = "" if len(beams) == sets else f" for beams {', '.join(beams)}"
         notes.append(f"{name} does not apply{of}: {reason}")
     return notes
-
-
-def _as_json(row: Row, components: tuple[str, ...]) -> dict[str, Any]:
-    told: dict[str, Any] = {"beams": row.beams, "name": row.name}
-    if row.bound is None:
-        return told | {"refused": row.refused}
-    variances = {name: float(row.bound.matrix[i, i]) for i, name in enumerate(components)}
-    return told | {
-        "variances": variances,
-        "matrix": row.bound.matrix.tolist(),
-        "error": row.bound.error.tolist(),
-        "share_of_optimum": None
-        if row.of_optimum is None
-        else dict(zip(components, row.of_optimum.tolist(), strict=True)),
-        "conditions": list(row.bound.conditions),
-    }

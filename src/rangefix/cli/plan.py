@@ -97,7 +97,7 @@ def plan(
     problem = world.assumed or world.truth
     candidates = read_candidates(candidates_deg, problem)
     planner = Planner(problem, candidates, criterion, truths, given.seed, doing)  # type: ignore[arg-type]
-    found = planner.plan(beams, method, adaptive)  # type: ignore[arg-type]
+    found = planner.plan(beams, method, adaptive, everywhere=out is not None)  # type: ignore[arg-type]
     doing("")
     seconds = _times(problem, planner.sensor, found, given.seed)
     pictures = [] if out is None else _draw(found, problem, planner.prior.centres, out)

@@ -22,7 +22,7 @@ def figures() -> list[str]:
     """Names of figures that gates may ask for, of a pose."""
     from ..evaluation.consistency.gates import figures as all_figures
 
-    names = all_figures(("x1", "x2", "heading"), beliefs=True)
+    names = all_figures(("x1", "x2", "heading"), beliefs=True, bounds=True)
     return [f"{name}=" for name in names if not name.endswith(("_low", "_high"))]
 
 
@@ -102,6 +102,14 @@ def run(
             "ESTIMATOR:FIGURE=LOW:HIGH, such as anees=0.8:1.25; may be repeated.",
         ),
     ] = None,
+    bounds: Annotated[
+        bool,
+        typer.Option(
+            "--bounds",
+            help="Work out how good anybody could be, too, and show how near each estimator comes: see "
+            "`rangefix bounds`. It may take minutes.",
+        ),
+    ] = False,
     force: Annotated[
         bool,
         typer.Option(
@@ -140,13 +148,13 @@ def run(
     if described.map.files(described.folder):
         _tell_map(experiment)
     names = experiment.assumed_problem.space.names
-    need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs))
+    need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs), bounds)
     folder = Path("results") / described.name if out is None else out
     if only_run is not None:
         from .one_run import show_run
 
         others = workers, cluster, memory_gb, *(gates or ())
-        if any(other is not None for other in others) or force or not resume:
+        if any(other is not None for other in others) or force or bounds or not resume:
             raise ValueError("--only-run goes with --runs, --seed, --out, --map, --no-plugins, --json alone")
         answered = show_run(described, only_run, folder, as_json)
         raise typer.Exit(ExitCode.FINE if answered else ExitCode.SOME_FAILED)
@@ -162,6 +170,7 @@ def run(
             command_line=["rangefix", *sys.argv[1:]],
             resume=resume,
             force=force,
+            bounds=bounds,
             memory_gb=memory_gb,
             say=warn,
         )

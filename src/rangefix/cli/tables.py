@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -108,11 +108,13 @@ def comparison(rows: Sequence[Row], title: str, width: int = WIDTH) -> list[Tabl
     """
     tables: list[Table] = []
     for layout in LAYOUTS:
-        parts = ("verdicts", "deviations") if layout.apart else ("all",)
-        tables = [_comparison(rows, title, layout, part) for part in parts]
+        tables = [_comparison(rows, title, layout, part) for part in _parts(rows, layout)]
         if all(least_width(table) <= width for table in tables):
             break
     return tables
+
+
+Part = Literal["all", "verdicts", "deviations", "components"]
 
 
 class Layout(NamedTuple):
@@ -132,36 +134,47 @@ LAYOUTS = (
 )
 
 
-def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: str) -> Table:
-    """One table of a study in a layout: verdicts, standard deviations, or all."""
-    names = rows[0].names if part != "verdicts" else ()
+def _parts(rows: Sequence[Row], layout: Layout) -> tuple[Part, ...]:
+    """What stands in the tables of a layout."""
+    if not layout.apart:
+        return ("all",)
+    of_components = any(component for row in rows for _, component, _ in row.shown("terminal"))
+    return ("verdicts", "deviations", "components") if of_components else ("verdicts", "deviations")
+
+
+def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: Part) -> Table:
+    """One table of a study in a layout: verdicts, deviations, other figures of components, or all."""
+    end = max(row.step for row in rows)
+    names = rows[0].names if part in ("all", "deviations") else ()
+    judges = part in ("all", "verdicts")
     shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
     figures = [
         figure
         for figure in shown
-        if figure[0].honest is not None or layout.extras or figure[0].name == IMPROBABLE
+        if figure[0].honest is not None or figure[1] or layout.extras or figure[0].name == IMPROBABLE
     ]
-    figures = [] if part == "deviations" else [figure for figure in figures if _is_told(figure[0], rows)]
+    figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]
+    figures = [figure for figure in figures if _is_told(figure[0], rows)]
     columns = ["\nestimator"]
-    columns += [] if part == "deviations" else [f"ok of\n{rows[0].planned}"]
-    columns += _std_headings(names, "true / claimed")
+    columns += [] if not judges else [f"ok of\n{rows[0].planned}"]
+    bounded = any(row.bound is not None for row in rows if row.step == end)
+    columns += _std_headings(names, "bound / true / claimed" if bounded else "true / claimed")
     columns += [_heading(metric, component, layout) for metric, component in figures]
     columns += ["ms per\nupdate"] * layout.extras
-    table = new_table("" if part == "deviations" else title, columns)
-    if part != "deviations":
+    table = new_table(title if judges else "", columns)
+    if judges:
         table.add_column("\nverdict", justify="left", no_wrap=True)
         table.add_column("by a\nfactor", justify="right", no_wrap=True)
-    end = max(row.step for row in rows)
     for beams in dict.fromkeys(row.beams for row in rows if row.step == end):
         last = f", after the last of {end + 1} measurements" if end else ""
         table.add_row(f"{beams_in_words(beams)}{last}", style="bold")
         for row in (row for row in rows if (row.beams, row.step) == (beams, end)):
             verdict = decide(row)
-            cells = [f"  {row.estimator}"] + [str(row.ok)] * (part != "deviations")
-            cells += row.pairs_of_stds(row.g, row.p) if names else []
+            cells = [f"  {row.estimator}"] + [str(row.ok)] * judges
+            cells += row.stds_beside_bound(bounded) if names else []
             cells += [_cell(row, metric, component, layout) for metric, component in figures]
             cells += [row.milliseconds] * layout.extras
-            cells += [] if part == "deviations" else [verdict.short, verdict.by]
+            cells += [] if not judges else [verdict.short, verdict.by]
             table.add_row(*cells, style="bold red" if verdict.overconfident else "")
         table.add_section()
     return table

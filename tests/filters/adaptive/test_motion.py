@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -99,6 +101,18 @@ def test_drives_among_walls_like_a_dense_grid():
     errors = compared(problem, (48, 36, 72), [None, *[STEP] * 3], seed=3)
     assert errors[:, :2].max() < 0.07
     assert errors[:, 2].max() < 0.1
+
+
+def test_an_error_before_a_move_is_carried_over_it_as_far_as_readings_leave_it():
+    """Prediction keeps it whole; a reading that narrows the belief takes as much from it."""
+    problem = walking(1, noise=0.1)
+    (estimator, before), (_, after) = beliefs(problem, [None, STILL], driven(problem, [None, STILL], 7))
+    moved = estimator.predict(before, STILL, RNG)
+    assert moved.inherited == estimator.error(before)
+    wrong, right = replace(after, inherited=0.5), replace(after, inherited=0.0)
+    kept = np.sqrt(estimator.error(wrong) ** 2 - estimator.error(right) ** 2) / 0.5
+    predicted_std, std = (np.sqrt(np.diagonal(estimator.estimate(b).covariance)) for b in (moved, after))
+    assert kept == pytest.approx((std / predicted_std).max(), rel=0.05)
 
 
 def test_walls_matter():

@@ -392,6 +392,26 @@ def test_states_its_error_and_samples_what_it_claims():
     assert (np.abs(((draws - mean[:, None]) ** 2).mean(1) - std**2) < 5 * error).all()
 
 
+def test_readings_far_from_every_wall_press_the_place_against_one():
+    """A beam along x1 reads 20 m in a room of 4 m: exp(-x1 / decay) at the wall behind, in closed form.
+
+    The other beam measures x2. Known to 1e-4: the sum of squares curves by 1e-5 over the decay.
+    """
+    noise, std = 20.0, 0.02
+    room = FloorPlan([[0, 0], [4, 0], [4, 6], [0, 6]])
+    problem = pose(room, [np.pi / 2, np.pi], Gaussian(std), min_range=0.1)
+    estimator = ExactPositionFilter(problem)
+    assert problem.sensor.gaussian_stds is None, "a least range asks for tables"
+    belief = fixed(estimator, np.array([[noise, 2.5]]))
+    mean, covariance, log_evidence = (np.asarray(part)[0] for part in estimator.estimate(belief))
+    decay = std**2 / (noise - 4.0)
+    np.testing.assert_allclose(mean, [decay, 2.5], rtol=1e-4)
+    np.testing.assert_allclose(np.diagonal(covariance), [decay**2, std**2], rtol=1e-4)
+    peak = -0.5 * ((noise - 4.0) / std) ** 2 - np.log(std * np.sqrt(2 * np.pi))
+    assert log_evidence == pytest.approx(peak + np.log(decay / 24.0), abs=0.02)
+    assert estimator.error(belief)[0] < 1e-3
+
+
 def test_what_nothing_explains_is_flagged():
     """A wall where none can be: log evidence -inf, and the estimate from before, in that run alone."""
     problem = pose(RectangularRoom(4.0, 6.0), [0.0, 1.0], Gaussian(0.05))

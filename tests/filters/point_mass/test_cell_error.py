@@ -55,10 +55,9 @@ def test_one_component_is_summed_exactly(deviation: float) -> None:
 
 def claimed_against_true(covariance: Array, reach: int, places: int) -> tuple[Array, Array]:
     """Eigenvalues of true over claimed squared error; and over what each axis alone would claim."""
-    size = len(covariance)
     true = covariance + squared_error(covariance, reach, places)
-    error = np.empty((size, size))
-    unresolved_covariance(np.linalg.inv(covariance), covariance, error)
+    information, spread = np.linalg.inv(covariance)[:, :, None], covariance[:, :, None]
+    error = unresolved_covariance(information, spread)[:, :, 0]
     alone = np.diag(np.exp(-2 * np.pi**2 * np.diag(covariance)) / 12)
     answers = []
     for claimed in (covariance + error, covariance + alone):

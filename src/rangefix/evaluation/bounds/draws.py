@@ -19,6 +19,7 @@ from ...filters.problem import Problem
 SETS = 16  # scrambled independently
 SEED = 20260
 MAX_DIMENSIONS = 1000  # state and readings; of more, truths and readings are drawn at random
+PLACES = 2**16  # by which the spread of a prior is told
 MAX_ATTEMPTS = 64  # batches until enough truths are in free space
 
 
@@ -30,8 +31,27 @@ def average(problem: Problem, count: int, answer: Callable[[Array, Array], Array
         count: Draws, a multiple of SETS.
         answer: Of states (N, n) and readings (N, B) an array (N, ...).
     """
-    means = np.array([answer(*draws).mean(axis=0) for draws in _sets(problem, count // SETS)])
+    means = set_means(problem, count, answer)
     return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(SETS)
+
+
+def set_means(problem: Problem, count: int, answer: Callable[[Array, Array], Array]) -> Array:
+    """The same mean of each of the independent sets, (SETS, ...)."""
+    return np.array([answer(*draws).mean(axis=0) for draws in _sets(problem, count // SETS)])
+
+
+def place_moments(problem: Problem) -> tuple[Array, Array] | None:
+    """Mean (2,) and covariance (2, 2) of the place under a uniform prior; None under others.
+
+    By many points, so that areas are known better than by the raster of the prior itself.
+    """
+    if type(problem.prior) is not Uniform:
+        return None
+    lower, upper = (end[problem.space.position_indices] for end in problem.prior.support)
+    points = qmc.Sobol(2, rng=np.random.default_rng([SEED, SETS])).random(PLACES)
+    places = lower + (upper - lower) * points
+    places = places[problem.sensor.room.is_free(places)]
+    return places.mean(axis=0), np.cov(places.T, bias=True)
 
 
 def _sets(problem: Problem, count: int) -> Iterator[tuple[Array, Array]]:

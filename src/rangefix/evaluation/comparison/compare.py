@@ -10,7 +10,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.special import bdtr
 
 from ...arrays import Array
 from ..consistency.intervals import Interval, Moments
@@ -217,6 +216,8 @@ def _name(metric: Metric) -> str:
 
 def _sign_test(lost: int, gained: int) -> float:
     """McNemar's exact test: of the runs that went well in one only, as many in the one as in the other."""
+    from scipy.special import bdtr
+
     if lost + gained == 0:
         return 1.0
     return float(min(1.0, 2 * bdtr(min(lost, gained), lost + gained, 0.5)))

@@ -78,11 +78,14 @@ def _caption(results: Results, end: int) -> str:
 def _columns(rows: Sequence[Row]) -> list[Column]:
     """Standard deviations of each component, then the figures that a terminal shows, then the time."""
     columns = []
+    variances: dict[str, list[tuple[Interval, ...]]] = {}
+    if any(row.bound for row in rows):
+        variances["bound"] = [row.bound or (UNKNOWN,) * len(row.names) for row in rows]
+    variances |= {"true": [row.g for row in rows], "claimed": [row.p for row in rows]}
     for i, name in enumerate(rows[0].names):
         group, suffix = f"std of {name}, {unit(name)}", f"{name}_{unit(name).replace('/', '_per_')}"
-        for head, of in (("true", "G"), ("claimed", "P")):
-            variances = [(row.g if of == "G" else row.p)[i] for row in rows]
-            shown = [scaled(variance.sqrt(), factor(name)) for variance in variances]
+        for head, of in variances.items():
+            shown = [scaled(components[i].sqrt(), factor(name)) for components in of]
             columns.append(Column(f"{head}_std_{suffix}", group, head, shown))
     for metric, component in dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal")):
         column = metric.column(component)

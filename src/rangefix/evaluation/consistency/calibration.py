@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri, ndtr
 
 from ...arrays import Array
 from .intervals import Interval, mean_interval
@@ -20,6 +19,8 @@ def pit(errors: Array, stds: Array) -> Array:
     Phi(error / std): uniform where the beliefs are Gaussian and right. Where the claimed std is zero it is
     0, 1/2 or 1, as the truth lies.
     """
+    from scipy.special import ndtr
+
     sure = np.asarray(stds) <= 0
     return np.where(sure, 0.5 + 0.5 * np.sign(errors), ndtr(errors / np.where(sure, 1.0, stds)))
 
@@ -56,6 +57,8 @@ def coverage_curve(distances: Array, size: int, levels: Array = LEVELS) -> Curve
 
     An honest belief that is not Gaussian may leave the diagonal: its 50 % ellipse holds another share.
     """
+    from scipy.special import chdtri
+
     quantiles = np.array([chdtri(size, 1 - level) for level in levels])
     return curve(np.sort(distances), quantiles, levels)
 

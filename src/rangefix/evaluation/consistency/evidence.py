@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, ndtr
 
 from .intervals import Interval
 from .null_distribution import SEEN
@@ -103,6 +102,8 @@ class Evidence:
     @property
     def shows_caution(self) -> bool:
         """Whether errors that are too small cannot be a far mode of the beliefs that did not occur."""
+        from scipy.special import chdtrc
+
         runs, found = self.row.ok, self.row.directions
         if self.drawn or runs >= SEEN:
             return True
@@ -153,6 +154,8 @@ class Evidence:
 
     def _p_of_bias(self, component: int) -> float:
         """Of a mean error as large beside what is claimed: a far mode that did not occur is no bias."""
+        from scipy.special import ndtr
+
         variance = float(self.row.P[component, component])
         if self.drawn or not variance > 0:
             return 0.0

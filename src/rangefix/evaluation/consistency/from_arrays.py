@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray, wrap
 from ..results import KEPT_DRAWS, HalfArray, Status, is_finite, keep_draws
@@ -44,6 +43,8 @@ def coverage(errors: Array, covariance: Array, level: float) -> Interval:
 
     The ellipse is e' P^-1 e <= chi-square quantile (n). Only a Gaussian posterior covers exactly its level.
     """
+    from scipy.special import chdtri
+
     values = nees(errors, covariance)
     inside = values <= chdtri(np.shape(errors)[-1], 1 - level)
     return share_interval(int(inside.sum()), len(values))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import suggestion
-from ..results import BeliefScores
+from ..results import BeliefScores, SavedBounds
 from .formatting import format_number
 from .metrics import RunBlock
 from .row import Row
@@ -94,7 +94,13 @@ def _parse(text: str) -> Gate:
     return Gate(text, owner or None, figure, low, high)
 
 
-def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, ...], beliefs: bool) -> None:
+def need_sound(
+    gates: Iterable[Gate],
+    labels: Sequence[str],
+    names: tuple[str, ...],
+    beliefs: bool,
+    bounds: bool = False,
+) -> None:
     """Say before anything runs what would be said after it.
 
     Args:
@@ -102,11 +108,13 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
         labels: Labels of the estimators.
         names: Components of the state.
         beliefs: Whether beliefs will be judged.
+        bounds: Whether it will be known how good anybody could be.
 
     Raises:
         ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
     """
-    every, known = figures(names, beliefs=True), figures(names, beliefs=beliefs)
+    every = figures(names, beliefs=True, bounds=True)
+    known = figures(names, beliefs=beliefs, bounds=bounds)
     for gate in gates:
         if gate.figure is None and gate.estimator not in labels:
             if gate.text.strip() in every:
@@ -116,17 +124,23 @@ def need_sound(gates: Iterable[Gate], labels: Sequence[str], names: tuple[str, .
                 raise ValueError(f"gate {gate.text!r}: {band!r} is no band LOW:HIGH: write {FORM}")
         _need_there(gate, labels, every if gate.figure in every else known)
         if gate.figure not in (None, *known):
-            raise ValueError(f"gate {gate.text!r} needs beliefs = true in the study")
+            of_beliefs = gate.figure in figures(names, beliefs=True, bounds=bounds)
+            needed = "beliefs = true in the study" if of_beliefs else "--bounds"
+            raise ValueError(f"gate {gate.text!r} needs {needed}")
 
 
-def figures(names: tuple[str, ...], *, beliefs: bool) -> tuple[str, ...]:
+def figures(names: tuple[str, ...], *, beliefs: bool, bounds: bool) -> tuple[str, ...]:
     """Names of the figures that a row has, for components of the state."""
     errors = np.zeros((2, len(names)))
     covariance = np.broadcast_to(np.eye(len(names)), (2, len(names), len(names)))
     one = np.zeros(2)
     belief = BeliefScores(errors, one, one, errors, one, covariance, covariance) if beliefs else None
-    row = Accumulator.of(RunBlock(names, errors, covariance, belief=belief)).row()
-    return tuple(name for name in row.flat() if name not in LABELS)
+    both = (SavedBounds(best, errors[0], names) for best in (errors[0], None))
+    rows = [
+        Accumulator.of(RunBlock(names, errors, covariance, belief=belief, bounds=saved)).row()
+        for saved in (both if bounds else [None])
+    ]
+    return tuple(dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS))
 
 
 def _need_there(gate: Gate, labels: Sequence[str], known: Iterable[str]) -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, stdtr, stdtrit
 
 from ...arrays import Array
 
@@ -79,6 +78,8 @@ class Moments:
 
     def around(self, value: float, level: float = LEVEL, bound: float = -np.inf) -> Interval:
         """Hall's interval, cut at a lower bound, for a value that varies as the mean of the samples does."""
+        from scipy.special import stdtrit
+
         if self.count < 2:
             return Interval(value, np.nan, np.nan)
         error, c = self._error_and_skewness()
@@ -94,6 +95,8 @@ class Moments:
         It inverts `around`: below 0.05 exactly where the 95 % interval leaves out the honest value. NaN with
         fewer than two samples; where all are equal, 1 if the value is `honest`, else 0.
         """
+        from scipy.special import stdtr
+
         if self.count < 2 or not np.isfinite(value):
             return float("nan")
         error, c = self._error_and_skewness()
@@ -146,6 +149,8 @@ def _unskew(t: float, c: float) -> float:
 
 def share_interval(hits: int, total: int, level: float = LEVEL) -> Interval:
     """A share of independent trials and its Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
+    from scipy.special import stdtrit
+
     if not total:
         return UNKNOWN
     share, z = hits / total, float(stdtrit(np.inf, 0.5 + level / 2))
@@ -156,6 +161,8 @@ def share_interval(hits: int, total: int, level: float = LEVEL) -> Interval:
 
 def uniform_p_value(counts: Array) -> float:
     """P-value of equal bins by Pearson's chi-square; NaN below five expected in a bin."""
+    from scipy.special import chdtrc
+
     expected = counts.sum() / len(counts)
     if expected < 5:
         return float("nan")

@@ -16,12 +16,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
 from ...filters.space import NO_DIRECTION
-from ..results import BeliefScores, HalfArray, Status
+from ..results import BeliefScores, HalfArray, SavedBounds, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
@@ -47,6 +46,7 @@ class RunBlock:
         status: Codes of `Status` of the planned runs, (M,).
         diagnostics: What the estimator says of its own computation, by the names in `DIAGNOSTICS`, (K,) each.
         belief: What draws from the beliefs come to, of the runs that have them; None if none has.
+        bounds: How good anybody could be with this set of beams after this step; None if it was not saved.
         draws: Some of these draws as `results/draws.py` keeps them, (K, S, n); None if there are none.
     """
 
@@ -62,13 +62,14 @@ class RunBlock:
         belief: BeliefScores | None = None,
         diagnostics: Mapping[str, Array] = MappingProxyType({}),
         draws: HalfArray | None = None,
+        bounds: SavedBounds | None = None,
     ) -> None:
         runs = len(errors)
         self.names, self.errors, self.covariance, self.draws = names, errors, covariance, draws
         self.log_evidence = np.full(runs, np.nan) if log_evidence is None else log_evidence
         self.improbable = np.zeros(runs, dtype=bool) if improbable is None else improbable
         self.status = np.zeros(runs, dtype=np.int8) if status is None else status
-        self.diagnostics = diagnostics
+        self.diagnostics, self.bounds = diagnostics, bounds
         sampled = np.zeros(0, dtype=bool) if belief is None else np.isfinite(belief.energy)
         self.belief = (
             BeliefScores(*(array[sampled] for array in belief)) if belief and sampled.any() else None
@@ -194,7 +195,31 @@ def _energy_score(runs: RunBlock) -> Array:
 
 
 def _is_inside(runs: RunBlock, level: float) -> BoolArray:
+    from scipy.special import chdtri
+
     return np.asarray(runs.nees <= chdtri(len(runs.names), 1 - level))
+
+
+def _for_every_run(variances: Array | None, runs: RunBlock) -> Array | None:
+    return None if variances is None else np.broadcast_to(variances, runs.errors.shape)
+
+
+def _bound(runs: RunBlock) -> Array | None:
+    return _for_every_run(runs.bounds and runs.bounds.bound, runs)
+
+
+def _optimum(runs: RunBlock) -> Array | None:
+    return _for_every_run(runs.bounds and runs.bounds.optimum, runs)
+
+
+def _efficiency(runs: RunBlock) -> tuple[Array, Array] | None:
+    best = _optimum(runs)
+    return None if best is None else (best, runs.errors**2)
+
+
+def _least_efficiency(runs: RunBlock) -> tuple[Array, Array] | None:
+    bound = _bound(runs)
+    return None if bound is None or _optimum(runs) is not None else (bound, runs.errors**2)
 
 
 COMPARED: tuple[Place, ...] = ("csv", "compare")
@@ -205,6 +230,12 @@ METRICS = (
     Metric("P", VARIANCE, lambda runs: runs.variances, "mean", shown=COMPARED, label="{} claimed std"),
     Metric("ratio", "", lambda runs: (runs.errors**2, runs.variances), "ratio of means", 1.0, "honest",
            label="G / P of {}"),
+    Metric("bound", VARIANCE, _bound, "mean", shown=("csv",), label="bound of {} std"),
+    Metric("optimum", VARIANCE, _optimum, "mean", shown=("csv",), label="best possible std of {}"),
+    Metric("efficiency", "%", _efficiency, "ratio of means", better="higher", shown=TERMINAL,
+           label="efficiency in {}"),
+    Metric("efficiency_at_least", "%", _least_efficiency, "ratio of means", better="higher", shown=TERMINAL,
+           label="efficiency in {} at least"),
     Metric("rmse", COMPONENT, lambda runs: runs.errors**2, "root mean", shown=("csv",)),
     Metric("bias", COMPONENT, lambda runs: runs.errors, "mean", 0.0, "honest", label="mean error of {}"),
     Metric("anees", "", lambda runs: runs.nees / len(runs.names), "mean", 1.0, "honest",

@@ -17,7 +17,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.special import gammainc, gammaincc, ndtr
 
 from ...arrays import Array, BoolArray, IntArray
 from ..results import KEPT_DRAWS, kept_offsets
@@ -164,6 +163,8 @@ def _scatter(drawn: Array, value: float) -> Scatter:
 
 def _tail(drawn: Array, value: float) -> float:
     """Probability of a value as large, from draws; beyond most of them by the gamma law of their moments."""
+    from scipy.special import gammainc, gammaincc, ndtr
+
     if value != value:
         return float("nan")
     beyond = int((drawn >= value).sum())

@@ -122,6 +122,12 @@ class Row:
         return tuple(self.figures[f"{name}_{component}"] for component in self.names)
 
     @property
+    def bound(self) -> tuple[Interval, ...] | None:
+        """Variances below which no estimator's lie; NaN where no bound applies, None where none was saved."""
+        columns = [f"bound_{component}" for component in self.names]
+        return self.of_components("bound") if set(columns) <= self.figures.keys() else None
+
+    @property
     def inaccurate(self) -> Interval:
         """Share of ok runs whose numerical error matters; NaN where an estimator states none."""
         return self.figures.get("share_inaccurate", UNKNOWN)
@@ -223,6 +229,11 @@ class Row:
             for name, *pair in zip(self.names, *variances, strict=True)
         ]
         return ["-" if {*pair} == {"-"} else " / ".join(pair) for pair in pairs]
+
+    def stds_beside_bound(self, bounded: bool) -> list[str]:
+        """True and claimed standard deviations and, if asked for, before them that of the largest bound."""
+        bound = (self.bound or [UNKNOWN] * len(self.names),) if bounded else ()
+        return self.pairs_of_stds(*bound, self.g, self.p)
 
     def _title(self) -> str:
         return f"{self.where}: {self.ok} of {self.planned} runs ok"

@@ -9,7 +9,6 @@ rules, prediction, and estimation", J. Am. Stat. Assoc. 102, 2007).
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri, erf, ndtr
 
 from ...arrays import Array, BoolArray
 from .intervals import LEVEL
@@ -73,6 +72,8 @@ def anees_band(runs: int, size: int, level: float = LEVEL) -> tuple[float, float
 
     M n times ANEES / n is chi-square with M n degrees of freedom (Bar-Shalom et al., 5.4.2-12).
     """
+    from scipy.special import chdtri
+
     degrees = runs * size
     if not degrees:
         return np.nan, np.nan
@@ -102,6 +103,8 @@ def crps(errors: Array, stds: Array) -> Array:
     std (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)) with z = error / std (Gneiting and Raftery, 2007, (21));
     the absolute error where the claimed std is zero.
     """
+    from scipy.special import ndtr
+
     stds = np.asarray(stds, dtype=float)
     sure = stds <= 0
     z = np.asarray(errors) / np.where(sure, 1.0, stds)
@@ -116,6 +119,8 @@ def energy_score(errors: Array, covariance: Array) -> Array:
     The length of a plane vector is pi / 2 times the mean over all directions of its absolute projection, so
     the score is pi / 2 times the mean CRPS of the projected claim: no draws are needed.
     """
+    from scipy.special import erf
+
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     units = np.stack([np.sin(angles), np.cos(angles)])
     squares = np.stack([units[0] ** 2, 2 * units[0] * units[1], units[1] ** 2])

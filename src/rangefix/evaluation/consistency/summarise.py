@@ -63,6 +63,7 @@ def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> l
     """
     truth = results.source.world(first, first + len(ok))[0]
     errors = results.space.difference(truth, trials.mean)
+    last = errors.shape[1] - 1
     return [
         RunBlock(
             results.space.names,
@@ -74,6 +75,7 @@ def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> l
             belief=trials.belief(step, ok),
             diagnostics={name: array[ok, step] for name, array in trials.diagnostics.items()},
             draws=None if trials.draws is None else trials.draws[ok, step],
+            bounds=results.bounds.get(trials.beams) if step == last else None,
         )
         for step in range(errors.shape[1])
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 
 from ..consistency.formatting import beams_in_words, factor, format_number, scaled, unit
 from ..consistency.intervals import Interval
@@ -76,15 +77,18 @@ class _List:
         plain_numbers(axes.xaxis)
 
 
-def _bar(axes: Axes, interval: Interval, y: float, **style: object) -> None:
-    """A value with its interval across; an infinite one is told in words at the edge."""
-    value, low, high = interval
-    if not np.isfinite(value):
-        place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "center"}
+def _bars(axes: Axes, intervals: Sequence[Interval], heights: Sequence[float], **style: Any) -> None:
+    """Values with their intervals across, in one piece; an infinite one is told in words at the edge."""
+    place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "center"}
+    told = np.array([tuple(interval) for interval in intervals], dtype=float)  # value, low, high
+    finite = np.isfinite(told[:, 0])
+    for y in np.array(heights)[~finite]:
         axes.annotate("not finite", (0.98, y), fontsize=small(), **place)
+    if not finite.any():
         return
-    reach = np.nan_to_num([[value - low], [high - value]], nan=0.0, posinf=0.0)
-    axes.errorbar([value], [y], xerr=np.maximum(reach, 0.0), linestyle="none", capsize=2.5, **style)  # type: ignore[arg-type]
+    value, low, high = told[finite].T
+    reach = np.maximum(np.nan_to_num([value - low, high - value], nan=0.0, posinf=0.0), 0.0)
+    axes.errorbar(value, np.array(heights)[finite], xerr=reach, linestyle="none", capsize=2.5, **style)
 
 
 def draw_covariance(data: FigureData, sheet: Sheet) -> None:
@@ -100,11 +104,18 @@ def draw_covariance(data: FigureData, sheet: Sheet) -> None:
         sharey=True,
     )[:, 0]
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
-        for row, y in zip(listed.rows, listed.heights, strict=True):
-            claimed, true = (scaled(variance.sqrt(), factor(name)) for variance in (row.p[i], row.g[i]))
-            axes.plot([claimed.value, true.value], [y, y], color="0.6", linewidth=2.5, zorder=1)
-            _bar(axes, claimed, y, color=CLAIMED, label="claimed: root mean P", zorder=2, **HOLLOW)
-            _bar(axes, true, y, fmt="D", markersize=3.8, color=TRUE, label="true: root G", zorder=3)
+        claimed, true = (
+            [scaled(variance.sqrt(), factor(name)) for variance in of]
+            for of in ([row.p[i] for row in listed.rows], [row.g[i] for row in listed.rows])
+        )
+        ends = [
+            (one.value, other.value, y) for one, other, y in zip(claimed, true, listed.heights, strict=True)
+        ]
+        if known := [end for end in ends if np.isfinite(end).all()]:
+            left, right, heights = zip(*known, strict=True)
+            axes.hlines(heights, left, right, color="0.6", linewidth=2.5, zorder=1)
+        _bars(axes, claimed, listed.heights, color=CLAIMED, label="claimed: root mean P", zorder=2, **HOLLOW)
+        _bars(axes, true, listed.heights, fmt="D", markersize=3.8, color=TRUE, label="true: root G", zorder=3)
         axes.set_xscale("log")
         listed.name_rows(axes)
         label = f"standard deviation of {symbol(name)}, {unit(name)}"
@@ -127,13 +138,17 @@ def draw_anees(data: FigureData, sheet: Sheet) -> None:
     values = [end for row in rows for end in row.anees if np.isfinite(end) and end > 0]
     axes.set_xscale("log")
     axes.axvline(1.0, color="black", linewidth=1.0, linestyle="--", label="honest: 1")
+    bands = [
+        [(low, y - 0.42), (high, y - 0.42), (high, y + 0.42), (low, y + 0.42)]
+        for (low, high), y in zip([row.anees_band for row in rows], listed.heights, strict=True)
+    ]
+    axes.add_collection(PolyCollection(bands, label=CHI_SQUARE, **HATCHED))
+    label = "ANEES / n with 95 % interval"
+    anees = [row.anees for row in rows]
+    _bars(axes, anees, listed.heights, fmt="D", markersize=4.5, color=TRUE, label=label, zorder=3)
     for row, y in zip(rows, listed.heights, strict=True):
-        low, high = row.anees_band
-        axes.fill_betweenx([y - 0.42, y + 0.42], low, high, label=CHI_SQUARE, **HATCHED)
-        label = "ANEES / n with 95 % interval"
-        _bar(axes, row.anees, y, fmt="D", markersize=4.5, color=TRUE, label=label, zorder=3)
         if np.isfinite(row.anees.value):
-            end = max(row.anees.value, np.nan_to_num(row.anees.high), high)
+            end = max(row.anees.value, np.nan_to_num(row.anees.high), row.anees_band[1])
             axes.annotate(format_number(row.anees.value), (end, y), fontsize=small(), **BESIDE)
     first, last = min([0.5, *values]) / 1.4, max([2.0, *values]) * 2.2
     if sheet.panel_width is not None:  # the number beside the last value needs its share of the axis

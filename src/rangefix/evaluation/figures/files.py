@@ -8,17 +8,15 @@ from typing import Any
 
 from matplotlib import rc_context, rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from ..results import ResultsError
 
-FORMATS: dict[str, tuple[type[FigureCanvasAgg | FigureCanvasPdf | FigureCanvasSVG], dict[str, Any]]] = {
-    "png": (FigureCanvasAgg, {"Software": None}),
-    "svg": (FigureCanvasSVG, {"Date": None, "Creator": "rangefix"}),
-    "pdf": (FigureCanvasPdf, {"CreationDate": None, "Creator": "rangefix", "Producer": None}),
-}  # the canvas of each, and what it is not to tell: neither date nor version
+FORMATS: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": "rangefix"},
+    "pdf": {"CreationDate": None, "Creator": "rangefix", "Producer": None},
+}  # what each is not to tell: neither date nor version
 DPI = 50.0, 1200.0
 MOST_PIXELS = 20_000  # of a side
 
@@ -73,8 +71,6 @@ def to_png(figure: Figure) -> bytes:
 
 
 def _content(figure: Figure, suffix: str, dpi: float) -> bytes:
-    canvas, metadata = FORMATS[suffix]
     content = io.BytesIO()
-    canvas(figure)
-    figure.savefig(content, format=suffix, metadata=metadata, dpi=dpi)
+    figure.savefig(content, format=suffix, metadata=FORMATS[suffix], dpi=dpi)
     return content.getvalue()

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..results import (
+    BOUNDS,
     FIGURES,
     FILE,
     MANIFEST,
@@ -31,7 +32,7 @@ from ..results import (
 )
 
 LOCK = ".lock"
-OURS = (TIMING, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
+OURS = (TIMING, BOUNDS, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
 ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
 
 
@@ -165,6 +166,8 @@ def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) ->
     shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
     orphans = _orphans(folder, plan)
     files = [*shown, *orphans, folder / SUMMARY, folder / WORST_RUNS, *([folder / TIMING] if anew else [])]
+    if any(before["plan"].get(key) != now[key] for key in ("world", "beams")):
+        files.append(folder / BOUNDS)
     removed = ", ".join(
         text
         for text, found in (("the older figures and report", shown), (f"{len(orphans)} older parts", orphans))

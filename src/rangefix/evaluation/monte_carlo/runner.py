@@ -9,12 +9,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
+from ..bounds.catalogue import NAMES, bounds_of
+from ..bounds.document import document_of
 from ..comparison.worst_runs import worst_runs, worst_runs_csv
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..experiment import Experiment, NamedEstimator
 from ..isolation import Stage
 from ..results import (
+    BOUNDS,
     KEPT_DRAWS,
     MANIFEST,
     SCENE,
@@ -89,6 +92,7 @@ def run(
     command_line: Sequence[str] | None = None,
     resume: bool = True,
     timing: bool = True,
+    bounds: bool = False,
     force: bool = False,
     memory_gb: float | None = None,
     say: Callable[[str], None] | None = None,
@@ -114,6 +118,8 @@ def run(
         command_line: For the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
+        bounds: Whether to work out how good anybody could be, beside which the tables then set the
+            estimators. It may take minutes.
         force: Whether to remove the results of another study from the folder, and to replace a manifest there
             that is not ours. Nothing else is removed.
         memory_gb: Memory that the arrays may take, GB; half of the machine's unless given. It only refuses,
@@ -168,6 +174,8 @@ def run(
         with passing(tell_progress, "pictures of beliefs"):
             _save_scene(experiment, folder)
             save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
+        if bounds and not (resume and (folder / BOUNDS).exists()):
+            _save_bounds(experiment, plan, folder, tell_progress)
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
         with passing(tell_progress, "summary, worst runs", 2) as advance:
@@ -175,6 +183,15 @@ def run(
             advance()
             write_bytes(folder / WORST_RUNS, worst_runs_csv(worst_runs(results)).encode())
         return results.in_memory() if out is None else results
+
+
+def _save_bounds(experiment: Experiment, plan: FolderLayout, folder: Path, tell: Tell | None) -> None:
+    rows = []
+    with passing(tell, "bounds", len(plan.beams) * len(NAMES)) as advance:
+        for row in bounds_of(experiment):
+            rows.append(row)
+            advance()
+    write_json(folder / BOUNDS, document_of(rows, experiment, plan.world))
 
 
 def _simulate_all(

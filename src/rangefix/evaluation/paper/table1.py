@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ from ...arrays import Array
 from ...errors import one_line
 from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, position_space
 from ...filters.estimator import filtered
-from ...filters.point_mass import PointMassBelief, PointMassFilter
 from ...maps import RectangularRoom
 from ..results import ResultsError, read_json, read_npz, scene, write_json, write_npz
 from ..seeds import streams
+
+if TYPE_CHECKING:
+    from ...filters.point_mass import PointMassBelief, PointMassFilter
 
 WIDTH, LENGTH = 4.0, 6.0  # m
 TRUTH = (2.0, 3.0)  # m
@@ -156,6 +158,10 @@ def solve(draws: int = 1000, seed: int = 0) -> Paper:
         draws: Number of noise draws, each from a stream of its own.
         seed: Seed of the streams.
     """
+    from ...filters.point_mass import (
+        PointMassFilter,
+    )  # brings numba, which reading a saved table does not need
+
     problem, truth = example(), np.array(TRUTH)
     assert isinstance(problem.sensor, Rangefinder)
     exact = problem.sensor.expected(truth)

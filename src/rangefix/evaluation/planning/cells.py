@@ -19,6 +19,7 @@ MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
 ACCURACY = 0.1  # deviations by which the cells of a posterior may be off: plans average over many
 MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
+NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
 
@@ -158,12 +159,13 @@ def _counts(size: Array, is_angle: BoolArray, total: float) -> Array:
     return counts
 
 
-def posterior_cells(problem: Problem, readings: Array) -> list[Cells]:
+def posterior_cells(problem: Problem, readings: Array, pitch: Array | None = None) -> list[Cells]:
     """What readings leave of a problem's prior, run by run: cells that follow the readings.
 
     Args:
         problem: Its sensor has the beams that were read.
         readings: (M, B), m; inf = no return.
+        pitch: Cells are merged that are finer along each axis, (n,).
 
     Raises:
         ValueError: If measurements cannot be planned for the problem.
@@ -171,10 +173,9 @@ def posterior_cells(problem: Problem, readings: Array) -> list[Cells]:
     check_plannable(problem)
     still = replace(problem, motion=Stationary(problem.space))
     estimator = RefinedPointMassFilter(still, accuracy=ACCURACY, most_cells=MOST_CELLS)
-    rngs = [np.random.default_rng(0) for _ in readings]  # never drawn from
-    belief = estimator.update(estimator.init(problem.prior, rngs), readings, rngs)
-    found = []
-    for run in range(len(readings)):
-        centres, widths, logs = estimator.boxes(belief, run)
-        found.append(Cells.of(problem.space, centres, np.exp(logs - logs.max()), widths).heavy())
-    return found
+    found = (
+        Cells.of(problem.space, centres[held], np.exp(logs[held] - logs.max()), widths[held])
+        for centres, widths, logs in estimator.boxes_of_each(readings[:, None])
+        for held in [logs > logs.max() - NOTHING_NATS]
+    )
+    return [(cells if pitch is None else cells.merged(pitch)).heavy() for cells in found]

@@ -20,8 +20,8 @@ from ...arrays import Array, IntArray
 from ...filters import Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
 from .binning import bin_by_range, range_ends
-from .cells import Cells
-from .reading_table import ReadingTable, reading_table
+from .cells import Cells, beams_alike
+from .reading_table import ReadingTable, SharedTables, reading_table
 
 Criterion = Literal["trace", "det", "largest", "information"]
 CRITERIA: tuple[str, ...] = get_args(Criterion)
@@ -90,7 +90,9 @@ class Views:
         )
 
 
-def expected_covariance(belief: Cells, beams: Rangefinder, second: bool = False) -> ExpectedAccuracy:
+def expected_covariance(
+    belief: Cells, beams: Rangefinder, second: bool = False, tables: SharedTables | None = None
+) -> ExpectedAccuracy:
     """What is expected after one more reading of one beam, for each beam of a rangefinder.
 
     Args:
@@ -98,6 +100,7 @@ def expected_covariance(belief: Cells, beams: Rangefinder, second: bool = False)
         beams: Its beams are the directions that are compared, from the heading. Its limits, noise (any law,
             one for all beams or one for each) and blind sector count; a blind beam tells nothing.
         second: Whether E[det P] and E[largest eigenvalue] are worked out too, which takes longer.
+        tables: Of readings, to be shared by all beliefs that are asked about with beams of one rangefinder.
 
     Raises:
         ValueError: If the noise is too fine for the ranges.
@@ -107,7 +110,7 @@ def expected_covariance(belief: Cells, beams: Rangefinder, second: bool = False)
     parts = []
     for start in range(0, count, at_once):
         chosen = np.arange(start, min(start + at_once, count))
-        parts.append(after_views(belief, Views.of(belief, some_beams(beams, chosen)), second))
+        parts.append(after_views(belief, Views.of(belief, some_beams(beams, chosen)), second, tables))
     joined = [np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ExpectedAccuracy)]
     before = belief.covariance
     det, largest = np.linalg.det(before[:2, :2]), np.linalg.eigvalsh(before[:2, :2])[-1]
@@ -122,19 +125,26 @@ def some_beams(sensor: Rangefinder, beams: IntArray) -> Rangefinder:
     return replace(sensor, bearings=sensor.bearings[beams], noise=noise, blind_sector=0.0)
 
 
-def after_views(belief: Cells, views: Views, second: bool = False) -> ExpectedAccuracy:
+def after_views(
+    belief: Cells, views: Views, second: bool = False, tables: SharedTables | None = None
+) -> ExpectedAccuracy:
     """The same where ranges and slopes are known already: no ray is cast."""
     sensor, count = views.sensor, len(views.ranges)
-    noises = [noise_of_beams(sensor.noise, beam, count) for beam in range(count)]
     alike: dict[str, list[int]] = {}
-    for beam, noise in enumerate(noises):
-        alike.setdefault("" if noise is sensor.noise else repr(noise), []).append(beam)
+    noises = [sensor.noise] * count
+    if beams_alike(sensor):
+        alike[""] = list(range(count))
+    else:
+        noises = [noise_of_beams(sensor.noise, beam, count) for beam in range(count)]
+        for beam, noise in enumerate(noises):
+            alike.setdefault(repr(noise), []).append(beam)
     size = belief.space.size
     result = ExpectedAccuracy(np.empty((count, size, size)), *np.full((3, count), np.nan))
     low, high = range_ends(views.ranges, views.slopes, belief.widths)
     ends = (low, high) if low <= high else (0.0, 1.0)  # where no wall is met anywhere, any will do
-    for group in alike.values():
-        table = reading_table(sensor, noises[group[0]], *ends)
+    for label, group in alike.items():
+        noise = noises[group[0]]
+        table = tables.table(label, sensor, noise, *ends) if tables else reading_table(sensor, noise, *ends)
         columns = 1 + size + 3 * second
         at_once = max(1, VALUES_AT_ONCE // (columns * (table.bins + table.probability.shape[1])))
         for start in range(0, len(group), at_once):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ FARTHEST = 1e9  # widths
 TAIL = 1e-10  # probability of readings that may be left out
 READINGS_AT_ONCE = 128  # readings whose expected ranges are looked up together
 ZERO = 1e-18  # probability of a reading that counts as none
+SHARED_PARTS = 4.0  # of the ranges asked for: shared tables reach at most two of them further
+SHARED_TABLES, MOST_SHARED = 100, 500_000  # that are kept, and probabilities in each
 SHARPEN = 1 / 24  # Sheppard's correction: what bins blur, the table sharpens
 
 
@@ -67,6 +69,34 @@ class ReadingTable:
         if flat[:, -1].any():
             out += flat[:, -1:] * self.probability[-1]
         return out.reshape(*masses.shape[:-1], -1)
+
+
+@dataclass(frozen=True)
+class SharedTables:
+    """Tables of one rangefinder for many beliefs: reaching a little further than asked for, and kept."""
+
+    _kept: dict[tuple[str, float, float], ReadingTable] = field(default_factory=dict)
+
+    def table(self, beam: str, sensor: Rangefinder, noise: Noise, low: float, high: float) -> ReadingTable:
+        """The table of a beam.
+
+        Args:
+            beam: What tells beams with different noise apart.
+            sensor, noise, low, high: As for `reading_table`.
+
+        Raises:
+            ValueError: If the noise is too fine for the ranges.
+        """
+        pitch = 2.0 ** np.ceil(np.log2((high - low) / SHARED_PARTS)) if high > low else 1.0
+        ends = max(float(np.floor(low / pitch) * pitch), 0.0), float(np.ceil(high / pitch) * pitch)
+        if (beam, *ends) not in self._kept:
+            made = reading_table(sensor, noise, *ends)
+            if made.probability.size > MOST_SHARED:
+                return made
+            if len(self._kept) >= SHARED_TABLES:
+                self._kept.clear()
+            self._kept[(beam, *ends)] = made
+        return self._kept[(beam, *ends)]
 
 
 def reading_table(sensor: Rangefinder, noise: Noise, low: float, high: float) -> ReadingTable:

@@ -17,19 +17,26 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, IntArray
 from ...filters import Problem, Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
 from ..seeds import stream
 from .cells import Cells, check_plannable, posterior_cells, prior_cells, turned
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
 from .one_beam import noise_width
+from .reading_table import SharedTables
 
 Method = Literal["greedy", "exchange", "exhaustive"]
 METHODS: tuple[str, ...] = get_args(Method)
-FIRST_TRUTHS = 24  # with which all candidates are compared
-SECTORS = 40  # whose best candidates are compared with all truths: rare wrong modes need many
-PASSES = 2  # of exchange over all beams
+FIRST_TRUTHS = 16  # with which many candidates are compared, and by which more are added
+COARSE_CANDIDATES = 130  # that are compared at first, where there are more
+FINE_PLACES = 12  # of them, about which all are
+SECTORS, FINALISTS = 40, 20  # whose best candidates, and how many of these, meet more truths: for rare modes
+CLEARLY = 3.0  # standard errors of the difference on the same truths
+WORTH = 0.002  # of the criterion: a difference that does not matter
+FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the best of these by usual cells
+PICTURED = 8  # truths over which the objective of all candidates is averaged, for pictures
+PASSES = 3  # of exchange over all beams
 MOST_SETS = 2000  # of beams, in an exhaustive search
 MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
 Tell = Callable[[str], None]
@@ -126,7 +133,9 @@ class Planner:
         pitch = MERGED * min(noise_width(noise, 0.0, reach) for noise in noises)
         return np.where(self.problem.space.is_angle, pitch / (0.25 * reach), pitch)
 
-    def plan(self, beams: int, method: Method = "exchange", adaptive: bool = False) -> Plan:
+    def plan(
+        self, beams: int, method: Method = "exchange", adaptive: bool = False, everywhere: bool = True
+    ) -> Plan:
         """Choose so many beams.
 
         Args:
@@ -134,6 +143,7 @@ class Planner:
             method: greedy, one after the other; exchange, which then tries to better each in turn; or
                 exhaustive, all sets of candidates.
             adaptive: Whether each is chosen after the readings before it are known; then by itself.
+            everywhere: Whether the objective is worked out for all candidates, for pictures.
 
         Raises:
             ValueError: If there are fewer candidates, or too many sets of them for an exhaustive search.
@@ -149,7 +159,7 @@ class Planner:
         chosen = self._exhaustive(beams) if method == "exhaustive" else self._greedy(beams)
         if method == "exchange" and beams > 1:
             chosen = self._exchange(chosen)
-        return Plan(self.candidates, self.criterion, method, False, tuple(self.steps_of(chosen)))
+        return Plan(self.candidates, self.criterion, method, False, tuple(self.steps_of(chosen, everywhere)))
 
     def steps_of(self, chosen: Sequence[int], everywhere: bool = True) -> list[Step]:
         """What is expected after each of some candidates, in their order.
@@ -163,16 +173,18 @@ class Planner:
             self.tell(f"what is expected after beam {count + 1} of {len(chosen)}")
             objective = np.full(len(self.candidates), np.nan)
             if count == 0:
-                found = self._after_first
-                objective = found.objective(self.criterion)
-                covariance, values = found.covariance[last], objective[[last]]
+                objective = self._after_first.copy()
+                found = self._after(self.prior, [last])
+                covariance, values = found.covariance[0], found.objective(self.criterion)
+                objective[last] = values[0]
             else:
-                beliefs = self._beliefs(chosen[:count], 2 * self.truths, f"accuracy {count}")
+                truths = self.truths * (2 if count == len(chosen) - 1 else 1)
+                beliefs = self._beliefs(chosen[:count], 0, truths, f"accuracy {count}")
                 results = [self._after(belief, [last]) for belief in beliefs]
                 covariance = np.mean([each.covariance[0] for each in results], axis=0)
                 values = np.array([each.objective(self.criterion)[0] for each in results])
                 if everywhere:
-                    some = beliefs[: FIRST_TRUTHS // 3]
+                    some = beliefs[:PICTURED]
                     objective = np.mean([self._objective(belief) for belief in some], axis=0)
             error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
             bearing = float(self.candidates[last])
@@ -183,48 +195,114 @@ class Planner:
         return -value if self.criterion == "information" else value
 
     @cached_property
-    def _after_first(self) -> ExpectedAccuracy:
-        """What each candidate brings as the only beam: exact."""
-        return expected_covariance(self.prior, self.sensor, self._second)
+    def _after_first(self) -> Array:
+        """The criterion after each candidate as the only beam, (D,): of the best ones by fine cells."""
+        few = prior_cells(self.problem, FEW_CELLS)
+        found = expected_covariance(few, self.sensor, self._second).objective(self.criterion)
+        best = np.argsort(found)[:FINE_CANDIDATES]
+        found[best] = self._objective(self.prior, best.tolist())
+        return found
 
     @property
     def _second(self) -> bool:
         return self.criterion in ("det", "largest")
 
+    @cached_property
+    def _tables(self) -> SharedTables:
+        return SharedTables()
+
     def _after(self, belief: Cells, beams: Sequence[int] | None = None) -> ExpectedAccuracy:
         """What some candidates, or all, bring to a belief."""
         sensor = self.sensor if beams is None else some_beams(self.sensor, np.asarray(beams))
-        return expected_covariance(belief, sensor, self._second)
+        return expected_covariance(belief, sensor, self._second, self._tables)
 
     def _objective(self, belief: Cells, beams: Sequence[int] | None = None) -> Array:
         return self._after(belief, beams).objective(self.criterion)
 
-    def _beliefs(self, chosen: Sequence[int], truths: int, purpose: str) -> list[Cells]:
-        """What is believed after some beams, for truths drawn afresh for each purpose."""
-        rng = stream(self.seed, f"plan {purpose}", 0)
-        states = self.problem.prior.sample(truths, rng)
-        problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
-        found = posterior_cells(problem, problem.sensor.sample(states, rng))
-        return [cells.merged(self._pitch) for cells in found]
+    def _summed(self, beliefs: Sequence[Cells], beams: Sequence[int]) -> Array:
+        """The objective of some candidates, summed over beliefs."""
+        return np.asarray(np.sum([self._objective(belief, beams) for belief in beliefs], axis=0))
 
-    def _best(self, chosen: Sequence[int], purpose: str) -> int:
-        """The candidate that brings most: all on a few truths, then the best of each sector on more."""
-        beliefs = self._beliefs(chosen, self.truths, purpose)
-        few = np.sum([self._objective(belief) for belief in beliefs[:FIRST_TRUTHS]], axis=0)
-        few[list(chosen)] = np.inf
-        sectors = np.array_split(np.arange(len(few)), min(SECTORS, len(few)))
-        short = np.array([sector[np.argmin(few[sector])] for sector in sectors])
-        rest = [self._objective(belief, short.tolist()) for belief in beliefs[FIRST_TRUTHS:]]
-        return int(short[np.argmin(few[short] + np.sum(rest, axis=0))])
+    def _beliefs(self, chosen: Sequence[int], first: int, end: int, purpose: str) -> list[Cells]:
+        """What is believed after some beams, of truths `first` to `end` - 1, the same for a purpose."""
+        states = self.problem.prior.sample(end, stream(self.seed, f"plan {purpose}", 0))
+        problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
+        readings = [self._read(states, beam, purpose) for beam in chosen]
+        return posterior_cells(problem, np.stack(readings, axis=1)[first:], self._pitch)
+
+    def _read(self, states: Array, beam: int, purpose: str) -> Array:
+        """Readings of a candidate at some states, m, (M,): the same whatever other beams are read."""
+        rng = stream(self.seed, f"plan {purpose} {beam}", 0)
+        return np.asarray(some_beams(self.sensor, np.array([beam])).sample(states, rng)[:, 0])
+
+    @cached_property
+    def _best_known(self) -> dict[frozenset[int], int]:
+        """What `_best` has found, by the beams that were chosen before."""
+        return {}
+
+    def _best(self, chosen: Sequence[int], instead: int | None = None) -> int:
+        """The candidate that brings most beside others, or one that brings hardly less.
+
+        Some candidates, and then those about the best of these, on a few truths; of the best of each sector
+        those that are not clearly worse on more. The truths are the same whatever is chosen.
+
+        Args:
+            chosen: The others.
+            instead: What is taken unless another is better by more than WORTH.
+        """
+        known, key = self._best_known, frozenset(chosen)
+        if key not in known:
+            count, first = len(self.candidates), min(FIRST_TRUTHS, self.truths)
+            beliefs = self._beliefs(chosen, 0, first, "choice")
+            found, coarse = np.full(count, np.inf), _coarse(count)
+            found[coarse] = self._summed(beliefs, coarse.tolist())
+            if len(coarse) < count:
+                near = _near(coarse, found[coarse], FINE_PLACES, count)
+                found[near] = self._summed(beliefs, near.tolist())
+            found[list(chosen)] = np.inf
+            sectors = np.array_split(np.arange(count), min(SECTORS, count))
+            short = np.array([sector[np.argmin(found[sector])] for sector in sectors])
+            short = short[np.isfinite(found[short])]
+            short = short[np.argsort(found[short])[:FINALISTS]]
+            if instead is not None and instead not in short:
+                short = np.append(short, instead)
+            known[key] = self._race(chosen, beliefs, short, instead)
+        return known[key]
+
+    def _race(
+        self, chosen: Sequence[int], beliefs: list[Cells], finalists: IntArray, instead: int | None
+    ) -> int:
+        """The best of some candidates; ever more truths decide between those that are not clearly worse."""
+        values = np.array([self._objective(belief, finalists.tolist()) for belief in beliefs])
+        while len(values) < self.truths:
+            best = int(values.mean(axis=0).argmin())
+            behind = values - values[:, [best]]
+            sure = behind.std(axis=0, ddof=1) / np.sqrt(len(values))
+            slack = WORTH * abs(values[:, best].mean())
+            left = behind.mean(axis=0) <= CLEARLY * sure + slack
+            left |= finalists == (-1 if instead is None else instead)
+            finalists, values = finalists[left], values[:, left]
+            if left.sum() == 1 or (behind.mean(axis=0) + CLEARLY * sure <= slack)[left].all():
+                break
+            end = min(len(values) + FIRST_TRUTHS, self.truths)
+            more = self._beliefs(chosen, len(values), end, "choice")
+            found = [self._objective(belief, finalists.tolist()) for belief in more]
+            values = np.concatenate([values, found])
+        means = values.mean(axis=0)
+        best = int(means.argmin())
+        if instead in finalists:
+            own = int(np.flatnonzero(finalists == instead)[0])
+            best = own if means[own] <= means[best] + WORTH * abs(means[best]) else best
+        return int(finalists[best])
 
     def _greedy(self, beams: int) -> list[int]:
         chosen: list[int] = []
         for count in range(beams):
             self.tell(f"choosing beam {count + 1} of {beams}")
             if count == 0:
-                chosen.append(int(np.argmin(self._after_first.objective(self.criterion))))
+                chosen.append(int(np.argmin(self._after_first)))
             else:
-                chosen.append(self._best(chosen, f"beam {count}"))
+                chosen.append(self._best(chosen))
         return chosen
 
     def _exchange(self, chosen: list[int]) -> list[int]:
@@ -234,9 +312,9 @@ class Planner:
             for place in range(len(chosen)):
                 self.tell(f"exchange {turn + 1}: beam {place + 1} of {len(chosen)}")
                 others = chosen[:place] + chosen[place + 1 :]
-                other = self._best(others, f"exchange {turn} {place}")
+                other = self._best(others, chosen[place])
                 if other != chosen[place]:
-                    beliefs = self._beliefs(others, self.truths, f"check {turn} {place}")
+                    beliefs = self._beliefs(others, 0, self.truths, f"check {turn} {place}")
                     pairs = np.array([self._objective(belief, [other, chosen[place]]) for belief in beliefs])
                     if pairs[:, 0].mean() < pairs[:, 1].mean():
                         chosen = [*others[:place], other, *others[place:]]
@@ -246,10 +324,10 @@ class Planner:
 
     def _ordered(self, chosen: list[int]) -> list[int]:
         """A set of beams in the order in which each brings most."""
-        first = min(chosen, key=lambda each: float(self._after_first.objective(self.criterion)[each]))
+        first = min(chosen, key=lambda each: float(self._after_first[each]))
         ordered, left = [first], [each for each in chosen if each != first]
         while len(left) > 1:
-            beliefs = self._beliefs(ordered, self.truths, f"order {len(ordered)}")
+            beliefs = self._beliefs(ordered, 0, FIRST_TRUTHS, "order")
             brought = np.mean([self._objective(belief, left) for belief in beliefs], axis=0)
             ordered.append(left.pop(int(np.argmin(brought))))
         return ordered + left
@@ -267,7 +345,7 @@ class Planner:
         for others in combinations(range(count - 1), beams - 1):
             self.tell(f"sets with candidates {', '.join(str(each + 1) for each in others)}")
             last = list(range(others[-1] + 1, count))
-            beliefs = self._beliefs(others, self.truths, "exhaustive")
+            beliefs = self._beliefs(others, 0, self.truths, "choice")
             values = np.mean([self._objective(belief, last) for belief in beliefs], axis=0)
             if values.min() < best:
                 best, chosen = float(values.min()), [*others, last[int(np.argmin(values))]]
@@ -280,27 +358,70 @@ class Planner:
         rng = stream(self.seed, "plan adaptive", 0)
         states = self.problem.prior.sample(self.truths, rng)
         chosen = [list(first) for _ in states]
-        readings = [self._read(state, first, rng) for state in states]
+        readings = [self._read_at(state, first[0], rng) for state in states]
         for count in range(1, beams):
             self.tell(f"choosing beam {count + 1} of {beams}, after the readings before it")
             covariances, values, shown = [], [], np.zeros(len(self.candidates))
-            for state, mine, read in zip(states, chosen, readings, strict=True):
-                problem = replace(self.problem, sensor=some_beams(self.sensor, np.array(mine)))
-                [belief] = posterior_cells(problem, np.array([read]))
-                found = self._after(belief.merged(self._pitch))
-                objective = found.objective(self.criterion)
-                best = int(np.argmin(objective))
-                covariances.append(found.covariance[best])
+            for place, (state, mine) in enumerate(zip(states, chosen, strict=True)):
+                belief = self.belief_after(mine, readings[place])
+                best, covariance, objective = self.next_beam(belief)
+                covariances.append(covariance)
                 values.append(float(objective[best]))
                 shown += objective / len(states)
                 mine.append(best)
-                read.extend(self._read(state, [best], rng))
+                readings[place] = np.append(readings[place], self._read_at(state, best, rng))
             error = float(np.std(values, ddof=1) / np.sqrt(len(values)))
             value = self._shown(float(np.mean(values)))
             steps.append(Step(None, np.mean(covariances, axis=0), value, error, shown))
         return steps
 
-    def _read(self, state: Array, beams: Sequence[int], rng: Generator) -> list[float]:
-        """Readings of some candidates at a state, m."""
-        reading: list[float] = some_beams(self.sensor, np.asarray(beams)).sample(state, rng).tolist()
-        return reading
+    def belief_after(self, chosen: Sequence[int], readings: Array) -> Cells:
+        """What is believed after readings of some candidates.
+
+        Args:
+            chosen: Their places among the candidates, b of them; one may stand several times.
+            readings: m, (b,).
+        """
+        problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
+        [belief] = posterior_cells(problem, np.asarray(readings)[None], self._pitch)
+        return belief
+
+    def next_beam(self, belief: Cells) -> tuple[int, Array, Array]:
+        """The candidate that brings most to a belief.
+
+        Returns:
+            Its place among the candidates, E[P] after it, (n, n), and the objective, (D,): of candidates that
+            were not looked at, for others nearby brought less, what lies between those about them.
+        """
+        count = len(self.candidates)
+        coarse = _coarse(count)
+        found = self._after(belief, coarse.tolist())
+        objective, looked_at = found.objective(self.criterion), coarse
+        covariances = found.covariance
+        if len(coarse) < count:
+            near = _near(coarse, objective, FINE_PLACES // 4, count)
+            more = self._after(belief, near.tolist())
+            looked_at = np.concatenate([coarse, near])
+            objective = np.concatenate([objective, more.objective(self.criterion)])
+            covariances = np.concatenate([covariances, more.covariance])
+        best, order = int(np.argmin(objective)), np.argsort(looked_at)
+        between = np.interp(np.arange(count), looked_at[order], objective[order])
+        return int(looked_at[best]), covariances[best], between
+
+    def _read_at(self, state: Array, beam: int, rng: Generator) -> Array:
+        """A reading of a candidate at a state, m, (1,)."""
+        return np.asarray(some_beams(self.sensor, np.array([beam])).sample(state, rng))
+
+
+def _coarse(count: int) -> IntArray:
+    """Places of the candidates that are compared at first, evenly among so many."""
+    stride = max(1, count // COARSE_CANDIDATES)
+    return np.arange(count)[stride // 2 :: stride]
+
+
+def _near(coarse: IntArray, found: Array, places: int, count: int) -> IntArray:
+    """All candidates about the best of the coarse ones, but for these."""
+    stride = int(coarse[1] - coarse[0])
+    best = coarse[np.argsort(found)[:places], None]
+    near = np.unique(np.clip(best + np.arange(1 - stride, stride), 0, count - 1))
+    return np.setdiff1d(near, coarse)

@@ -103,14 +103,29 @@ class Table(NamedTuple):
 
 
 def overview(rows: Sequence[Row]) -> Table:
-    """True and claimed standard deviations, ANEES / n, energy score and time."""
-    stds = [f"std of {name}, {unit(name)}: true / claimed" for name in rows[0].names]
-    columns = ["ok", *stds, "ANEES / n", "energy score, m", "ms per update"]
+    """True and claimed standard deviations, those of bounds and efficiencies, ANEES / n, score and time."""
+    bounded = any(row.bound is not None for row in rows)
+    told = "bound / true / claimed" if bounded else "true / claimed"
+    stds = [f"std of {name}, {unit(name)}: {told}" for name in rows[0].names]
+    shown = dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal"))
+    figures = [(metric, name) for metric, name in shown if name]
+    columns = [
+        "ok",
+        *stds,
+        *(metric.full_label(name) for metric, name in figures),
+        "ANEES / n",
+        "energy score, m",
+        "ms per update",
+    ]
 
     def cells(row: Row) -> list[Cell]:
         return [
             Cell(str(row.ok) if row.ok == row.planned else f"{row.ok} of {row.planned}"),
-            *(Cell(stds if row.ok else "-") for stds in row.pairs_of_stds(row.g, row.p)),
+            *(Cell(stds if row.ok else "-") for stds in row.stds_beside_bound(bounded)),
+            *(
+                Cell.of(metric.in_shown_unit(row.figures.get(metric.column(name), UNKNOWN), name))
+                for metric, name in figures
+            ),
             Cell.of(row.anees),
             Cell.of(row.scores.energy),
             Cell(row.milliseconds_range),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from ...arrays import Array
 from ..comparison.worst_runs import MOST_RUNS_KEPT, WorstRun
@@ -59,6 +58,8 @@ def where_it_fails(results: Results, runs: Sequence[WorstRun], steps: int) -> Wh
         runs: Its worst runs, by estimator and beams.
         steps: Measurements in a run.
     """
+    from scipy.special import chdtri
+
     if not runs:
         return None
     by_estimator = {

@@ -12,6 +12,7 @@ from .files import (
     write_json,
 )
 from .folder import (
+    BOUNDS,
     FIGURES,
     MANIFEST,
     REPORT,
@@ -42,4 +43,5 @@ from .outcome import (
 )
 from .parts import Part, if_valid, outcome_of, part_arrays, read_if_valid, read_trials, read_world
 from .results import MAX_RUNS_IN_MEMORY, Results, load, read_timing
+from .saved_bounds import SavedBounds
 from .trials import InMemory, Source, Trials

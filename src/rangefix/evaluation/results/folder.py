@@ -17,6 +17,7 @@ FORMAT = 2
 MANIFEST = "manifest.json"
 TIMING = "timing.json"
 SCENE = "scene.npz"
+BOUNDS = "bounds.json"
 SUMMARY = "summary.csv"
 WORST_RUNS = "worst_runs.csv"
 REPORT = "report.html"

@@ -18,11 +18,12 @@ from ...filters import StateSpace
 from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json
-from .folder import MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
+from .folder import BOUNDS, MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
 from .notebook import html_table
 from .npz import read_npz
 from .outcome import LARGEST
 from .parts import check_size
+from .saved_bounds import SavedBounds, read_bounds
 from .schema import SCENE_FORMS, check_manifest, check_timing
 from .trials import InFolder, InMemory, Source, Trials
 
@@ -43,6 +44,7 @@ class Results:
         timing: (estimator, beams) -> seconds per update and run: the median of several passes.
         timing_range: (estimator, beams) -> the least and the greatest of the passes, s.
         scene: Walls, free space, prior, beams to draw: see `map_snapshot.py`; empty if it was not saved.
+        bounds: Label of a set of beams -> how good anybody could be; empty unless `rangefix bounds` saved it.
         folder: Where they are saved, if anywhere.
     """
 
@@ -55,6 +57,7 @@ class Results:
     timing: Mapping[tuple[str, str], float] = field(default_factory=dict)
     timing_range: Mapping[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    bounds: Mapping[str, SavedBounds] = field(default_factory=dict)
     folder: Path | None = None
 
     def __repr__(self) -> str:
@@ -163,6 +166,7 @@ def load(folder: Path | str) -> Results:
             for pair, row in timed.items()
         },
         scene=_scene(folder / SCENE, plan.shape[2]),
+        bounds=read_bounds(folder / BOUNDS, plan),
         folder=folder,
     )
     return replace(results, source=results.in_memory().source) if plan.runs <= MAX_RUNS_IN_MEMORY else results

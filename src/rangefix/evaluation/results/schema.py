@@ -140,6 +140,34 @@ class Timed(_Document):
     seconds_high: Annotated[float, Field(ge=0, le=LONGEST_S)] | None = None
 
 
+Variance = Annotated[float, Field(ge=0, le=1e100)]
+
+
+class BoundsOfSet(_Document):
+    """How good anybody could be with a set of beams: see `SavedBounds`."""
+
+    optimum: list[Variance] | None
+    bound: list[Variance | None]
+    bound_names: list[Label]
+
+    @model_validator(mode="after")
+    def _fits(self) -> BoundsOfSet:
+        lists = (self.optimum or self.bound, self.bound, self.bound_names)
+        if len({len(each) for each in lists}) > 1:
+            raise ValueError("lists are not of the same components")
+        return self
+
+
+class Bounds(_Document):
+    """The document of bounds."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    world: Hash
+    names: list[Label]
+    sets: dict[str, BoundsOfSet]
+    rows: list[dict[str, Any]]
+
+
 class Timings(BaseModel):
     """Key -> what was timed."""
 
@@ -165,6 +193,15 @@ def check_timing(path: Path, document: Any) -> None:
         ResultsError: As for `check_manifest`.
     """
     _check(Timings, path, {"rows": document}, skip=1)
+
+
+def check_bounds(path: Path, document: Any) -> None:
+    """Check what the document of bounds holds.
+
+    Raises:
+        ResultsError: As for `check_manifest`.
+    """
+    _check(Bounds, path, document)
 
 
 def _check(model: type[BaseModel], path: Path, document: Any, skip: int = 0) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri
 
 from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
@@ -26,6 +25,8 @@ def evidence_floor(sensor: Sensor, measurement: Array) -> Array:
     the step. For other noise the chi-square law gives way to the gamma law of the same mean and variance
     of an honest reading's shortfall.
     """
+    from scipy.special import chdtri
+
     mean, variance, counted = _shortfall(sensor, measurement)
     fit = measurement - reading_bias(sensor.noise)
     best = np.cumsum(sensor.log_density(measurement, fit), axis=1)

@@ -41,6 +41,7 @@ FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move 
 DRAWS_ASKED = 20_000  # that show what the modes found hold nothing of
 DRAWS_FOLLOWED = 48  # of those, at once
 DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
+MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
@@ -57,6 +58,7 @@ class AdaptiveBelief:
         posterior: Where it is; None before the first measurement after a move.
         log_evidence: Of all that was measured before `prior`, nats.
         possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
+        inherited: Error of mean and covariance before the last move, deviations; at most 1.
     """
 
     prior: Prior | Predicted
@@ -65,6 +67,7 @@ class AdaptiveBelief:
     posterior: Quadrature | None
     log_evidence: float
     possible: bool = True
+    inherited: float = 0.0
 
     def __repr__(self) -> str:
         if self.posterior is None:
@@ -144,7 +147,10 @@ class AdaptivePointMassFilter(BriefRepr):
         prior = predict_modes(self._finer(belief, before, control), self.problem.motion, control)
         check = predict_modes(before.checks or before.modes, self.problem.motion, control, coarse=True)
         evidence = self._evidence(belief, before)
-        return AdaptiveBelief(prior, check, belief.measurements[:0], None, evidence, belief.possible)
+        inherited = min(self.error(belief), MOST_INHERITED)
+        return AdaptiveBelief(
+            prior, check, belief.measurements[:0], None, evidence, belief.possible, inherited
+        )
 
     def update(self, belief: AdaptiveBelief, measurement: Array, rng: Generator) -> AdaptiveBelief:
         """Bayes' rule for a measurement (B,); NaN = beam not measured, inf = no return.
@@ -177,10 +183,17 @@ class AdaptivePointMassFilter(BriefRepr):
         return Estimate(mean, covariance, self._evidence(belief, cells) if belief.possible else -np.inf)
 
     def error(self, belief: AdaptiveBelief) -> float:
-        """Numerical error of mean and covariance in deviations, by lattices that did not make them."""
+        """Numerical error of mean and covariance in deviations, by lattices that did not make them.
+
+        What was off before a move is still off after it, as far as measurements have not made up for it.
+        """
         if not belief.possible or (belief.posterior is None and not isinstance(belief.prior, Predicted)):
             return 0.0
-        return self._cells(belief).error
+        cells, inherited = self._cells(belief), belief.inherited
+        if inherited > 0 and belief.posterior is not None and isinstance(belief.prior, Predicted):
+            std = np.sqrt(np.diagonal(cells.moments.covariance))
+            inherited *= min(1.0, float((std / belief.prior.deviations).max()))
+        return float(np.hypot(cells.error, inherited))
 
     def resultant(self, belief: AdaptiveBelief) -> float:
         """Length of the mean resultant vector of the heading: see `CanTellDirection`.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray
-from ...compiled import njit, prange
+from ...compiled import in_threads, njit
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
@@ -59,7 +59,7 @@ def log_reached(states: Array, gaussians: Gaussians, ends: Array, starts: Array,
     """
     result, closeness = np.empty(len(states)), 1 / fans
     for part, logs in _exponents(states, gaussians):
-        _sum_reached(logs, ends[part], starts, closeness, result[part])
+        in_threads(_sum_reached, len(logs), logs.size, logs, ends[part], starts, closeness, result[part])
     return result
 
 
@@ -115,10 +115,12 @@ def _clear(step1: float, step2: float, closeness: Array) -> bool:
     return bool(math.sqrt(step1 * step1 + step2 * step2) * wall <= 1.0)
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _sum_reached(logs: Array, ends: Array, starts: Array, closeness: Array, result: Array) -> None:
-    """Logs of sums of exp(logs), (N, K) -> (N,), over those k alone from which an end is reached."""
-    for place in prange(logs.shape[0]):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_reached(
+    first: int, last: int, logs: Array, ends: Array, starts: Array, closeness: Array, result: Array
+) -> None:
+    """Logs of sums of exp(logs), (N, K) -> (N,), of some rows, over the k from which an end is reached."""
+    for place in range(first, last):
         top, total = -math.inf, 0.0
         for k in range(logs.shape[1]):
             log = logs[place, k]

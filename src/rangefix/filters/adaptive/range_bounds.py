@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
-from ...compiled import njit, prange
+from ...compiled import in_threads, njit
 from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Sensor
 from .target import CAP
@@ -323,22 +323,23 @@ def shortfall_bounds(
     order = beam_order(measured)
     limits = table.limit(np.arange(1, len(order) + 1), margin)
     bounds = np.full((len(table.centres), len(table.headings)), np.inf, dtype=np.float32)
-    _bound(table, order, readings, penalty, limits, bounds)
+    work = bounds.size * len(order)
+    in_threads(_bound, len(bounds), work, table, order, readings, penalty, limits, bounds)
     return bounds
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bound(
-    table: SearchTable, order: IntArray, readings: IntArray, penalty: NDArray[np.float32], limits: Array,
-    bounds: NDArray[np.float32],
+    first: int, end: int, table: SearchTable, order: IntArray, readings: IntArray,
+    penalty: NDArray[np.float32], limits: Array, bounds: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Sum the least penalties of each cell and heading, as long as they stay within the limits.
+    """Sum the least penalties of some cells at each heading, as long as they stay within the limits.
 
     The s(C) of point 1 of docs/theory.md, "Adaptive cells".
     """
     low, high, columns = table.low, table.high, table.columns
     last = penalty.shape[1] - 1
-    for cell in prange(low.shape[0]):
+    for cell in range(first, end):
         for heading in range(columns.shape[0]):
             total = 0.0
             for k in range(order.size):

@@ -15,15 +15,18 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import njit
-from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass, lowest
-from .partition import cut_by
+from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass, lowest, rising
+from .partition import copy_corners, cut_by
 
 FINE_SCALES = 12.0  # half-width of the fine part of a table
 FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
 FARTHEST_SCALES = 1e8  # from a table's centre to its last node
+COARSE_STEP = math.log(FARTHEST_SCALES / FINE_SCALES) / COARSE_NODES  # log of the ratio of coarse nodes
+LEAST_SHARE = 1e-3  # of a cell, within which a table's end may be off
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
+STACK = 512  # parts that wait; halving them one after the other takes no more than their depth
 JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
 FLOOR_NATS = -1e8  # what tables hold where a reading cannot be
 IMPOSSIBLE_NATS = -1e7  # at this and less it cannot
@@ -57,7 +60,7 @@ class Tables(NamedTuple):
 def offsets() -> Array:
     """Offsets of a table's nodes from its centre, in scales, (N,)."""
     fine = np.linspace(0.0, FINE_SCALES, FINE_NODES + 1)
-    growth = np.log(FARTHEST_SCALES / FINE_SCALES) * np.arange(1, COARSE_NODES + 1) / COARSE_NODES
+    growth = COARSE_STEP * np.arange(1, COARSE_NODES + 1)
     return np.concatenate([fine, FINE_SCALES * np.exp(growth)])
 
 
@@ -86,6 +89,7 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
     away = np.maximum(nodes * scales, 1e-9 * scales)  # a density may jump at the centre
     above = np.ascontiguousarray(floored(centres + away).T)
     below = np.ascontiguousarray(floored(np.maximum(centres - away, 0.0)).T)
+    _reach_zero(below, centres / scales)
     no_wall = floored(np.full((1, len(centres)), np.inf))[0]
     above[~measured], below[~measured], no_wall[~measured] = 0.0, 0.0, 0.0
     bounds = (
@@ -96,6 +100,21 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
     )
 
 
+def _reach_zero(below: Array, ends: Array) -> None:
+    """Set the first node beyond an expected range of zero so that tables are right up to there.
+
+    Args:
+        below: Tables (K, N) whose nodes beyond zero hold what is true at zero.
+        ends: The offset of zero in each, in scales, (K,).
+    """
+    for table, end in zip(below, ends, strict=True):
+        place = float(_place(float(end)))
+        index = int(place)
+        share = _share_of_cell(place)
+        if share > LEAST_SHARE:
+            table[index + 1] = table[index] + (table[index + 1] - table[index]) / share
+
+
 def joined(layers: Sequence[Tables]) -> Tables:
     """The tables of several sets of readings, without those that say nothing."""
     parts = [np.concatenate(arrays) for arrays in zip(*layers, strict=True)]
@@ -103,7 +122,7 @@ def joined(layers: Sequence[Tables]) -> Tables:
     return Tables(*(np.ascontiguousarray(part[kept]) for part in parts))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _look_up(tables: Tables, which: int, rho: float) -> float:
     """The log density of a beam at an expected range."""
     if rho == np.inf:
@@ -113,21 +132,39 @@ def _look_up(tables: Tables, which: int, rho: float) -> float:
         return 0.0
     u = (rho - tables.centres[which]) / scale
     table = tables.above[which] if u >= 0 else tables.below[which]
-    place = _place(abs(u))
-    index = int(place)
-    share = place - index
-    return float(table[index] + share * (table[index + 1] - table[index]))
+    return _interpolated(table, abs(u))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _place(u: float) -> float:
     if u < FINE_SCALES:
         return u * (FINE_NODES / FINE_SCALES)
-    coarse = COARSE_NODES / math.log(FARTHEST_SCALES / FINE_SCALES) * math.log(u / FINE_SCALES)
-    return FINE_NODES + min(coarse, COARSE_NODES - 1e-6)
+    return FINE_NODES + min(math.log(u / FINE_SCALES) / COARSE_STEP, COARSE_NODES - 1e-6)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _interpolated(table: Array, u: float) -> float:
+    """A table at an offset: beyond the fine part linear in its square, as a Gaussian's log density is."""
+    place = _place(u)
+    index = int(place)
+    return float(table[index] + _share_of_cell(place) * (table[index + 1] - table[index]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share_of_cell(place: float) -> float:
+    share = place - int(place)
+    if place < FINE_NODES:
+        return share
+    return math.expm1(2 * COARSE_STEP * share) / math.expm1(2 * COARSE_STEP)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most_beyond(table: Array, bound: Array, u: float) -> float:
+    """The greatest value of a table at an offset and farther out."""
+    return float(max(_interpolated(table, u), bound[int(_place(u)) + 1]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _most(tables: Tables, which: int, low: float, high: float) -> float:
     """A bound on the log density of a beam whose expected range lies between two."""
     if low == np.inf:
@@ -137,9 +174,9 @@ def _most(tables: Tables, which: int, low: float, high: float) -> float:
         return 0.0
     u, v = (low - tables.centres[which]) / scale, (high - tables.centres[which]) / scale
     if u > 0:
-        return float(tables.bound_above[which, int(_place(u))])
+        return _most_beyond(tables.above[which], tables.bound_above[which], u)
     if v < 0:
-        return float(tables.bound_below[which, int(_place(-v))])
+        return _most_beyond(tables.below[which], tables.bound_below[which], -v)
     return float(max(tables.bound_above[which, 0], tables.bound_below[which, 0]))
 
 
@@ -164,7 +201,6 @@ def nodes_for(room: int) -> Nodes:
     return Nodes(np.empty((room, 6)), np.empty((room, 2)), np.empty(room), np.zeros(1, dtype=np.int64))
 
 
-@njit(cache=True, nogil=True)
 def moments_of_any(
     pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, mean: Array, covariance: Array
 ) -> float:
@@ -181,23 +217,37 @@ def moments_of_any(
     Returns:
         The log integral; -inf where no piece is possible.
     """
-    count, most = len(tables.centres), pieces.corners.shape[1] + 24
-    stack, sizes = np.empty((256, most, 2)), np.empty(256, np.int64)
-    one, two = np.empty((most, 2)), np.empty((most, 2))
-    bounds, variation, level, across = np.empty(256), np.empty(256), np.empty(256), np.empty(256, np.int64)
-    out = np.empty(6)
-    order = np.empty(len(pieces.counts))
-    for piece in range(len(pieces.counts)):
-        order[piece] = -pieces.log_areas[piece]
-        for which in range(count):
+    limits = np.empty(len(pieces.counts))
+    _limit(pieces, tables, limits)
+    order = np.argsort(-limits)
+    return float(_sum_pieces(pieces, tables, prior, rule, nodes, order, limits, mean, covariance))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _limit(pieces: Pieces, tables: Tables, limits: Array) -> None:
+    """Bounds on the log mass of each piece, written in place."""
+    for piece in range(limits.size):
+        limits[piece] = pieces.log_areas[piece]
+        for which in range(tables.centres.size):
             beam = tables.beams[which]
-            order[piece] -= _most(tables, which, pieces.lows[piece, beam], pieces.highs[piece, beam])
-    total = np.zeros(7)
+            limits[piece] += _most(tables, which, pieces.lows[piece, beam], pieces.highs[piece, beam])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_pieces(
+    pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, order: IntArray, limits: Array,
+    mean: Array, covariance: Array,
+) -> float:  # fmt: skip
+    """What `moments_of_any` gives, with the pieces in the order of their bounds, the heaviest first."""
+    count, most = tables.centres.size, pieces.corners.shape[1] + 24
+    stack, one, out, total = np.empty((STACK, most, 2)), np.empty((most, 2)), np.empty(6), np.zeros(7)
+    sizes, across = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
+    bounds, variation, level = np.empty(STACK), np.empty(STACK), np.empty(STACK)
     total[1] = -np.inf
     halvings = 0
-    for piece in np.argsort(order):
-        running = log_mass(total)
-        if -order[piece] < running - MARGIN_NATS or -order[piece] < IMPOSSIBLE_NATS:
+    for at in range(order.size):
+        piece, running = order[at], log_mass(total)
+        if limits[piece] < running - MARGIN_NATS or limits[piece] < IMPOSSIBLE_NATS:
             break
         x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
         corners = pieces.counts[piece]
@@ -211,22 +261,12 @@ def moments_of_any(
         while waiting:
             waiting -= 1
             running = log_mass(total)
-            if bounds[waiting] < running - MARGIN_NATS:
+            if bounds[waiting] < running - MARGIN_NATS or bounds[waiting] == -np.inf:
                 continue
             corners, which, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
-            one[:corners] = stack[waiting, :corners]
-            if variation[waiting] > 1.0 and halvings < MAX_HALVINGS:
+            copy_corners(stack[waiting], corners, one)
+            if variation[waiting] > 1.0 and halvings < MAX_HALVINGS and waiting + 2 <= STACK:
                 halvings += 1
-                if waiting + 2 > len(stack):
-                    grown = np.empty((2 * len(stack), most, 2))
-                    grown[: len(stack)] = stack
-                    stack, sizes, bounds = (
-                        grown,
-                        np.concatenate((sizes, sizes)),
-                        np.concatenate((bounds, bounds)),
-                    )
-                    variation, level = np.concatenate((variation, variation)), np.concatenate((level, level))
-                    across = np.concatenate((across, across))
                 if which < count:
                     beam = tables.beams[which]
                     s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
@@ -242,9 +282,10 @@ def moments_of_any(
                         waiting += 1
                 if waiting >= 2 and bounds[waiting - 2] > bounds[waiting - 1]:  # the better half comes next
                     x, y = waiting - 2, waiting - 1
-                    two[:] = stack[x]
-                    stack[x] = stack[y]
-                    stack[y] = two
+                    for corner in range(max(sizes[x], sizes[y])):
+                        for k in range(2):
+                            value = stack[x, corner, k]
+                            stack[x, corner, k], stack[y, corner, k] = stack[y, corner, k], value
                     sizes[x], sizes[y] = sizes[y], sizes[x]
                     bounds[x], bounds[y] = bounds[y], bounds[x]
                     variation[x], variation[y] = variation[y], variation[x]
@@ -255,11 +296,11 @@ def moments_of_any(
             log_peak = _integrate(
                 one, corners, piece, pieces, tables, prior, bound - math.log(area), rule, nodes, out
             )
-            add_part(total, log_peak, out, x1, x2)
+            add_part(total, log_peak, out, x1 + one[0, 0], x2 + one[0, 1])
     return finish(total, mean, covariance)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _look_at(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array
 ) -> tuple[float, float, int, float]:
@@ -304,7 +345,7 @@ def _look_at(
     return bound, worst, across, level
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _area(corners: Array, count: int) -> float:
     doubled = 0.0
     for corner in range(1, count - 1):
@@ -314,7 +355,7 @@ def _area(corners: Array, count: int) -> float:
     return 0.5 * abs(doubled)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _variation(tables: Tables, which: int, low: float, high: float) -> float:
     """How far a beam's density is from smooth between two ranges: at most 1 is smooth enough."""
     scale, centre = tables.scales[which], tables.centres[which]
@@ -327,12 +368,12 @@ def _variation(tables: Tables, which: int, low: float, high: float) -> float:
     return varied
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
     rule: Rules, nodes: Nodes, out: Array,
 ) -> float:  # fmt: skip
-    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the piece's centre."""
+    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner."""
     tabulated = len(tables.centres)
     # s runs along the steepest beam's slope, so that chords lie along the ridge
     best, c, d = -1.0, 1.0, 0.0
@@ -347,9 +388,10 @@ def _integrate(
     for corner in range(count):
         s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
         t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
-    edges = np.sort(s)
+    edges = rising(s)
     a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
-    out[:] = 0.0
+    for k in range(6):
+        out[k] = 0.0
     m0 = m1 = m2 = m11 = m12 = m22 = 0.0
     for panel in range(count - 1):
         left, right = edges[panel], edges[panel + 1]
@@ -381,12 +423,13 @@ def _integrate(
                 log_density -= 0.5 * (prior[0] * b1 * b1 + 2 * prior[1] * b1 * b2 + prior[2] * b2 * b2)
                 weight = width * rule.weights[order, i] * chord * rule.weights[3, j]
                 value = weight * math.exp(log_density)
+                y1, y2 = x1 - corners[0, 0], x2 - corners[0, 1]
                 m0 += value
-                m1 += value * x1
-                m2 += value * x2
-                m11 += value * x1 * x1
-                m12 += value * x1 * x2
-                m22 += value * x2 * x2
+                m1 += value * y1
+                m2 += value * y2
+                m11 += value * y1 * y1
+                m12 += value * y1 * y2
+                m22 += value * y2 * y2
                 place = nodes.total[0]
                 if len(nodes.places) and value > 0:
                     if place < len(nodes.places):

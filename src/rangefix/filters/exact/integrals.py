@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import njit
-from .partition import cut_by
+from .partition import copy_corners, cut_by
 
 MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts
 LONGEST_INTERVAL = 5.0  # e-folds or deviations to an interval of a Gauss-Legendre rule
@@ -40,7 +40,7 @@ def rules(more: int = 0) -> Rules:
     return Rules(nodes, weights, counts)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _rule_for(length: float) -> int:
     for rule in range(3):
         if length <= LONGEST_OF_RULES[rule]:
@@ -48,7 +48,20 @@ def _rule_for(length: float) -> int:
     return 3
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def rising(values: Array) -> Array:
+    """A few numbers in rising order."""
+    out = np.empty(values.size)
+    for place in range(values.size):
+        at = place
+        while at > 0 and out[at - 1] > values[place]:
+            out[at] = out[at - 1]
+            at -= 1
+        out[at] = values[place]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, float, float]:
     """The chord of a convex polygon at s = at: its ends along t, and their slopes by s."""
     low, high, low_slope, high_slope = np.inf, -np.inf, 0.0, 0.0
@@ -65,13 +78,13 @@ def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, f
     return low, low_slope, high, high_slope
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def log_mass(total: Array) -> float:
     """Log of the mass summed up so far; -inf where there is none."""
     return total[1] + math.log(total[0]) if total[0] > 0 else -np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_part(total: Array, log_peak: float, part: Array, x1: float, x2: float) -> None:
     """Add a part's mass and moments to those of the others, without differences of large numbers.
 
@@ -99,7 +112,7 @@ def add_part(total: Array, log_peak: float, part: Array, x1: float, x2: float) -
     total[0] += mass
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def finish(total: Array, mean: Array, covariance: Array) -> float:
     """Write out mean and covariance; returns the log mass."""
     if total[0] > 0:
@@ -109,7 +122,7 @@ def finish(total: Array, mean: Array, covariance: Array) -> float:
     return log_mass(total)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def integrate_quadratic(
     corners: Array,
     count: int,
@@ -143,8 +156,7 @@ def integrate_quadratic(
     for corner in range(count):
         s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
         t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
-    edges = np.sort(s)
-    out[:] = 0.0
+    edges = rising(s)
     root_big, root_small = math.sqrt(big), math.sqrt(small)
     m0 = m1 = m2 = m11 = m12 = m22 = 0.0
     for panel in range(count - 1):
@@ -199,7 +211,7 @@ def integrate_quadratic(
     out[5] = d * d * m11 + 2 * c * d * m12 + c * c * m22
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lowest(
     corners: Array, count: int, h11: float, h12: float, h22: float, g1: float, g2: float, at: Array
 ) -> float:
@@ -247,7 +259,7 @@ class Pieces(NamedTuple):
     highs: Array
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bound(piece: int, reading: Array, weight: Array, lows: Array, highs: Array) -> float:
     """A bound on the log likelihood of a piece, without constants; -inf where it is impossible."""
     bound = 0.0
@@ -267,7 +279,7 @@ def _bound(piece: int, reading: Array, weight: Array, lows: Array, highs: Array)
     return bound
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def moments(
     pieces: Pieces, reading: Array, weight: Array, prior: Array, rule: Rules, mean: Array, covariance: Array
 ) -> float:
@@ -340,7 +352,7 @@ def moments(
     return finish(total, mean, covariance)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _clip(
     work: Array, corners: int, spare: Array, h11: float, h12: float, h22: float, g1: float, g2: float
 ) -> int:
@@ -368,5 +380,5 @@ def _clip(
                 break
         if outside:
             corners = cut_by(work, corners, n1, n2, level, spare)
-            work[:corners] = spare[:corners]
+            copy_corners(spare, corners, work)
     return corners

@@ -21,6 +21,7 @@ BORDER_M = 0.02  # to which the border of free space is followed, where it is no
 INNER_SHARE = 0.98  # of the way from the middle to the border: where pieces are probed
 SAME_M = 1e-12  # corners this close are one
 MAX_CORNERS = 64  # of a piece
+NO_ROOM, MANY_CORNERS = -1, -2  # why pieces were not cut
 
 
 class TooManyPieces(ValueError):
@@ -86,13 +87,12 @@ def partition(
     for direction in directions:
         walls = _along(segments, direction)
         ends = np.unique(np.concatenate([walls[:, 0], walls[:, 2], _crossings(walls)]))
-        corners, counts, origin, met = _cut(
-            corners, counts, direction, walls, ends, *_buckets(walls), most_pieces
-        )
-        if len(corners) > most_pieces or (len(origin) and origin[0] < 0):
+        slabs = _slabs(corners, counts, direction, walls, ends, most_pieces)
+        if slabs is None:
             raise TooManyPieces(
                 f"the map and {len(directions)} beams make more than {most_pieces} pieces of constant walls"
             )
+        corners, counts, origin, met = slabs
         hits = np.column_stack([hits[origin], met])
     return _measured(segments, directions, corners, counts, hits, max_incidence)
 
@@ -227,7 +227,7 @@ def _buckets(walls: Array) -> tuple[float, float, IntArray, IntArray]:
     return float(low), float(width), starts.astype(np.int64), entries[order].astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _first_wall(
     s: float, t: float, walls: Array, low: float, width: float, starts: IntArray, entries: IntArray
 ) -> int:
@@ -238,7 +238,7 @@ def _first_wall(
     best, met = np.inf, -1
     for entry in range(starts[bin_], starts[bin_ + 1]):
         wall = entries[entry]
-        s1, t1, s2, t2 = walls[wall]
+        s1, t1, s2, t2 = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
         if s1 < s < s2 and s2 - s1 > 1e-12:
             height = t1 + (s - s1) / (s2 - s1) * (t2 - t1)
             if t < height < best:
@@ -246,23 +246,39 @@ def _first_wall(
     return met
 
 
-@njit(cache=True, nogil=True)
-def _same_line(one: Array, other: Array) -> bool:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _same_line(walls: Array, one: int, other: int) -> bool:
     """Whether two walls lie on one line, so that ranges to them are one affine function."""
-    if one[2] - one[0] < 1e-12 or other[2] - other[0] < 1e-12:
+    width = walls[one, 2] - walls[one, 0]
+    if width < 1e-12 or walls[other, 2] - walls[other, 0] < 1e-12:
         return False
-    slope = (one[3] - one[1]) / (one[2] - one[0])
-    first = one[1] + slope * (other[0] - one[0]) - other[1]
-    second = one[1] + slope * (other[2] - one[0]) - other[3]
+    slope = (walls[one, 3] - walls[one, 1]) / width
+    first = walls[one, 1] + slope * (walls[other, 0] - walls[one, 0]) - walls[other, 1]
+    second = walls[one, 1] + slope * (walls[other, 2] - walls[one, 0]) - walls[other, 3]
     return bool(abs(first) < 1e-10 and abs(second) < 1e-10)
 
 
-@njit(cache=True, nogil=True)
-def _are_one(one: Array, other: Array) -> bool:
-    return bool(abs(one[0] - other[0]) + abs(one[1] - other[1]) < SAME_M)
+@njit(cache=True, nogil=True, error_model="numpy")
+def copy_corners(corners: Array, count: int, out: Array) -> None:
+    """The first few corners of a polygon, written in place."""
+    for corner in range(count):
+        out[corner, 0], out[corner, 1] = corners[corner, 0], corners[corner, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_from(ends: Array, least: float) -> int:
+    """The first of some rising numbers that is not below a least one; how many there are, if none is."""
+    low, high = 0, ends.size
+    while low < high:
+        middle = (low + high) // 2
+        if ends[middle] < least:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def cut_by(corners: Array, count: int, normal1: float, normal2: float, level: float, out: Array) -> int:
     """The part of a convex polygon where normal . x <= level; returns its number of corners.
 
@@ -291,23 +307,20 @@ def cut_by(corners: Array, count: int, normal1: float, normal2: float, level: fl
     return made
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cut(
     corners: Array, counts: IntArray, direction: Array, walls: Array, ends: Array, low: float, width: float,
-    starts: IntArray, entries: IntArray, most: int,
-) -> tuple[Array, IntArray, IntArray, IntArray]:  # fmt: skip
-    """Cut pieces into slabs along a beam's direction, one wall to a slab.
+    starts: IntArray, entries: IntArray, new: Array, new_counts: IntArray, origin: IntArray, met: IntArray,
+) -> int:  # fmt: skip
+    """Cut pieces into slabs along a beam's direction, one wall to a slab; see `_slabs`.
 
-    Returns the new corners and counts, the piece that each came from, and the wall that it sees (-1 = none).
+    Returns how many there are, NO_ROOM if more than there is room for, or MANY_CORNERS if one has too many.
     """
     a1, a2 = direction[1], -direction[0]  # across
-    size = 2 * len(corners) + 16
-    new, new_counts = np.zeros((size, corners.shape[1], 2)), np.zeros(size, dtype=np.int64)
-    origin, met = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
-    made = 0
-    rest, piece, spare = np.zeros((3, corners.shape[1] + 2, 2))
-    edges, seen = np.zeros(len(ends) + 2), np.zeros(len(ends) + 2, dtype=np.int64)
-    for place in range(len(corners)):
+    made, most = 0, corners.shape[1]
+    rest, piece, spare = np.empty((most + 2, 2)), np.empty((most + 2, 2)), np.empty((most + 2, 2))
+    edges, seen = np.empty(ends.size + 2), np.empty(ends.size + 2, dtype=np.int64)
+    for place in range(corners.shape[0]):
         count = counts[place]
         s_low, s_high = np.inf, -np.inf
         for corner in range(count):
@@ -315,8 +328,8 @@ def _cut(
             s_low, s_high = min(s_low, s), max(s_high, s)
         if s_high - s_low <= THIN_M:
             continue
-        first = np.searchsorted(ends, s_low + THIN_M)
-        last = np.searchsorted(ends, s_high - THIN_M)
+        first = _first_from(ends, s_low + THIN_M)
+        last = _first_from(ends, s_high - THIN_M)
         slabs = 0
         left = s_low
         for edge in range(first, last + 1):
@@ -341,56 +354,66 @@ def _cut(
             wall = _first_wall(s, 0.5 * (t_low + t_high), walls, low, width, starts, entries)
             same = slabs > 0 and (
                 wall == seen[slabs - 1]
-                or (wall >= 0 and seen[slabs - 1] >= 0 and _same_line(walls[wall], walls[seen[slabs - 1]]))
+                or (wall >= 0 and seen[slabs - 1] >= 0 and _same_line(walls, wall, seen[slabs - 1]))
             )
             if not same:
                 edges[slabs], seen[slabs] = left, wall
                 slabs += 1
             left = right
-        rest[:count] = corners[place, :count]
+        copy_corners(corners[place], count, rest)
         for slab in range(slabs):
             if slab + 1 < slabs:
                 level = edges[slab + 1]
                 kept = cut_by(rest, count, a1, a2, level, piece)
                 count = cut_by(rest, count, -a1, -a2, -level, spare)
-                rest[:count] = spare[:count]
+                copy_corners(spare, count, rest)
             else:
                 kept = count
-                piece[:kept] = rest[:kept]
+                copy_corners(rest, kept, piece)
             if kept < 3:
                 continue
-            if kept > corners.shape[1]:
-                return new, new_counts, np.full(1, -1), met
-            if made == len(new):
-                if made >= most:
-                    return new, new_counts, np.full(1, -1), met
-                size = 2 * made
-                grown, grown_counts = np.zeros((size, corners.shape[1], 2)), np.zeros(size, dtype=np.int64)
-                grown_origin, grown_met = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
-                grown[:made], grown_counts[:made] = new, new_counts
-                grown_origin[:made], grown_met[:made] = origin, met
-                new, new_counts, origin, met = grown, grown_counts, grown_origin, grown_met
-            new[made, :kept], new_counts[made], origin[made], met[made] = (
-                piece[:kept],
-                kept,
-                place,
-                seen[slab],
-            )
+            if kept > most:
+                return MANY_CORNERS
+            if made == new_counts.size:
+                return NO_ROOM
+            copy_corners(piece, kept, new[made])
+            new_counts[made], origin[made], met[made] = kept, place, seen[slab]
             made += 1
-    if made > most:
-        return new, new_counts, np.full(1, -1), met
-    return new[:made].copy(), new_counts[:made].copy(), origin[:made].copy(), met[:made].copy()
+    return made
 
 
-@njit(cache=True, nogil=True)
+def _slabs(
+    corners: Array, counts: IntArray, direction: Array, walls: Array, ends: Array, most: int
+) -> tuple[Array, IntArray, IntArray, IntArray] | None:
+    """Pieces cut into slabs along a beam's direction, one wall to a slab.
+
+    Returns:
+        The new corners and counts, the piece that each came from, and the wall that it sees (-1 = none); or
+        None if there are more than `most`.
+    """
+    size = 2 * len(corners) + 16
+    while True:
+        new, (new_counts, origin, met) = np.zeros((size, *corners.shape[1:])), np.zeros((3, size), np.int64)
+        made = _cut(
+            corners, counts, direction, walls, ends, *_buckets(walls), new, new_counts, origin, met
+        )  # fmt: skip
+        if made == MANY_CORNERS or made > most or (made == NO_ROOM and size >= most):
+            return None
+        if made != NO_ROOM:
+            return new[:made], new_counts[:made], origin[:made], met[:made]
+        size *= 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _join_corners(corners: Array, counts: IntArray) -> None:
     """Leave out corners that fall on the one before them."""
     for place in range(len(corners)):
         kept = 0
         for corner in range(counts[place]):
             before = kept - 1 if kept else counts[place] - 1
-            if not _are_one(corners[place, corner], corners[place, before]):
-                corners[place, kept] = corners[place, corner]
+            x1, x2 = corners[place, corner, 0], corners[place, corner, 1]
+            if not abs(x1 - corners[place, before, 0]) + abs(x2 - corners[place, before, 1]) < SAME_M:
+                corners[place, kept, 0], corners[place, kept, 1] = x1, x2
                 kept += 1
         counts[place] = kept
 

@@ -7,15 +7,18 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import reduce
+from collections.abc import Sequence
+from dataclasses import is_dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray
+from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
 from ..estimate import Estimate
 from ..measurement import impossible_runs
+from ..models.noise_of_beams import noise_of_beams
+from ..models.rangefinder import Rangefinder
 from ..problem import Prior, Problem, Sensor
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief
@@ -32,6 +35,25 @@ class GaussianFilter:
         mean = np.broadcast_to(prior.mean, (runs, size))
         return GaussianBelief(mean, np.broadcast_to(prior.covariance, (runs, size, size)), np.zeros(runs))
 
+    def measured(self, measurement: Array) -> tuple[Sensor, Array]:
+        """The sensor and its readings (M, B) without beams that were measured in no run."""
+        sensor, read = self.problem.sensor, ~np.isnan(measurement).all(axis=0)
+        if read.all() or not read.any() or type(sensor) is not Rangefinder:
+            return sensor, measurement
+        key = read.tobytes()
+        if key not in self._sensors:
+            kept = np.flatnonzero(read)
+            noise = noise_of_beams(sensor.noise, kept, read.size)
+            if not is_dataclass(sensor.noise):
+                return sensor, measurement
+            self._sensors[key] = replace(sensor, bearings=sensor.bearings[kept], noise=noise)
+        return self._sensors[key], np.ascontiguousarray(measurement[:, read])
+
+    @cached_property
+    def _sensors(self) -> dict[bytes, Rangefinder]:
+        """The sensor with some of its beams alone, by which they are."""
+        return {}
+
     def estimate(self, belief: GaussianBelief) -> Estimate:
         """Mean (M, n), covariance (M, n, n) and log evidence (M,)."""
         return Estimate(belief.mean, belief.covariance, belief.log_evidence)
@@ -39,11 +61,6 @@ class GaussianFilter:
     def sample(self, belief: GaussianBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Draws from the Gaussian, angles wrapped, (M, size, n)."""
         return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
-
-
-def sum_terms(terms: Iterable[Array]) -> Array:
-    """Sum over the first axis, in order."""
-    return reduce(np.add, terms)
 
 
 def cholesky(matrices: Array) -> tuple[Array, BoolArray]:
@@ -59,6 +76,41 @@ def cholesky(matrices: Array) -> tuple[Array, BoolArray]:
         root[j:, j] = column / np.sqrt(np.where(fine, column[0], 1.0))
         root[j, j, ~fine] = 1.0
     return root, positive
+
+
+def look(sensor: Sensor, states: Array) -> tuple[Array, Array]:
+    """Expected ranges (M, B) and their derivatives (M, B, n), of one cast where the sensor is ours."""
+    if type(sensor) is Rangefinder:
+        return sensor.look(states)
+    return sensor.expected(states), sensor.jacobian(states)
+
+
+def condition(
+    covariance: Array, slopes: Array, innovation: Array, noise: Array, used: BoolArray
+) -> tuple[Array, Array, Array]:
+    """Condition on linear readings of independent noise one after the other: the joint update, no inverse.
+
+    Args:
+        covariance: Before them, (n, n, M).
+        slopes: Of the readings, (B, n, M).
+        innovation, noise, used: (B, M) each.
+
+    Returns:
+        The step of the mean (n, M), the covariance (n, n, M) and the log density of the innovations (M,),
+        which is NaN where the readings' joint covariance is not positive definite.
+    """
+    covariance = covariance.copy()
+    step = np.zeros(covariance.shape[1:])
+    log_density = np.zeros(covariance.shape[2])
+    for h, y, r, measured in zip(slopes, innovation, noise, used, strict=True):
+        cross = sum_terms(row * slope for row, slope in zip(covariance, h, strict=True))
+        spread = sum_terms(h * cross) + r
+        gain = np.where(measured, 1.0 / spread, 0.0)
+        rest = y - sum_terms(h * step)
+        log_density -= 0.5 * (rest * rest * gain + np.where(measured, np.log(spread) + LOG_TWO_PI, 0.0))
+        step += cross * (gain * rest)
+        covariance -= cross[:, None] * (cross * gain)
+    return step, covariance, log_density
 
 
 def refuse_impossible(sensor: Sensor, measurement: Array, log_density: Array) -> Array:

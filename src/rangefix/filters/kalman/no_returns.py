@@ -14,10 +14,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import log_ndtr, logsumexp, ndtri
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, sum_terms
 from ..models.noise import Gaussian, RangeProportional
 from ..problem import Sensor
-from .batch import sum_terms
 from .belief import GaussianBelief
 
 NODES = 200  # of equal probability, for noise that has no closed form with a Gaussian range

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import LOG_TWO_PI, Array, BoolArray
+from ...arrays import Array, sum_terms
 from ..measurement import check_measurement
 from ..models.wrapped_noise import reading_bias
-from ..problem import Problem
-from .batch import GaussianFilter, accept_definite, cholesky, refuse_impossible, sum_terms
+from ..problem import Problem, Sensor
+from .batch import GaussianFilter, accept_definite, cholesky, condition, refuse_impossible
 from .belief import GaussianBelief, SigmaPointOptions
 from .no_returns import with_missing_returns
 
@@ -59,25 +59,42 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
         with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-            return with_missing_returns(self.problem.sensor, self._update(belief, measurement), measurement)
+            sensor, measurement = self.measured(measurement)
+            return with_missing_returns(sensor, self._update(sensor, belief, measurement), measurement)
 
-    def _update(self, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
-        sensor, space = self.problem.sensor, self.problem.space
-        arms = self._arms(belief)
+    def _update(self, sensor: Sensor, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
+        """The state is its mean and the arms of the sigma points, each times a random share c_k.
+
+        Shares have the covariance K = w I + (beta - alpha^2) w^2 1 1', which gives states the belief's
+        covariance, and ranges, linear in the shares with slopes d_k, the spread above. So shares can be
+        conditioned on one beam after the other, and no matrix is as large as there are beams.
+        """
+        space, arms = self.problem.space, self._arms(belief)
         expected = sensor.expected(np.concatenate([belief.mean[None], belief.mean + arms]))
         used = np.isfinite(measurement) & np.isfinite(expected).all(0)
         expected = np.where(used, expected, 0.0)
-        off = np.moveaxis(expected[1:] - expected[0], 1, -1).copy()
-        shift, spread = self._moments(off)
-        centre = expected[0] + shift.T
+        slopes = np.ascontiguousarray((expected[1:] - expected[0]).transpose(2, 0, 1))  # (B, 2 n, M)
+        centre = expected[0] + (self._weight * sum_terms(slopes.swapaxes(0, 1))).T
         innovation = np.where(used, measurement - reading_bias(sensor.noise), 0.0) - centre
-        beams = np.arange(len(shift))
-        spread[beams, beams] += np.where(used, sensor.noise.variance(centre), 1.0).T
-        pairs = zip(off, np.moveaxis(arms, 1, -1), strict=True)
-        cross = self._weight * sum_terms(z[:, None] * x for z, x in pairs)
-        step, covariance, log_density = _jointly(belief, cross, spread, innovation.T, used.T)
+        shares = np.full((len(arms), len(arms)), (self.beta - self.alpha**2) * self._weight**2)
+        shares[np.diag_indices(len(arms))] += self._weight
+        prior = np.broadcast_to(shares[:, :, None], (*shares.shape, len(centre)))
+        step, covariance, log_density = condition(
+            prior, slopes, innovation.T, sensor.noise.variance(centre).T, used.T
+        )
+        size = space.size
+        one = arms[:size].transpose(0, 2, 1)  # (n, n, M): the other arms are opposite
+        moved = sum_terms(share * arm for share, arm in zip(step[:size] - step[size:], one, strict=True))
+        rows = covariance[:size] - covariance[size:]
+        inner = rows[:, :size] - rows[:, size:]
+        turned = [
+            sum_terms(share * arm for share, arm in zip(row, one, strict=True))
+            for row in inner.swapaxes(0, 1)
+        ]
+        spread = sum_terms(arm[:, None] * row for arm, row in zip(one, turned, strict=True))
         log_density = refuse_impossible(sensor, measurement, log_density)
-        return accept_definite(belief, space.wrap(belief.mean + step.T), covariance, log_density)
+        mean = space.wrap(belief.mean + moved.T)
+        return accept_definite(belief, mean, np.moveaxis(spread, -1, 0), log_density)
 
     @property
     def _reach(self) -> float:
@@ -106,25 +123,3 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
 def cubature(problem: Problem) -> UnscentedKalmanFilter:
     """The cubature Kalman filter (Arasaratnam and Haykin, 2009): sigma points, none at the centre."""
     return UnscentedKalmanFilter(problem, alpha=1.0, beta=0.0, kappa=0.0)
-
-
-def _jointly(
-    belief: GaussianBelief, cross: Array, spread: Array, innovation: Array, used: BoolArray
-) -> tuple[Array, Array, Array]:
-    """Condition on readings by their joint covariance; beams not used have no cross and unit spread.
-
-    cross (B, n, M), spread (B, B, M), innovation and used (B, M). Returns as `extended._beam_by_beam` does.
-    """
-    root, positive = cholesky(spread)
-    white = np.concatenate([cross, innovation[:, None]], axis=1)
-    for beam in range(len(white)):
-        for before in range(beam):
-            white[beam] -= root[beam, before] * white[before]
-        white[beam] /= root[beam, beam]
-    gain, rest = white[:, :-1], white[:, -1]
-    lost = sum_terms(g[:, None] * g for g in gain)
-    step = sum_terms(g * y for g, y in zip(gain, rest, strict=True))
-    diagonal = np.stack([root[beam, beam] for beam in range(len(root))])
-    log_density = -0.5 * (sum_terms(rest**2) + used.sum(0) * LOG_TWO_PI) - sum_terms(np.log(diagonal))
-    covariance = belief.covariance - np.moveaxis(lost, -1, 0)
-    return step, covariance, np.where(positive, log_density, -np.inf)

@@ -9,98 +9,96 @@ error L T(D) L' (docs/decisions/0002-cell-width.md).
 
 from __future__ import annotations
 
-import math
+import itertools
 
 import numpy as np
 
-from ...arrays import Array
-from ...compiled import njit
+from ...arrays import Array, sum_terms
 
 MIN_CURVATURE = 1e-2  # 1 / cells^2: a deviation of ten cells has no error
+TERMS = 11  # of the sum over m
+ROUNDS = 100  # of reduction; two or three are common
 LARGE_UNRESOLVED_SHARE = 0.01  # of the variance; where so much is missed the sum's own variance is luck
 
 
-@njit(cache=True, nogil=True)
-def unresolved_variance(variance: float) -> float:
-    """Mean squared error of the mean of a lattice sum, T(s) above, for a Gaussian of this variance.
+def unresolved_variance(variance: Array) -> Array:
+    """Mean squared error of the mean of a lattice sum, T(s) above, for Gaussians of these variances, (K,).
 
     Below 1 / (2 pi^2) it is 1/12 - s + pi^2 s^2 / 3 to 1e-8.
     """
-    x = 2.0 * math.pi**2 * variance
-    if x < 1.0:
-        return 1.0 / 12.0 - variance + math.pi**2 * variance**2 / 3.0
-    total = 0.0
-    for m in range(1, 12):
-        if m * x < 300.0:
-            total += 1.0 / math.sinh(m * x) ** 2
-    return 2.0 * (math.pi * variance) ** 2 * total
+    x = 2.0 * np.pi**2 * np.asarray(variance)
+    shrunk = np.exp(-2.0 * np.maximum(x, 1.0))  # 1 / sinh^2(m x) = 4 q^m / (1 - q^m)^2
+    power, total = np.ones_like(shrunk), np.zeros_like(shrunk)
+    for _ in range(TERMS):
+        power = power * shrunk
+        total += power / (1.0 - power) ** 2
+    narrow = 1.0 / 12.0 - variance + np.pi**2 * variance**2 / 3.0
+    return np.where(x < 1.0, narrow, 8.0 * (np.pi * variance) ** 2 * total)
 
 
-@njit(cache=True, nogil=True)
-def _reduce(metric: Array, basis: Array) -> None:
-    """Take from each vector of a basis, a row, the nearest multiples of the others, in place (Lagrange)."""
-    size = len(metric)
-    changed, rounds = True, 0
-    while changed and rounds < 100:
-        changed, rounds = False, rounds + 1
-        for i in range(size):
-            for j in range(size):
-                if i != j and metric[j, j] > MIN_CURVATURE and abs(metric[i, j]) > 0.5000001 * metric[j, j]:
-                    turns = np.round(metric[i, j] / metric[j, j])
-                    basis[i] -= turns * basis[j]
-                    metric[i] -= turns * metric[j]
-                    metric[:, i] -= turns * metric[:, j]
-                    changed = True
-
-
-@njit(cache=True, nogil=True)
-def unresolved_covariance(information: Array, spread: Array, error: Array) -> None:
-    """What is to be added to the covariance of a lattice sum for a Gaussian, in place.
+def unresolved_covariance(information: Array, spread: Array) -> Array:
+    """What is to be added to the covariances of lattice sums for Gaussians.
 
     Along each vector of the reduced basis that is T(s), and where that is much of s, s less the sum's own
     variance, too: there the sum may see one cell or two, as it happens.
 
     Args:
-        information: The Gaussian's inverse covariance, (n, n); none is taken for flatter than MIN_CURVATURE.
-        spread: The sum's own covariance about this place, (n, n).
-        error: The result, (n, n).
+        information: Inverse covariances, (n, n, K); none is taken for flatter than MIN_CURVATURE.
+        spread: The sums' own covariances about these places, (n, n, K).
+
+    Returns:
+        The covariances to add, (n, n, K).
     """
     size = len(information)
-    basis, metric = np.eye(size), information.copy()
-    _reduce(metric, basis)
-    variance = _orthogonalise(metric, basis)
-    inverse = np.linalg.inv(basis)
-    own = inverse.T @ spread @ inverse
-    error[:] = 0.0
+    basis = np.zeros_like(information)
+    basis[range(size), range(size)] = 1.0
+    metric, inverse = information.copy(), basis.copy()
+    _reduce(metric, basis, inverse)
+    variance = _orthogonalise(metric, basis, inverse)
+    error = np.zeros_like(information)
     for k in range(size):
+        along = [sum_terms(spread[i] * inverse[:, k]) for i in range(size)]
+        own = sum_terms(inverse[i, k] * along[i] for i in range(size))
         least = unresolved_variance(variance[k])
         share = (least / variance[k]) ** 2
         share /= share + LARGE_UNRESOLVED_SHARE**2
-        extra = max(least + share * (variance[k] - own[k, k]), -0.5 * own[k, k])
-        for i in range(size):
-            for j in range(size):
-                error[i, j] += extra * basis[k, i] * basis[k, j]
+        extra = np.maximum(least + share * (variance[k] - own), -0.5 * own)
+        error += extra * basis[k, :, None] * basis[k]
+    return error
 
 
-@njit(cache=True, nogil=True)
-def _orthogonalise(metric: Array, basis: Array) -> Array:
-    """Clear a basis, in place, flattest vector first, until the metric is diagonal: its inverse, (n,)."""
-    size = len(metric)
-    variance = np.zeros(size)
+def _reduce(metric: Array, basis: Array, inverse: Array) -> None:
+    """Take from each vector of bases, a row, the nearest multiples of the others, in place (Lagrange)."""
+    for _ in range(ROUNDS):
+        changed = False
+        for i, j in itertools.permutations(range(len(metric)), 2):
+            longer = (metric[j, j] > MIN_CURVATURE) & (np.abs(metric[i, j]) > 0.5000001 * metric[j, j])
+            if longer.any():
+                turns = np.where(longer, np.rint(metric[i, j] / np.where(longer, metric[j, j], 1.0)), 0.0)
+                basis[i] -= turns * basis[j]
+                inverse[:, j] += turns * inverse[:, i]
+                metric[i] -= turns * metric[j]
+                metric[:, i] -= turns * metric[:, j]
+                changed = True
+        if not changed:
+            break
+
+
+def _orthogonalise(metric: Array, basis: Array, inverse: Array) -> Array:
+    """Clear bases, in place, flattest vector first, until metrics are diagonal: their inverses, (n, K)."""
+    size, count = metric.shape[1:]
+    variance, every = np.zeros((size, count)), np.arange(count)
     for _ in range(size):
-        flattest = -1
+        diagonal = np.where(variance > 0.0, np.inf, metric[range(size), range(size)])
+        flattest = diagonal.argmin(axis=0)
+        pivot = np.maximum(diagonal[flattest, every], MIN_CURVATURE)
+        variance[flattest, every] = 1.0 / pivot
+        vector, row = basis[flattest, :, every].T, metric[flattest, :, every].T
         for i in range(size):
-            if variance[i] == 0.0 and (flattest < 0 or metric[i, i] < metric[flattest, flattest]):
-                flattest = i
-        pivot = max(metric[flattest, flattest], MIN_CURVATURE)
-        variance[flattest] = 1.0 / pivot
-        for i in range(size):
-            if variance[i] == 0.0:
-                turns = metric[i, flattest] / pivot
-                basis[i] -= turns * basis[flattest]
-                for j in range(size):
-                    if variance[j] == 0.0:
-                        metric[i, j] -= turns * metric[flattest, j]
+            turns = np.where(variance[i] > 0.0, 0.0, row[i] / pivot)
+            basis[i] -= turns * vector
+            inverse[:, flattest, every] += turns * inverse[:, i]
+            metric[i] -= turns * row
     return variance
 
 

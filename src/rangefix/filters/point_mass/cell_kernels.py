@@ -3,7 +3,7 @@
 A block is CELLS_PER_BLOCK neighbouring cells. The least and the greatest expected range in a block bound the
 likelihood of all its cells, so most blocks are passed over after a few comparisons. A cell is left out only
 where its weight is below exp(-NEGLIGIBLE_NATS) of the heaviest one; a million of them hold less than 1e-20
-of the probability.
+of the probability. Ranges are kept beam by beam: a block is weighed in straight sweeps over its cells.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...compiled import njit, prange
+from ...compiled import njit
 from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
 
@@ -21,122 +21,153 @@ CELLS_PER_BLOCK = 64
 
 
 def block_bounds(values: Array) -> tuple[Array, Array]:
-    """Least and greatest of each block of cells, (K, B) each, for values (G, B)."""
-    starts = np.arange(0, len(values), CELLS_PER_BLOCK)
-    return np.minimum.reduceat(values, starts, axis=0), np.maximum.reduceat(values, starts, axis=0)
+    """Least and greatest of each block of cells, (B, K) each, for values (B, G)."""
+    starts = np.arange(0, values.shape[1], CELLS_PER_BLOCK)
+    return np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _penalty(reading: float, precision: float, expected: float) -> float:
-    """-log of the Gaussian likelihood ratio of one beam, in nats; inf readings meet inf ranges only."""
-    if precision == 0.0:
-        return 0.0
-    if math.isinf(reading):
-        return 0.0 if math.isinf(expected) else math.inf
-    return 0.5 * precision * (reading - expected) ** 2
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _least_penalty(reading: float, precision: float, low: float, high: float) -> float:
-    """The least penalty of any expected range in [low, high]."""
-    nearest = high if math.isinf(reading) else min(max(reading, low), high)
-    return _penalty(reading, precision, nearest)
-
-
-@njit(cache=True, nogil=True)
-def _select(
-    reading: Array, precision: Array, table: CellTable, log_mass: Array, tops: Array, chosen: IntArray,
-    logs: Array,
-) -> tuple[int, float]:  # fmt: skip
-    """Find the cells that matter and their log weights; returns their number and the greatest log weight."""
-    ranges, low, high = table.ranges, table.low, table.high
-    (cells, beams), bounds = ranges.shape, np.empty(len(low))
-    start, count, best = 0, 0, -math.inf
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _bound_blocks(readings: Readings, run: int, table: CellTable, bounds: Array) -> int:
+    """Take from each block's greatest log mass, in place, the least that beams take: the best block."""
+    for beam in range(table.low.shape[0]):
+        weight, reading = 0.5 * readings.precisions[run, beam], readings.values[run, beam]
+        if weight > 0.0 and math.isinf(reading):
+            for block in range(bounds.size):
+                if not math.isinf(table.high[beam, block]):
+                    bounds[block] = -math.inf
+        elif weight > 0.0:
+            for block in range(bounds.size):
+                below, above = table.low[beam, block] - reading, reading - table.high[beam, block]
+                gap = above if above > below else below
+                gap = gap if gap > 0.0 else 0.0
+                bounds[block] -= weight * gap * gap
+    start = 0
     for block in range(bounds.size):
-        bound = tops[block]
-        for beam in range(beams):
-            bound -= _least_penalty(reading[beam], precision[beam], low[block, beam], high[block, beam])
-        bounds[block] = bound
-        if bound > bounds[start]:
+        if bounds[block] > bounds[start]:
             start = block
-    for turn in range(-1, bounds.size):  # the most promising block goes first: it sets the bar for all others
-        block = start if turn < 0 else turn
+    return start
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _weigh_block(
+    readings: Readings, run: int, table: CellTable, log_mass: Array, row: int, first: int, weighed: Array
+) -> float:
+    """Log weights of a block's cells, written in place; gives the greatest."""
+    count = min(CELLS_PER_BLOCK, log_mass.shape[1] - first)
+    for cell in range(count):
+        weighed[cell] = log_mass[row, first + cell]
+    for beam in range(table.low.shape[0]):
+        weight, reading = 0.5 * readings.precisions[run, beam], readings.values[run, beam]
+        if weight > 0.0 and math.isinf(reading):
+            for cell in range(count):
+                if not math.isinf(table.ranges[beam, first + cell]):
+                    weighed[cell] = -math.inf
+        elif weight > 0.0:
+            for cell in range(count):
+                off = reading - table.ranges[beam, first + cell]
+                weighed[cell] -= weight * off * off
+    most = -math.inf
+    for cell in range(count):
+        most = weighed[cell] if weighed[cell] > most else most
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _select(
+    readings: Readings, run: int, table: CellTable, mass: CellMass, chosen: IntArray, logs: Array
+) -> tuple[int, float]:
+    """Find the cells that matter and their log weights; returns their number and the greatest log weight."""
+    row, cells, blocks = run % mass.logs.shape[0], mass.logs.shape[1], table.low.shape[1]
+    bounds, weighed = np.empty(blocks), np.empty(CELLS_PER_BLOCK)
+    for block in range(blocks):
+        bounds[block] = mass.tops[row, block]
+    start = _bound_blocks(readings, run, table, bounds)
+    # the most promising block sets the bar for all others
+    best = _weigh_block(readings, run, table, mass.logs, row, start * CELLS_PER_BLOCK, weighed)
+    count = 0
+    for block in range(blocks):
         if bounds[block] > best - NEGLIGIBLE_NATS:
             first = block * CELLS_PER_BLOCK
-            for cell in range(first, min(first + CELLS_PER_BLOCK, cells)):
-                log = log_mass[cell]
-                for beam in range(beams):
-                    log -= _penalty(reading[beam], precision[beam], ranges[cell, beam])
-                if log > best - NEGLIGIBLE_NATS:
-                    chosen[count], logs[count] = cell, log
+            most = _weigh_block(readings, run, table, mass.logs, row, first, weighed)
+            best = most if most > best else best
+            for cell in range(min(CELLS_PER_BLOCK, cells - first)):
+                if weighed[cell] > best - NEGLIGIBLE_NATS:
+                    chosen[count], logs[count] = first + cell, weighed[cell]
                     count += 1
-                    best = max(best, log)
-        if turn < 0:
-            count = 0
     return count, best
 
 
-@njit(cache=True, nogil=True)
-def _moments(
-    chosen: IntArray, logs: Array, best: float, table: CellTable, mean: Array, covariance: Array
-) -> float:
-    """Mean and covariance of the chosen cells, written in place; returns the log of the sum of weights.
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _mean_angles(chosen: IntArray, weights: Array, count: int, table: CellTable, origin: Array) -> None:
+    """Put the mean of each angle, that of docs/theory.md, "Moments of a heading", in the origin's place."""
+    for i in range(origin.size):
+        if table.is_angle[i]:
+            sine, cosine = 0.0, 0.0
+            for k in range(count):
+                sine += weights[k] * math.sin(table.centres[i, chosen[k]])
+                cosine += weights[k] * math.cos(table.centres[i, chosen[k]])
+            origin[i] = math.atan2(sine, cosine)
 
-    The sums of docs/theory.md, "Point masses"; a heading's mean is that of "Moments of a heading". The logs
-    become weights over the greatest one.
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _sum_up(
+    chosen: IntArray, weights: Array, count: int, table: CellTable, run: int, origin: Array, out: Moments
+) -> None:
+    """Mean and covariance of the chosen cells of a run, written in place.
+
+    The sums of docs/theory.md, "Point masses", about the heaviest cell, so that large coordinates cost no
+    digits. A mean angle stays where it is: what is off from it is not a mean of differences.
     """
-    size, count, centres, is_angle = mean.size, chosen.size, table.centres, table.is_angle
+    size = origin.size
+    mean, covariance = out.means[run], out.covariances[run]
+    off = np.empty(size)
     total = 0.0
-    for k in range(count):
-        logs[k] = math.exp(logs[k] - best)
-        total += logs[k]
     for i in range(size):
-        sine = 0.0
-        cosine = 0.0
-        for k in range(count):
-            value = centres[chosen[k], i]
-            if is_angle[i]:
-                sine += logs[k] * math.sin(value)
-                cosine += logs[k] * math.cos(value)
-            else:
-                sine += logs[k] * value
-        mean[i] = math.atan2(sine, cosine) if is_angle[i] else sine / total
-    deviation = np.empty(size)
-    covariance[:] = 0.0
+        mean[i] = 0.0
+        for j in range(size):
+            covariance[i, j] = 0.0
     for k in range(count):
+        total += weights[k]
         for i in range(size):
-            deviation[i] = centres[chosen[k], i] - mean[i]
-            if is_angle[i]:
-                deviation[i] = (deviation[i] + math.pi) % (2.0 * math.pi) - math.pi
-        for i in range(size):
+            off[i] = table.centres[i, chosen[k]] - origin[i]
+            if table.is_angle[i]:
+                off[i] = (off[i] + math.pi) % (2.0 * math.pi) - math.pi
+            weighed = weights[k] * off[i]
+            mean[i] += weighed
             for j in range(i + 1):
-                covariance[i, j] += logs[k] * deviation[i] * deviation[j]
+                covariance[i, j] += weighed * off[j]
     for i in range(size):
+        mean[i] /= total
         for j in range(i + 1):
-            covariance[i, j] /= total
+            both = table.is_angle[i] and table.is_angle[j]
+            covariance[i, j] = covariance[i, j] / total - (0.0 if both else mean[i] * mean[j])
             covariance[j, i] = covariance[i, j]
-    return best + math.log(total)
+    for i in range(size):
+        mean[i] = origin[i] + (0.0 if table.is_angle[i] else mean[i])
 
 
-@njit(cache=True, nogil=True)
-def _run_moments(run: int, readings: Readings, table: CellTable, mass: CellMass, out: Moments) -> None:
-    """The moments of one run."""
-    row = run % len(mass.logs)
-    chosen, logs = np.empty(len(table.centres), np.int64), np.empty(len(table.centres))
-    reading, precision = readings.values[run], readings.precisions[run]
-    count, best = _select(reading, precision, table, mass.logs[row], mass.tops[row], chosen, logs)
-    out.log_sums[run] = -math.inf
-    if count > 0:
-        cells, weights, mean, covariance = chosen[:count], logs[:count], out.means[run], out.covariances[run]
-        out.log_sums[run] = _moments(cells, weights, best, table, mean, covariance)
-        choose_probe_cells(cells, weights, weights.sum(), out.probe_cells[run])
-
-
-@njit(cache=True, nogil=True, parallel=True)
-def gaussian_moments(readings: Readings, table: CellTable, mass: CellMass, out: Moments) -> None:
-    """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
+@njit(cache=True, nogil=True, error_model="numpy")
+def gaussian_moments(
+    first_run: int, last_run: int, readings: Readings, table: CellTable, mass: CellMass, out: Moments
+) -> None:
+    """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for some runs, written in place.
 
     The log weights of docs/theory.md, "Point masses". Where no cell is possible only the log sum is written.
     """
-    for run in prange(len(readings.values)):
-        _run_moments(run, readings, table, mass, out)  # numba drops what a parallel loop writes to a record
+    cells, size = table.centres.shape[1], table.centres.shape[0]
+    chosen, logs, origin = np.empty(cells, np.int64), np.empty(cells), np.empty(size)
+    for run in range(first_run, last_run):
+        count, best = _select(readings, run, table, mass, chosen, logs)
+        out.log_sums[run] = -math.inf
+        if count > 0:
+            total = 0.0
+            for k in range(count):
+                if logs[k] == best:
+                    for i in range(size):
+                        origin[i] = table.centres[i, chosen[k]]
+                logs[k] = math.exp(logs[k] - best)
+                total += logs[k]
+            _mean_angles(chosen, logs, count, table, origin)
+            _sum_up(chosen, logs, count, table, run, origin, out)
+            out.log_sums[run] = best + math.log(total)
+            choose_probe_cells(chosen[:count], logs, total, out.probe_cells[run])

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Array, BoolArray
+from ...compiled import in_threads
 from ..problem import Sensor, expects_map_ranges
 from .cell_kernels import block_bounds, gaussian_moments
 from .grid import Grid
@@ -27,7 +28,7 @@ class RangesByCell:
 
     Attributes:
         grid: The cells.
-        ranges: What each expects, (G, B), m.
+        ranges: What each expects, (G, B), m; beam by beam in memory.
         is_angle: Which components are angles, (n,).
     """
 
@@ -38,7 +39,8 @@ class RangesByCell:
     @cached_property
     def table(self) -> CellTable:
         """The ranges with their bounds in blocks."""
-        return CellTable(self.ranges, *block_bounds(self.ranges), self.grid.centres, self.is_angle)
+        by_beam, centres = np.ascontiguousarray(self.ranges.T), np.ascontiguousarray(self.grid.centres.T)
+        return CellTable(by_beam, *block_bounds(by_beam), centres, self.is_angle)
 
     @cached_property
     def shared(self) -> SharedRanges:
@@ -48,11 +50,11 @@ class RangesByCell:
 
     def expected(self, first: int, last: int) -> Array:
         """Ranges in cells first to last, (last - first, B), m."""
-        return self.ranges[first:last]
+        return np.ascontiguousarray(self.ranges[first:last])
 
     def top(self, log_mass: Array) -> Array:
         """Greatest log mass of each block of cells, (M, G) -> (M, ...)."""
-        return block_bounds(log_mass.T)[1].T.copy()
+        return block_bounds(log_mass)[1]
 
     def moments(self, readings: Readings, mass: CellMass, correct: bool = True) -> Moments:
         """Moments of the cells weighted by log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2.
@@ -61,7 +63,8 @@ class RangesByCell:
         `mode_shape`. The mass is that of each cell, (1 or M, G), and what `top` makes of it.
         """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
-        gaussian_moments(readings, self.table, mass, sums)
+        work = readings.values.size * len(self.ranges)
+        in_threads(gaussian_moments, len(readings.values), work, readings, self.table, mass, sums)
         if correct:
             add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         return sums
@@ -109,8 +112,8 @@ def _cast_each(centres: Array, sensor: Sensor) -> Array:
     """What each cell expects, (G, B); by parts, which maps round alike where all headings are the same."""
     beams = len(sensor.bearings)
     if sensor.space.heading is None or len(centres) * beams <= CASTS_AT_ONCE:
-        return np.ascontiguousarray(sensor.expected(centres))
-    ranges = np.empty((len(centres), beams))
+        return np.asfortranarray(sensor.expected(centres))
+    ranges = np.empty((len(centres), beams), order="F")
     size = max(1, CASTS_AT_ONCE // beams)
     for start in range(0, len(centres), size):
         ranges[start : start + size] = sensor.expected(centres[start : start + size])

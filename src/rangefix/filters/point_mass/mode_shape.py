@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array, IntArray
-from ...compiled import njit, prange
+from ...arrays import Array, BoolArray, IntArray, sum_terms
+from ...compiled import in_threads, njit
 from .cell_error import MIN_CURVATURE, add_unresolved, unresolved_covariance
 from .grid import Grid
 from .records import Moments, Readings, SharedRanges
@@ -24,23 +24,8 @@ from .records import Moments, Readings, SharedRanges
 RESOLVED_CURVATURE = 3.5  # 1 / cells^2; up to it nothing is missed: 3e-4 of the variance
 WIDE_SHARE, NARROW_SHARE = 0.03, 0.1  # of the belief about a cell: ranges jump in wide posteriors, too
 MIN_PIVOT_SHARE, SHRINK_FACTOR = 0.02, 0.9  # see `_make_definite`
+MOST_SHRINKING = 256  # times; the factor is 2e-12 then
 LONE_CELL_CURVATURE = 1e6  # 1 / cells^2, where a cell has no neighbour on either side that is possible
-
-
-class MeasuredBeams(NamedTuple):
-    """The beams that were measured in one run, in the order in which they are compared with the ranges.
-
-    Attributes:
-        reading: In metres, (b,); inf = no return.
-        weight: Half the precision, 1/m^2, (b,).
-        kind: As in `SharedRanges`, (b,).
-        shift: As in `SharedRanges`, (b,).
-    """
-
-    reading: Array
-    weight: Array
-    kind: IntArray
-    shift: IntArray
 
 
 class Box(NamedTuple):
@@ -64,7 +49,7 @@ def stencil(size: int) -> IntArray:
     return np.array(offsets)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def choose_probe_cells(chosen: IntArray, weights: Array, total: float, probe_cells: IntArray) -> None:
     """Cells at evenly spaced shares of the probability, written in place: systematic resampling."""
     count, least = 0, 0.5 * total / probe_cells.size
@@ -75,171 +60,194 @@ def choose_probe_cells(chosen: IntArray, weights: Array, total: float, probe_cel
             count += 1
             least += total / probe_cells.size
     if count > 0:
-        probe_cells[count:] = probe_cells[count - 1]  # rounding may leave the last one over
+        for late in range(count, probe_cells.size):  # rounding may leave the last one over
+            probe_cells[late] = probe_cells[count - 1]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def measured_beams(readings: Readings, ranges: SharedRanges, run: int, order: IntArray) -> MeasuredBeams:
-    """The measured ones of some beams, in this order."""
-    beams = order[readings.precisions[run][order] > 0]
-    weight = 0.5 * readings.precisions[run][beams]
-    return MeasuredBeams(readings.values[run][beams], weight, ranges.kind[beams], ranges.shift[beams])
-
-
-@njit(cache=True, nogil=True)
-def _spread(logs: Array, offsets: IntArray) -> Array:
-    """Covariance of a stencil's cells as they weigh, (n, n)."""
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
-    size = offsets.shape[1]
-    mean, spread = np.zeros(size), np.zeros((size, size))
-    for s in range(len(logs)):
-        for i in range(size):
-            mean[i] += weights[s] * offsets[s, i]
-    for s in range(len(logs)):
-        for i in range(size):
-            for j in range(size):
-                spread[i, j] += weights[s] * (offsets[s, i] - mean[i]) * (offsets[s, j] - mean[j])
-    return spread
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _bend(logs: Array, axis: int) -> float:
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _bend(centre: float, above: float, below: float) -> float:
     """Minus the second difference of the log weights along an axis; at a border, as if it were even there."""
-    above, below = logs[1 + 2 * axis] - logs[0], logs[2 + 2 * axis] - logs[0]
-    if math.isinf(above) and math.isinf(below):
-        return LONE_CELL_CURVATURE
+    above, below = above - centre, below - centre
     if math.isinf(above):
-        return float(-2.0 * below)
-    return float(-2.0 * above if math.isinf(below) else -above - below)
+        return LONE_CELL_CURVATURE if math.isinf(below) else -2.0 * below
+    return -2.0 * above if math.isinf(below) else -above - below
 
 
-@njit(cache=True, nogil=True)
-def _axes_sum(logs: Array, size: int) -> float:
-    """The trace of `_curvature`: no eigenvalue is greater."""
-    total = 0.0
-    for axis in range(size):
-        total += max(_bend(logs, axis), 0.0)
-    return total
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh_stencils(
+    first_run: int, last_run: int, sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array,
+    box: Box, offsets: IntArray, logs: Array, times: IntArray,
+) -> None:  # fmt: skip
+    """Log weights of each probe cell and its neighbours where the posterior is steep, written in place.
+
+    Args:
+        first_run: Of the runs that are looked at.
+        last_run: Where they end.
+        sums: What has their probe cells.
+        readings: What cells are weighed by.
+        ranges: The ranges that the cells expect.
+        log_mass: Log weights before the readings, (1 or M, G).
+        box: Where cells lie.
+        offsets: What `stencil` gives, (S, n).
+        logs: The log weights, (M, K, S).
+        times: How often a cell is asked that is steep, (M, K): 0 where it was the one before, too.
+    """
+    values, precisions, probe_cells = readings.values, readings.precisions, sums.probe_cells
+    table, kinds, shifts = ranges.ranges, ranges.kind, ranges.shift
+    period, headings = ranges.period, ranges.headings
+    place_of, cell_at, shape, last = box.place_of, box.cell_at, box.shape, box.shape.size - 1
+    numbers = np.empty(shape.size, np.int64)
+    for run in range(first_run, last_run):
+        kept = 0
+        for k in range(probe_cells.shape[1]):
+            cell = probe_cells[run, k]
+            if cell < 0:
+                continue
+            if k > 0 and cell == probe_cells[run, k - 1]:
+                if times[run, kept] > 0:
+                    times[run, kept] += 1
+                continue
+            kept = k
+            left = place_of[cell]
+            for axis in range(last, -1, -1):
+                numbers[axis] = left % shape[axis]
+                left //= shape[axis]
+            steep = 0.0  # the trace of the curvature: no eigenvalue is greater
+            for s in range(offsets.shape[0]):
+                if s == 3 + 2 * last and steep <= RESOLVED_CURVATURE:
+                    break
+                place = 0
+                for axis in range(last + 1):
+                    number, count = numbers[axis] + offsets[s, axis], shape[axis]
+                    if box.goes_round and axis == last:
+                        number = (number + count) % count
+                    if number < 0 or number >= count:
+                        place = -1
+                    if place >= 0:
+                        place = place * count + number
+                near = cell_at[place] if place >= 0 else -1
+                log = -math.inf
+                if near >= 0:
+                    log = log_mass[run % log_mass.shape[0], near]
+                    for beam in range(kinds.size):
+                        precision = precisions[run, beam]
+                        if precision > 0.0:
+                            column = near % headings + shifts[beam]
+                            column -= period if column >= period else 0
+                            expected = table[near // headings, kinds[beam], column]
+                            if not (math.isinf(expected) and math.isinf(values[run, beam])):
+                                log -= 0.5 * precision * (values[run, beam] - expected) ** 2
+                logs[run, k, s] = log
+                if 0 < s < 3 + 2 * last and s % 2 == 0:
+                    bend = _bend(logs[run, k, 0], logs[run, k, s - 1], log)
+                    steep += bend if bend > 0.0 else 0.0
+            times[run, k] = steep > RESOLVED_CURVATURE
 
 
-@njit(cache=True, nogil=True)
 def _curvature(logs: Array, size: int) -> Array:
-    """Minus the second differences of the log weights on a stencil, (n, n)."""
-    information = np.empty((size, size))
+    """Minus the second differences of log weights on stencils, (S, K) -> (n, n, K)."""
+    information = np.empty((size, size, logs.shape[1]))
     at = 1 + 2 * size
     for i in range(size):
-        information[i, i] = _bend(logs, i)
+        above, below = logs[1 + 2 * i] - logs[0], logs[2 + 2 * i] - logs[0]
+        one, other = np.isinf(above), np.isinf(below)
+        bend = np.where(one, -2.0 * below, np.where(other, -2.0 * above, -above - below))
+        information[i, i] = np.where(one & other, LONE_CELL_CURVATURE, bend)
         for j in range(i + 1, size):
-            total, count = 0.0, 0
-            for quadrant in range(4):
-                first, second = 1 + 2 * i + quadrant // 2, 1 + 2 * j + quadrant % 2
-                twist = logs[at + quadrant] - logs[first] - logs[second] + logs[0]
-                if math.isfinite(twist):
-                    total += twist if quadrant in (0, 3) else -twist
-                    count += 1
-            information[i, j] = information[j, i] = -total / max(count, 1)
+            total, count = np.zeros(logs.shape[1]), np.zeros(logs.shape[1])
+            for quadrant, (first, second) in enumerate(itertools.product((0, 1), repeat=2)):
+                with np.errstate(invalid="ignore"):  # of cells that are not possible
+                    twist = logs[at + quadrant] - logs[1 + 2 * i + first] - logs[1 + 2 * j + second] + logs[0]
+                known = np.isfinite(twist)
+                total += np.where(known, twist if first == second else -twist, 0.0)
+                count += known
+            information[i, j] = information[j, i] = -total / np.maximum(count, 1)
             at += 4
     return information
 
 
-@njit(cache=True, nogil=True)
+def _spread(logs: Array, offsets: IntArray) -> Array:
+    """Covariance of a stencil's cells as they weigh, (S, K) -> (n, n, K)."""
+    size = offsets.shape[1]
+    weights = np.exp(logs - logs.max(axis=0))
+    weights /= sum_terms(weights)
+    spread = np.empty((size, size, logs.shape[1]))
+
+    def mean(values: IntArray) -> Array:
+        return sum_terms(w * value for w, value in zip(weights, values, strict=True) if value)
+
+    means = [mean(offset) for offset in offsets.T]
+    for i in range(size):
+        for j in range(i + 1):
+            spread[i, j] = spread[j, i] = mean(offsets[:, i] * offsets[:, j]) - means[i] * means[j]
+    return spread
+
+
 def _make_definite(information: Array) -> None:
     """Shrink what is off the diagonal, in place, until each pivot is MIN_PIVOT_SHARE of its element.
 
-    Second differences over kinks of the density need not be definite.
+    Second differences over kinks of the density need not be definite. Pivots are concave in the matrix: what
+    is definite stays so when shrunk further, so how often to shrink each, (n, n, K), is found by halving.
     """
-    size = len(information)
-    for i in range(size):
-        information[i, i] = max(information[i, i], MIN_CURVATURE)
-    while not _is_definite(information):
-        for i in range(size):
-            for j in range(size):
-                if i != j:
-                    information[i, j] *= SHRINK_FACTOR
+    diagonal = range(len(information))
+    information[diagonal, diagonal] = np.maximum(information[diagonal, diagonal], MIN_CURVATURE)
+    wrong = np.flatnonzero(~_is_definite(information))
+    if not wrong.size:
+        return
+    off = information[:, :, wrong]
+    kept = off[diagonal, diagonal]
+
+    def shrunk(times: IntArray) -> Array:
+        less = off * SHRINK_FACTOR**times
+        less[diagonal, diagonal] = kept
+        return less
+
+    few, enough = np.zeros(wrong.size, np.int64), np.full(wrong.size, MOST_SHRINKING)
+    while (enough - few > 1).any():
+        middle = (few + enough) // 2
+        definite = _is_definite(shrunk(middle))
+        few, enough = np.where(definite, few, middle), np.where(definite, middle, enough)
+    information[:, :, wrong] = shrunk(enough)
 
 
-@njit(cache=True, nogil=True)
-def _is_definite(information: Array) -> bool:
-    """Whether each pivot is more than MIN_PIVOT_SHARE of its diagonal element."""
-    left = information.copy()
-    for k in range(len(left)):
-        if not left[k, k] > MIN_PIVOT_SHARE * information[k, k]:
-            return False
-        for i in range(k + 1, len(left)):
-            left[i] -= left[i, k] / left[k, k] * left[k]
-    return True
+def _is_definite(information: Array) -> BoolArray:
+    """Whether each pivot is more than MIN_PIVOT_SHARE of its diagonal element, (n, n, K) -> (K,)."""
+    rest, size = information.copy(), len(information)
+    definite = np.ones(information.shape[2], dtype=np.bool_)
+    for k in range(size):
+        definite &= rest[k, k] > MIN_PIVOT_SHARE * information[k, k]
+        pivot = np.where(definite, rest[k, k], 1.0)
+        for i in range(k + 1, size):
+            rest[i] -= rest[i, k] / pivot * rest[k]
+    return definite
 
 
-@njit(cache=True, nogil=True)
-def _log_weight(cell: int, beams: MeasuredBeams, ranges: SharedRanges, log_mass: Array) -> float:
-    """Log weight of a cell; -inf for no cell."""
-    if cell < 0:
-        return -math.inf
-    log = float(log_mass[cell])
-    reading, weight, kind, shift = beams
-    table, period = ranges.ranges, ranges.period
-    place, heading = divmod(cell, ranges.headings)
-    for beam in range(reading.size):
-        column = heading + shift[beam]
-        expected = table[place, kind[beam], column - period if column >= period else column]
-        if not math.isinf(reading[beam]):
-            log -= weight[beam] * (reading[beam] - expected) ** 2
-        elif not math.isinf(expected):
-            return -math.inf
-    return log
-
-
-@njit(cache=True, nogil=True)
-def _neighbour(cell: int, offset: IntArray, box: Box) -> int:
-    """The cell that lies so many cells on along each axis, or -1."""
-    left, place, stride = box.place_of[cell], 0, 1
-    for axis in range(box.shape.size - 1, -1, -1):
-        count = box.shape[axis]
-        left, number = divmod(left, count)
-        number += offset[axis]
-        if box.goes_round and axis == box.shape.size - 1:
-            number %= count
-        if number < 0 or number >= count:
-            return -1
-        place += stride * number
-        stride *= count
-    return int(box.cell_at[place])
-
-
-@njit(cache=True, nogil=True, parallel=True)
 def _errors(
-    sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array, box: Box, offsets: IntArray,
-    errors: Array,
-) -> None:  # fmt: skip
-    """Mean squared errors of the means, in cells, written in place, (M, n, n); see `add_lattice_errors`."""
-    size = box.shape.size
-    near = 1 + 2 * size
-    for run in prange(len(errors)):
-        errors[run] = 0.0
-        probe_cells = sums.probe_cells[run]
-        if probe_cells[0] >= 0:
-            beams = measured_beams(readings, ranges, run, np.arange(len(ranges.kind)))
-            mass = log_mass[run % len(log_mass)]
-            logs, error = np.empty(len(offsets)), np.zeros((size, size))
-            for k in range(probe_cells.size):
-                cell = probe_cells[k]
-                if k == 0 or cell != probe_cells[k - 1]:
-                    error[:] = 0.0
-                    for s in range(len(offsets)):
-                        if s == near and _axes_sum(logs, size) <= RESOLVED_CURVATURE:
-                            break
-                        logs[s] = _log_weight(_neighbour(cell, offsets[s], box), beams, ranges, mass)
-                    else:
-                        information = _curvature(logs, size)
-                        held = np.exp(logs - sums.log_sums[run]).sum()
-                        narrow = (held - WIDE_SHARE) / (NARROW_SHARE - WIDE_SHARE)
-                        steep = np.abs(information).sum(axis=0).max()  # at least the greatest eigenvalue
-                        if steep > RESOLVED_CURVATURE and narrow > 0.0:
-                            _make_definite(information)
-                            unresolved_covariance(information, _spread(logs, offsets), error)
-                            error *= min(1.0, narrow)
-                errors[run] += error / probe_cells.size
+    grid: Grid, sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array
+) -> tuple[IntArray, Array]:
+    """Runs whose means err, (R,), and their mean squared errors, in cells, (R, n, n)."""
+    size, (runs, probes), offsets = len(grid.shape), sums.probe_cells.shape, stencil(len(grid.shape))
+    logs, times = np.empty((runs, probes, len(offsets))), np.zeros((runs, probes), np.int64)
+    box = Box(grid.index, grid.cell_at, np.array(grid.shape), grid.goes_round)
+    told = sums, readings, ranges, log_mass, box, offsets, logs, times
+    in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind), *told)
+    run, probe = np.nonzero(times)
+    steep = np.ascontiguousarray(logs[run, probe].T)
+    held = sum_terms(np.exp(steep - sums.log_sums[run])) if run.size else np.empty(0)
+    narrow = (held - WIDE_SHARE) / (NARROW_SHARE - WIDE_SHARE)
+    information = _curvature(steep, size)
+    steepest = np.abs(information).sum(axis=0).max(axis=0)  # at least the greatest eigenvalue
+    kept = np.flatnonzero((narrow > 0.0) & (steepest > RESOLVED_CURVATURE))
+    if not kept.size:
+        return kept, np.empty((0, size, size))
+    information = information[:, :, kept]
+    _make_definite(information)
+    error = unresolved_covariance(information, _spread(steep[:, kept], offsets))
+    error *= np.minimum(narrow[kept], 1.0) * times[run, probe][kept] / probes
+    wrong, at = np.unique(run[kept], return_inverse=True)
+    errors = np.zeros((len(wrong), size, size))
+    np.add.at(errors, at, np.moveaxis(error, -1, 0))
+    return wrong, errors
 
 
 def add_lattice_errors(
@@ -254,10 +262,9 @@ def add_lattice_errors(
         ranges: The ranges that the cells expect.
         log_mass: Log weights before the readings, (1 or M, G).
     """
-    size = len(grid.shape)
-    errors = np.empty((len(sums.log_sums), size, size))
-    box = Box(grid.index, grid.cell_at, np.array(grid.shape), grid.goes_round)
-    _errors(sums, readings, ranges, log_mass, box, stencil(size), errors)
-    errors *= np.outer(grid.step, grid.step)
     sums.covariances[sums.log_sums == -np.inf] = 0.0
-    add_unresolved(sums.covariances, errors)
+    runs, errors = _errors(grid, sums, readings, ranges, log_mass)
+    if runs.size:
+        covariances = sums.covariances[runs]
+        add_unresolved(covariances, errors * np.outer(grid.step, grid.step))
+        sums.covariances[runs] = covariances

@@ -37,13 +37,13 @@ class CellMass(NamedTuple):
 
 
 class CellTable(NamedTuple):
-    """Expected ranges kept for each cell, and where the cells are.
+    """Expected ranges kept for each cell, and where the cells are: one row for each beam and component.
 
     Attributes:
-        ranges: In metres, (G, B).
-        low: The least in each block of cells, (K, B), m.
-        high: The greatest, (K, B), m.
-        centres: Of the cells, (G, n).
+        ranges: In metres, (B, G).
+        low: The least in each block of cells, (B, K), m.
+        high: The greatest, (B, K), m.
+        centres: Of the cells, (n, G).
         is_angle: Which components are angles, (n,).
     """
 

@@ -14,14 +14,30 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...compiled import njit, prange
-from .mode_shape import MeasuredBeams, choose_probe_cells, measured_beams
+from ...compiled import njit
+from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 
 PLACES_PER_BLOCK = 16
 HEADINGS_PER_BLOCK = 8  # as many float64 as the widest registers hold
 FIRST_BEAMS = 16  # beams by which all blocks are compared before the first cell is looked at
 BEAMS_PER_CHECK = 8  # beams between two looks at whether a cell is out already
+
+
+class MeasuredBeams(NamedTuple):
+    """The beams that were measured in one run, in the order in which they are compared with the ranges.
+
+    Attributes:
+        reading: In metres, (b,); inf = no return.
+        weight: Half the precision, 1/m^2, (b,).
+        kind: As in `SharedRanges`, (b,).
+        shift: As in `SharedRanges`, (b,).
+    """
+
+    reading: Array
+    weight: Array
+    kind: IntArray
+    shift: IntArray
 
 
 class DirectionBlocks(NamedTuple):
@@ -48,129 +64,168 @@ class Chosen(NamedTuple):
     logs: Array
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _gap(reading: float, low: float, high: float) -> float:
-    """How far a reading is from an interval of ranges; inf where one is infinite and the other is not."""
-    if math.isinf(reading):
-        return 0.0 if math.isinf(high) else math.inf
-    return max(low - reading, max(reading - high, 0.0))
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _measured_beams(readings: Readings, ranges: SharedRanges, run: int, order: IntArray) -> MeasuredBeams:
+    """The measured ones of some beams, in this order."""
+    count = 0
+    for beam in order:
+        count += readings.precisions[run, beam] > 0
+    beams = MeasuredBeams(
+        np.empty(count), np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
+    )
+    count = 0
+    for beam in order:
+        if readings.precisions[run, beam] > 0:
+            beams.reading[count] = readings.values[run, beam]
+            beams.weight[count] = 0.5 * readings.precisions[run, beam]
+            beams.kind[count], beams.shift[count] = ranges.kind[beam], ranges.shift[beam]
+            count += 1
+    return beams
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _compare(early: int, beams: MeasuredBeams, blocks: DirectionBlocks, bounds: Array) -> None:
     """Take from each block's greatest log mass (P, K), in place, what the first few beams take at least."""
-    readings, weights, kind, shift = beams
     low, high = blocks.low, blocks.high
     for row in range(bounds.shape[0]):
         for beam in range(early):
-            turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
-            least = low[row, kind[beam], lane, turn : turn + bounds.shape[1]]
-            most = high[row, kind[beam], lane, turn : turn + bounds.shape[1]]
-            reading, weight = readings[beam], weights[beam]
+            kind, shift = beams.kind[beam], beams.shift[beam]
+            turn, lane = shift // HEADINGS_PER_BLOCK, shift % HEADINGS_PER_BLOCK
+            reading, weight = beams.reading[beam], beams.weight[beam]
             if math.isinf(reading):
                 for column in range(bounds.shape[1]):
-                    if not math.isinf(most[column]):
+                    if not math.isinf(high[row, kind, lane, turn + column]):
                         bounds[row, column] = -math.inf
             else:
-                for column in range(bounds.shape[1]):  # `_gap`, without a branch
-                    above, below = least[column] - reading, reading - most[column]
+                for column in range(bounds.shape[1]):  # how far it is from the interval, without a branch
+                    below = low[row, kind, lane, turn + column] - reading
+                    above = reading - high[row, kind, lane, turn + column]
                     gap = above if above > below else below
-                    bounds[row, column] -= weight * (gap if gap > 0.0 else 0.0) ** 2
+                    gap = gap if gap > 0.0 else 0.0
+                    bounds[row, column] -= weight * gap * gap
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _bound(
     log: float, bar: float, early: int, row: int, column: int, beams: MeasuredBeams, blocks: DirectionBlocks
 ) -> float:
     """The same for one block and the other beams; stops below the bar."""
-    reading, weight, kind, shift = beams
-    low, high = blocks.low, blocks.high
-    for beam in range(early, reading.size):
-        turn, lane = divmod(shift[beam], HEADINGS_PER_BLOCK)
-        least, most = low[row, kind[beam], lane, turn + column], high[row, kind[beam], lane, turn + column]
-        log -= weight[beam] * _gap(reading[beam], least, most) ** 2
+    for beam in range(early, beams.reading.size):
+        kind, shift = beams.kind[beam], beams.shift[beam]
+        turn, lane = shift // HEADINGS_PER_BLOCK, shift % HEADINGS_PER_BLOCK
+        least, most = blocks.low[row, kind, lane, turn + column], blocks.high[row, kind, lane, turn + column]
+        reading = beams.reading[beam]
+        if math.isinf(reading):
+            log = log if math.isinf(most) else -math.inf
+        else:
+            below, above = least - reading, reading - most
+            gap = above if above > below else below
+            gap = gap if gap > 0.0 else 0.0
+            log -= beams.weight[beam] * gap * gap
         if log <= bar:
             break
     return log
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _add_misfits(reading: float, weight: float, expected: Array, misfits: Array) -> None:
-    """Add what a beam says against cells with these expected ranges."""
-    if math.isinf(reading):
-        for k in range(misfits.size):
-            if not math.isinf(expected[k]):
-                misfits[k] = math.inf
-    else:
-        for k in range(misfits.size):
-            misfits[k] += weight * (reading - expected[k]) ** 2
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _append_block(
-    block: tuple[int, int], beams: MeasuredBeams, ranges: SharedRanges, log_mass: Array, chosen: Chosen,
-    count: int, best: float,
+    row: int, column: int, beams: MeasuredBeams, ranges: SharedRanges, mass: CellMass, mass_row: int,
+    chosen: Chosen, count: int, best: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Append the cells of a block that matter; returns the new count and best log weight."""
-    first, heading = PLACES_PER_BLOCK * block[0], HEADINGS_PER_BLOCK * block[1]
-    reading, weight, kind, shift = beams
-    table, period, headings = ranges.ranges, ranges.period, log_mass.shape[1]
+    first, heading = PLACES_PER_BLOCK * row, HEADINGS_PER_BLOCK * column
+    places, headings = mass.logs.shape[1], mass.logs.shape[2]
+    lanes = min(HEADINGS_PER_BLOCK, headings - heading)
     misfits = np.empty(HEADINGS_PER_BLOCK)
-    for place in range(first, min(first + PLACES_PER_BLOCK, len(table))):
-        masses = log_mass[place, heading : heading + HEADINGS_PER_BLOCK]
-        room = masses.max() - best + NEGLIGIBLE_NATS
-        misfits[:] = 0.0
-        for beam in range(reading.size):
-            column = heading + shift[beam]
-            if column >= period:
-                column -= period
-            expected = table[place, kind[beam], column : column + HEADINGS_PER_BLOCK]
-            _add_misfits(reading[beam], weight[beam], expected, misfits)
-            if beam % BEAMS_PER_CHECK == BEAMS_PER_CHECK - 1 and misfits.min() >= room:
-                break
-        for lane in range(masses.size):
-            log = masses[lane] - misfits[lane]
+    for place in range(first, min(first + PLACES_PER_BLOCK, places)):
+        most = -math.inf
+        for lane in range(lanes):
+            mass_here = mass.logs[mass_row, place, heading + lane]
+            most = mass_here if mass_here > most else most
+        room = most - best + NEGLIGIBLE_NATS
+        for lane in range(HEADINGS_PER_BLOCK):
+            misfits[lane] = 0.0
+        for beam in range(beams.reading.size):
+            at = heading + beams.shift[beam]
+            if at >= ranges.period:
+                at -= ranges.period
+            reading, weight, kind = beams.reading[beam], beams.weight[beam], beams.kind[beam]
+            if math.isinf(reading):
+                for lane in range(HEADINGS_PER_BLOCK):
+                    if not math.isinf(ranges.ranges[place, kind, at + lane]):
+                        misfits[lane] = math.inf
+            else:
+                for lane in range(HEADINGS_PER_BLOCK):
+                    off = reading - ranges.ranges[place, kind, at + lane]
+                    misfits[lane] += weight * off * off
+            if beam % BEAMS_PER_CHECK == BEAMS_PER_CHECK - 1:
+                least = math.inf
+                for lane in range(HEADINGS_PER_BLOCK):
+                    least = misfits[lane] if misfits[lane] < least else least
+                if least >= room:
+                    break
+        for lane in range(lanes):
+            log = mass.logs[mass_row, place, heading + lane] - misfits[lane]
             if log > best - NEGLIGIBLE_NATS:
                 chosen.cells[count], chosen.logs[count] = place * headings + heading + lane, log
                 count += 1
-                best = max(best, log)
+                best = log if log > best else best
     return count, best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _promising(bounds: Array) -> int:
+    """The block that is bounded highest, counted over all."""
+    top = 0
+    for block in range(bounds.size):
+        row, column = block // bounds.shape[1], block % bounds.shape[1]
+        if bounds[row, column] > bounds[top // bounds.shape[1], top % bounds.shape[1]]:
+            top = block
+    return top
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _select(
-    beams: MeasuredBeams, ranges: SharedRanges, blocks: DirectionBlocks, log_mass: Array, bounds: Array,
+    beams: MeasuredBeams, ranges: SharedRanges, blocks: DirectionBlocks, mass: CellMass, mass_row: int,
     most: float, chosen: Chosen,
 ) -> tuple[int, float]:  # fmt: skip
-    """Find the cells that matter and their log weights; `bounds` starts as the blocks' greatest log mass.
+    """Find the cells that matter and their log weights.
 
     Returns:
         Their number and the greatest log weight; or -1 as number if more than `most` blocks are left.
     """
+    rows, columns = mass.tops.shape[1], mass.tops.shape[2]
+    bounds = np.empty((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            bounds[row, column] = mass.tops[mass_row, row, column]
     count, best, size = 0, -math.inf, beams.reading.size
     early = min(FIRST_BEAMS, size)
     _compare(early, beams, blocks, bounds)
-    for compared in (early, size):  # the best block by few beams, then by all, sets the bar
-        row, column = divmod(bounds.argmax(), bounds.shape[1])
+    for attempt in range(2):  # the best block by few beams, then by all, sets the bar
+        top = _promising(bounds)
+        row, column = top // columns, top % columns
         if bounds[row, column] == -math.inf:
             return 0, -math.inf
-        _, best = _append_block((row, column), beams, ranges, log_mass, chosen, 0, best)
-        if compared == size:
+        _, best = _append_block(row, column, beams, ranges, mass, mass_row, chosen, 0, best)
+        if attempt == 1 or early == size:
             break
         left, bar = 0, best - NEGLIGIBLE_NATS
-        for row, column in np.ndindex(bounds.shape):
-            if bounds[row, column] > bar:
-                bounds[row, column] = _bound(bounds[row, column], bar, early, row, column, beams, blocks)
-                left += bounds[row, column] > bar
+        for row in range(rows):
+            for column in range(columns):
+                if bounds[row, column] > bar:
+                    bounds[row, column] = _bound(bounds[row, column], bar, early, row, column, beams, blocks)
+                    left += bounds[row, column] > bar
         if left > most:
             return -1, best
-    for row, column in np.ndindex(bounds.shape):
-        if bounds[row, column] > best - NEGLIGIBLE_NATS:
-            count, best = _append_block((row, column), beams, ranges, log_mass, chosen, count, best)
+    for row in range(rows):
+        for column in range(columns):
+            if bounds[row, column] > best - NEGLIGIBLE_NATS:
+                count, best = _append_block(row, column, beams, ranges, mass, mass_row, chosen, count, best)
     return count, best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def sum_up(
     cells: IntArray, logs: Array, best: float, blocks: DirectionBlocks, out: Moments, run: int
 ) -> None:
@@ -182,73 +237,84 @@ def sum_up(
     """
     places, headings = blocks.places, blocks.headings
     sums = np.zeros((headings.size, 3))  # of weights, and of weights times places
-    squares = np.zeros(3)
-    origin = places[cells[0] // headings.size]
+    xx, xy, yy = 0.0, 0.0, 0.0
+    first = cells[0] // headings.size
     for k in range(cells.size):
-        weight = logs[k] = math.exp(logs[k] - best)
-        place, heading = divmod(cells[k], headings.size)
-        x = places[place, 0] - origin[0]
-        y = places[place, 1] - origin[1]
+        weight = math.exp(logs[k] - best)
+        logs[k] = weight
+        place, heading = cells[k] // headings.size, cells[k] % headings.size
+        x, y = places[place, 0] - places[first, 0], places[place, 1] - places[first, 1]
         sums[heading, 0] += weight
         sums[heading, 1] += weight * x
         sums[heading, 2] += weight * y
-        squares[0] += weight * x * x
-        squares[1] += weight * x * y
-        squares[2] += weight * y * y
-    total = sums[:, 0].sum()
+        xx += weight * x * x
+        xy += weight * x * y
+        yy += weight * y * y
+    total, x, y, sine, cosine = 0.0, 0.0, 0.0, 0.0, 0.0
+    for heading in range(headings.size):
+        total += sums[heading, 0]
+        x += sums[heading, 1]
+        y += sums[heading, 2]
+        sine += sums[heading, 0] * math.sin(headings[heading])
+        cosine += sums[heading, 0] * math.cos(headings[heading])
     choose_probe_cells(cells, logs, total, out.probe_cells[run])
-    x, y = sums[:, 1].sum() / total, sums[:, 2].sum() / total
-    turn = math.atan2((sums[:, 0] * np.sin(headings)).sum(), (sums[:, 0] * np.cos(headings)).sum())
+    x, y, turn = x / total, y / total, math.atan2(sine, cosine)
+    across_x, across_y, turned = 0.0, 0.0, 0.0
+    for heading in range(headings.size):
+        away = (headings[heading] - turn + math.pi) % (2.0 * math.pi) - math.pi
+        across_x += away * (sums[heading, 1] - x * sums[heading, 0])
+        across_y += away * (sums[heading, 2] - y * sums[heading, 0])
+        turned += away * away * sums[heading, 0]
     mean, covariance = out.means[run], out.covariances[run]
-    mean[0], mean[1], mean[2] = origin[0] + x, origin[1] + y, turn
-    away = (headings - turn + math.pi) % (2.0 * math.pi) - math.pi
-    covariance[0, 0] = squares[0] / total - x * x
-    covariance[0, 1] = covariance[1, 0] = squares[1] / total - x * y
-    covariance[1, 1] = squares[2] / total - y * y
-    covariance[0, 2] = covariance[2, 0] = (away * (sums[:, 1] - x * sums[:, 0])).sum() / total
-    covariance[1, 2] = covariance[2, 1] = (away * (sums[:, 2] - y * sums[:, 0])).sum() / total
-    covariance[2, 2] = (away**2 * sums[:, 0]).sum() / total
+    mean[0], mean[1], mean[2] = places[first, 0] + x, places[first, 1] + y, turn
+    covariance[0, 0], covariance[1, 1] = xx / total - x * x, yy / total - y * y
+    covariance[0, 1] = covariance[1, 0] = xy / total - x * y
+    covariance[0, 2] = covariance[2, 0] = across_x / total
+    covariance[1, 2] = covariance[2, 1] = across_y / total
+    covariance[2, 2] = turned / total
     out.log_sums[run] = best + math.log(total)
 
 
-@njit(cache=True, nogil=True)
-def _run_moments(
-    run: int, beams: MeasuredBeams, ranges: SharedRanges, blocks: DirectionBlocks, mass: CellMass,
-    most: float, out: Moments,
-) -> None:  # fmt: skip
-    """The moments of one run."""
-    row, size = run % len(mass.logs), blocks.places.shape[0] * blocks.headings.size
-    chosen = Chosen(np.empty(size, np.int64), np.empty(size))
-    count, best = _select(beams, ranges, blocks, mass.logs[row], mass.tops[row].copy(), most, chosen)
-    if count > 0:
-        sum_up(chosen.cells[:count], chosen.logs[:count], best, blocks, out, run)
-    else:
-        out.log_sums[run] = -math.inf if count == 0 else math.nan
-
-
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan_moments(
-    readings: Readings, order: IntArray, ranges: SharedRanges, blocks: DirectionBlocks, mass: CellMass,
-    most: Array, out: Moments,
+    first_run: int, last_run: int, readings: Readings, order: IntArray, ranges: SharedRanges,
+    blocks: DirectionBlocks, mass: CellMass, most: Array, out: Moments,
 ) -> None:  # fmt: skip
-    """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for each run, written in place.
+    """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for some runs, written in place.
 
     The log weights of docs/theory.md, "Point masses". Only the log sum is written where no cell is possible,
     and where more blocks than `most` (M,) are left: NaN. Beams are compared in the `order` given, (B,).
     """
-    for run in prange(len(readings.values)):  # numba drops what a parallel loop itself writes to a record
-        _run_moments(run, measured_beams(readings, ranges, run, order), ranges, blocks, mass, most[run], out)
+    size = blocks.places.shape[0] * blocks.headings.size
+    chosen = Chosen(np.empty(size, np.int64), np.empty(size))
+    for run in range(first_run, last_run):
+        beams = _measured_beams(readings, ranges, run, order)
+        count, best = _select(beams, ranges, blocks, mass, run % mass.logs.shape[0], most[run], chosen)
+        if count > 0:
+            sum_up(chosen.cells[:count], chosen.logs[:count], best, blocks, out, run)
+        else:
+            out.log_sums[run] = -math.inf if count == 0 else math.nan
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def scan_misfits(beams: MeasuredBeams, ranges: SharedRanges, misfits: Array) -> None:
-    """Sum_j weight_j (reading_j - range_j)^2 for all cells, written in place, (C, H)."""
-    reading, weight, kind, shift = beams
-    table, period = ranges.ranges, ranges.period
-    for place in prange(len(table)):
-        misfits[place] = 0.0
-        for beam in range(reading.size):
-            turn = min(misfits.shape[1], period - shift[beam])  # headings before the directions start again
-            row = table[place, kind[beam]]
-            _add_misfits(reading[beam], weight[beam], row[shift[beam] :], misfits[place, :turn])
-            _add_misfits(reading[beam], weight[beam], row, misfits[place, turn:])
+@njit(cache=True, nogil=True, error_model="numpy")
+def scan_misfits(first: int, last: int, beams: MeasuredBeams, ranges: SharedRanges, misfits: Array) -> None:
+    """Sum_j weight_j (reading_j - range_j)^2 for all cells of some places, written in place, (C, H)."""
+    headings = misfits.shape[1]
+    for place in range(first, last):
+        for heading in range(headings):
+            misfits[place, heading] = 0.0
+        for beam in range(beams.reading.size):
+            reading, weight = beams.reading[beam], beams.weight[beam]
+            kind, shift = beams.kind[beam], beams.shift[beam]
+            turn = min(headings, ranges.period - shift)  # headings before the directions start again
+            for part in range(2):
+                begin, end = (0, turn) if part == 0 else (turn, headings)
+                start = shift if part == 0 else -turn
+                if math.isinf(reading):
+                    for heading in range(begin, end):
+                        if not math.isinf(ranges.ranges[place, kind, start + heading]):
+                            misfits[place, heading] = math.inf
+                else:
+                    for heading in range(begin, end):
+                        off = reading - ranges.ranges[place, kind, start + heading]
+                        misfits[place, heading] += weight * off * off

@@ -15,17 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import TWO_PI, Array, IntArray
+from ...compiled import in_threads
 from ..models.noise import Gaussian
 from ..models.rangefinder import Rangefinder
 from ..problem import Sensor
 from ..space import StateSpace
 from .grid import Grid
-from .mode_shape import MeasuredBeams, add_lattice_errors
+from .mode_shape import add_lattice_errors
 from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 from .turning_kernels import (
     HEADINGS_PER_BLOCK,
     PLACES_PER_BLOCK,
     DirectionBlocks,
+    MeasuredBeams,
     scan_misfits,
     scan_moments,
     sum_up,
@@ -86,7 +88,8 @@ class RangesByDirection:
         transform = TRANSFORM_COST * self.ranges.ranges.size / beams
         most = np.where(exact, np.inf, transform / (PLACES_PER_BLOCK * HEADINGS_PER_BLOCK))
         sums = Moments.blank(len(values), 3)
-        scan_moments(readings, order, self.ranges, self.blocks, cells, most, sums)
+        told = readings, order, self.ranges, self.blocks, cells, most, sums
+        in_threads(scan_moments, len(values), values.size * mass.logs.shape[1], *told)
         for run in np.flatnonzero(np.isnan(sums.log_sums)):
             logs = mass.logs[run % len(mass.logs)] - self.misfit(values[run], precisions[run])
             best = logs.max()
@@ -105,7 +108,8 @@ class RangesByDirection:
         if enough and self._transforms(reading, precision):
             return self._correlate(beams).ravel()
         misfits = np.empty((len(self.blocks.places), self.ranges.headings))
-        scan_misfits(beams, self.ranges, misfits)
+        work = misfits.size * len(beams.reading)
+        in_threads(scan_misfits, len(misfits), work, beams, self.ranges, misfits)
         return misfits.ravel()
 
     def _transforms(self, reading: Array, precision: Array) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -196,6 +196,20 @@ class RefinedPointMassFilter(BriefRepr):
         likelihood = self._likelihood(self.coarse, belief.readings[run : run + 1])
         refinement = self._refinement(self.coarse)
         return refinement.boxes(likelihood, refinement.answer(likelihood))
+
+    def boxes_of_each(self, readings: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """The same of each of many runs, which takes less time than one by one.
+
+        Args:
+            readings: (M, T, B), m.
+        """
+        at_once = runs_at_once(self.problem)
+        for start in range(0, len(readings), at_once):
+            likelihood = self._likelihood(self.coarse, readings[start : start + at_once])
+            refinement = self._refinement(self.coarse)
+            found = refinement.answer(likelihood)
+            for run in range(len(likelihood.readings)):
+                yield refinement.boxes(likelihood.rows(np.array([run])), found.of_run(run))
 
     def _likelihood(self, coarse: CoarseCells, readings: Array) -> Likelihood:
         return Likelihood(self.problem.sensor, readings, coarse.farthest)

@@ -190,7 +190,7 @@ def _scale(first: Array, second: Array, factor: float) -> None:
             second[i, j] *= factor
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _longer(values: IntArray) -> IntArray:
     out = np.empty(2 * values.size, np.int64)
     for row in range(values.size):
@@ -198,7 +198,7 @@ def _longer(values: IntArray) -> IntArray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _taller(values: Array) -> Array:
     out = np.empty((2 * values.shape[0], values.shape[1]))
     for row in range(values.shape[0]):

@@ -57,6 +57,13 @@ class Refined:
     error: Array
     pool: Pool
 
+    def of_run(self, run: int) -> Refined:
+        """One of the runs alone."""
+        pool, chosen = self.pool.rows(self.pool.run == run), slice(run, run + 1)
+        pool.run = np.zeros_like(pool.run)
+        moments = self.mean[chosen], self.covariance[chosen]
+        return Refined(*moments, self.log_integral[chosen], self.error[chosen], pool)
+
 
 @dataclass(frozen=True)
 class Refinement:

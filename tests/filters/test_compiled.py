@@ -1,0 +1,63 @@
+"""Compiled loops: shared out among threads, kept in a cache where there can be one, and announced."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rangefix.arrays import Array
+from rangefix.filters import compiled
+
+PREDICTED = """
+import numpy as np
+from rangefix.filters.exact import any_noise
+from rangefix.filters.point_mass import turning_kernels
+from rangefix.filters.refined_cells.range_model import predict
+
+out = np.empty((1, 1, 1))
+predict(np.array([[2.0]]), np.array([[[-1.0, 0.0]]]), np.array([[[0.5, 0.1]]]), out)
+print(*out.ravel())
+"""
+
+
+def halves(first: int, last: int, values: Array, out: Array) -> None:
+    out[first:last] += 0.5 * values[first:last]
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 1000])
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_every_step_is_done_once(count: int, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "_threads", lambda: threads)
+    values, out = np.arange(float(count)), np.zeros(count)
+    compiled.in_threads(halves, count, 1e9, values, out)
+    np.testing.assert_array_equal(out, 0.5 * values)
+
+
+def test_a_failure_in_a_thread_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "_threads", lambda: 2)
+
+    def fails(first: int, last: int) -> None:
+        raise ZeroDivisionError(first)
+
+    with pytest.raises(ZeroDivisionError):
+        compiled.in_threads(fails, 4, 1e9)
+
+
+def test_no_folder_for_a_cache_is_no_mistake(tmp_path: Path) -> None:
+    """Neither beside the source nor in the home can a folder be made."""
+    nowhere = tmp_path / "file"
+    nowhere.touch()
+    block = (
+        "import numba.core.caching as c; c.InTreeCacheLocator.from_function = classmethod(lambda *_: None)\n"
+    )
+    variables = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    bare = variables | {"HOME": str(nowhere), "XDG_CACHE_HOME": str(nowhere)}
+    told = subprocess.run(
+        [sys.executable, "-c", block + PREDICTED], env=bare, capture_output=True, text=True, check=True
+    )
+    assert (told.stdout, told.stderr) == ("1.5\n", "")
