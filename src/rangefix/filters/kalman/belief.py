@@ -75,6 +75,7 @@ class SigmaPointOptions(BriefRepr):
     kappa: float | None = None
 
     def __post_init__(self) -> None:
+        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
