@@ -77,6 +77,7 @@ class SigmaPointOptions(BriefRepr):
     def __post_init__(self) -> None:
         refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
+        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
             raise ValueError(
