@@ -7,6 +7,7 @@
 # make lint    format and lint only
 # make honesty  the page of who is honest where: every estimator on random problems, about ten minutes
 # make recordings  the table of docs/recordings.md: every estimator on real recordings, about half an hour
+# make planning  the page of what planned beams are worth, in three maps: some hours; PLANNING_RUNS sets the runs
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
 
@@ -23,9 +24,10 @@ RECORDINGS ?= ../shared/data
 RUNS ?= 1000
 BUILDING_RUNS ?= 400
 DOCS_RUNS ?= 200
+PLANNING_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test study fuzz chaos bench honesty recordings docs lint clean
+.PHONY: demo test study fuzz chaos bench honesty recordings planning docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper
@@ -65,6 +67,9 @@ honesty: $(VENV)/.test
 
 recordings: $(VENV)/.test
 	$(BIN)/python docs/make_recordings.py --data $(RECORDINGS)
+
+planning: $(VENV)/.test
+	$(BIN)/python docs/make_planning.py --runs $(PLANNING_RUNS) --building $(BUILDING)
 
 docs: $(VENV)/.docs
 	$(BIN)/python docs/make_gallery.py --runs $(DOCS_RUNS) --out docs/gallery

@@ -174,6 +174,16 @@ def test_the_command_line_loads_nothing_heavy() -> None:
     assert shown.stdout.strip() == "[]"
 
 
+def test_results_are_shown_without_what_makes_them() -> None:
+    """Importing evaluation and the tables of the terminal leaves scipy and numba for those who need them."""
+    code = (
+        "import sys, rangefix.evaluation, rangefix.evaluation.drawing, rangefix.cli.tables\n"
+        "print(sorted({'scipy.special', 'scipy.stats', 'numpy.f2py', 'numba'} & sys.modules.keys()))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"
+
+
 def test_help_loads_nothing_heavy() -> None:
     """`rangefix --help` loads rich, for its panels, and none of the others."""
     code = (

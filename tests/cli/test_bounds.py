@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -90,3 +91,64 @@ def test_a_squared_cosine_prior_in_a_study(rangefix: Callable[..., Said], tmp_pa
     mistaken = rangefix("validate", _write(tmp_path, SMOOTH + "lower_m = [1.0, 1.0]\n"))
     assert mistaken.code == 2
     assert "give both corners of the box" in mistaken.err
+
+
+def test_saved_bounds_stand_beside_g(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """`run --bounds` and `bounds FOLDER` save the same; a plain run saves none, another seed drops them."""
+    study, folder = _write(tmp_path), tmp_path / "hall"
+    plain = rangefix("run", study, "--out", folder)
+    assert "efficiency" not in plain.out
+    assert not (folder / "bounds.json").exists()
+    said = rangefix("bounds", folder)
+    assert said.code == 0
+    assert f"Saved beside the results: {folder / 'bounds.json'}" in " ".join(said.out.split())
+    saved = json.loads((folder / "bounds.json").read_text())
+    assert saved["sets"]["2"]["optimum"][1] == pytest.approx(0.0024624, rel=1e-3)
+    assert saved["sets"]["1"]["bound_names"] == ["known-walls", "known-walls"]
+    with (folder / "summary.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        efficiency = float(row["optimum_x2"]) / float(row["G_x2"])
+        assert float(row["efficiency_x2"]) == pytest.approx(efficiency, rel=1e-9)
+        assert float(row["bound_x2"]) <= float(row["optimum_x2"])
+    again = rangefix("run", study, "--out", folder, "--bounds", "--gate", "efficiency_x2=0.01:")
+    assert again.code == 0
+    assert json.loads((folder / "bounds.json").read_text()) == saved
+    assert "bound / true / claimed" in " ".join(again.out.split())
+    assert "bound std of x2, m" in rangefix("table", folder).out
+    assert rangefix("run", study, "--out", folder, "--seed", "5").code == 0
+    assert not (folder / "bounds.json").exists()
+
+
+def test_bounds_are_saved_only_where_they_belong(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Folders of other studies, damaged documents, options that do not go together: one line each, exit 2."""
+    study, folder = _write(tmp_path), tmp_path / "hall"
+    assert rangefix("run", study, "--out", folder).code == 0
+    other = tmp_path / "other.toml"
+    other.write_text(STUDY.replace("4.0", "5.0"))
+    for arguments, reason in (
+        ((other, "--out", folder), "holds no finished results of this study as it is now"),
+        ((folder, "--map", "room:4x6"), "--out and --map go with a study"),
+        ((study, "--only", "optimum", "--out", folder), "--only goes without --out"),
+        ((study, "--curve", tmp_path / "a.txt"), "name a picture that ends with .png"),
+    ):
+        said = rangefix("bounds", *arguments)
+        assert said.code == 2
+        assert reason in " ".join(said.err.split())
+    assert rangefix("bounds", folder).code == 0
+    document = json.loads((folder / "bounds.json").read_text())
+    document["sets"]["1"]["bound"] = [-1.0, 2.0]
+    (folder / "bounds.json").write_text(json.dumps(document))
+    said = rangefix("report", folder)
+    assert said.code == 2
+    assert "bounds.json: sets.1.bound.0" in " ".join(said.err.split())
+    said = rangefix("run", study, "--gate", "efficiency_x1=0.5:")
+    assert (said.code, "needs --bounds" in said.err) == (2, True)
+
+
+def test_truths_at_one_state_have_no_efficiency(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Bounds are averages over the prior, and not about the G of one place."""
+    study, folder = _write(tmp_path, "[truth]\nat_m = [1.0, 2.0]\n"), tmp_path / "hall"
+    assert "efficiency" not in rangefix("run", study, "--out", folder, "--bounds").out
+    said = rangefix("bounds", folder)
+    assert "All truths of this study are one state" in " ".join(said.out.split())

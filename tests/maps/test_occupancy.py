@@ -168,3 +168,67 @@ def test_maps_that_cannot_be(states, options, words):
     """One line that says what is wrong."""
     with pytest.raises(MapError, match=words):
         OccupancyMap(states, **{"resolution": 1.0} | options)
+
+
+def lines_of(walls: np.ndarray) -> np.ndarray:
+    """Centre lines of walls in a free field, in cells."""
+    return OccupancyMap(walls.astype(int), 1.0, wall_lines="centre").segments
+
+
+@pytest.mark.parametrize("thick", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("upright", [False, True])
+def test_centre_lines_of_straight_walls(thick, upright):
+    """In the middle, from end to end, for even numbers of cells too; in one piece."""
+    walls = np.zeros((40, 30), dtype=bool)
+    walls[5:35, 10 : 10 + thick] = True
+    lines = lines_of(walls.T if upright else walls)
+    lines = lines[:, [1, 0, 3, 2]] if upright else lines
+    assert len(lines) == 1
+    np.testing.assert_allclose(lines[0, [1, 3]], 10 + thick / 2, atol=1e-9)
+    np.testing.assert_allclose(np.sort(lines[0, [0, 2]]), [5, 35], atol=0.26)
+
+
+def test_centre_lines_of_slanted_walls_and_blocks():
+    """A slanted wall is met within half a cell of its true middle; blocks keep their edges, specks stay."""
+    i, j = np.mgrid[:120, :80]
+    walls = np.abs((j - 15) - 0.3 * i) < 1.6
+    lines = lines_of(walls)
+    assert len(lines) < 40
+    x, y = lines[:, [0, 2]], lines[:, [1, 3]]
+    assert np.abs((y - 0.5 - 15) - 0.3 * (x - 0.5)).max() < 0.75
+    block = np.zeros((20, 20), dtype=bool)
+    block[5:14, 6:15] = True
+    assert sorted(map(tuple, lines_of(block))) == [
+        (5, 6, 5, 15),
+        (5, 6, 14, 6),
+        (5, 15, 14, 15),
+        (14, 6, 14, 15),
+    ]
+    specks = np.zeros((20, 20), dtype=bool)
+    specks[3, 3] = specks[8, 8:10] = specks[14:16, 14:16] = True
+    assert len(lines_of(specks)) == 2 + 1 + 2
+
+
+@pytest.mark.parametrize("name", ["turtlebot3/map", "malaga/localization_demo_map"])
+def test_centre_lines_keep_what_hangs_together(name):
+    """Thinning makes no gap in a wall of a real map, and loses none; beams reach further by half a wall."""
+    from scipy import ndimage
+
+    from rangefix.maps import open_map
+    from rangefix.maps.centre_lines import THICKEST, _thinned
+
+    from .conftest import DATA
+
+    path = DATA / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip(f"{path} is missing; set RANGEFIX_DATA to the folder that holds it")
+    edges, centre = open_map(path), open_map(path, wall_lines="centre")
+    walls, beside = edges._grid.cells, np.ones((3, 3))
+    block = ndimage.binary_opening(walls, np.ones((THICKEST + 1,) * 2))
+    assert ndimage.label(walls, beside)[1] == ndimage.label(_thinned(walls, block) | block, beside)[1]
+    poses = free_poses(edges, 100)
+    near, far = edges.ranges(poses, ALL_ROUND[::3]), centre.ranges(poses, ALL_ROUND[::3])
+    met = np.isfinite(near) & np.isfinite(far)
+    assert 0.4 * edges.resolution < np.median(far[met] - near[met]) < 1.5 * edges.resolution
+    assert len(centre.segments) < len(edges.segments) / 3
+    assert edges != centre

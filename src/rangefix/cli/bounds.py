@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, warn
+from .app import ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, say, warn
 from .studies import Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
     from ..evaluation import Study
     from ..evaluation.bounds.catalogue import Row
 
+PICTURES = (".png", ".svg", ".pdf")
 AT_ONE_STATE = (
     "All truths of this study are one state: bounds are averages over the prior, and not about its G."
 )
@@ -55,6 +56,15 @@ def bounds(
             "unless given.",
         ),
     ] = None,
+    curve: Annotated[
+        Path | None,
+        typer.Option(
+            parser=named,
+            metavar="FILE",
+            help="Draw how they grow with the noise, from 1 cm to 5 m, instead: a picture (.png, .svg, .pdf) "
+            "of the study's last set of beams. It may take minutes.",
+        ),
+    ] = None,
     map_path: Map = None,
     no_plugins: NoPlugins = False,
     as_json: Json = False,
@@ -67,6 +77,11 @@ def bounds(
     from ..evaluation.bounds.document import row_as_json
     from ..evaluation.monte_carlo.save_bounds import save_bounds
 
+    if curve is not None:
+        if only is not None or out is not None:
+            raise ValueError("--curve goes without --only and --out")
+        _draw_curve(_study_and_folder(study, None, map_path, not no_plugins)[0], curve, as_json)
+        return
     asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
     described, folder = _study_and_folder(study, out, map_path, not no_plugins)
@@ -135,6 +150,40 @@ def _study_and_folder(
         plugins=plugins,
     )
     return study, folder
+
+
+def _draw_curve(study: Study, path: Path, as_json: bool) -> None:
+    """Compute the threshold curve of a study's last set of beams, and draw it.
+
+    Raises:
+        ValueError: If the file is of another kind, or nothing applies.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in PICTURES:
+        raise ValueError(f"--curve {path}: name a picture that ends with {', '.join(PICTURES)}")
+    from ..evaluation.bounds.beam_subset import with_beams
+    from ..evaluation.bounds.threshold import threshold_curve
+    from ..evaluation.consistency.formatting import beams_in_words
+    from ..evaluation.figures.files import encoded
+    from ..evaluation.figures.planning.threshold import draw_threshold
+    from ..evaluation.figures.style import styled
+    from ..evaluation.results import write_bytes
+
+    experiment = study.experiment()
+    beams = beams_in_words(experiment.beam_labels[-1])
+    found = threshold_curve(with_beams(experiment.truth, experiment.beam_sets[-1]), tell=doing)
+    doing("")
+    with styled():
+        made = encoded(draw_threshold(found, f"{study.title or study.name}\n{beams}"), [suffix[1:]])
+    write_bytes(path, made[suffix[1:]])
+    if as_json:
+        variances = {name: values.tolist() for name, values in found.variances.items()}
+        document = {"study": study.name, "names": list(found.names), "noise_std_m": found.stds.tolist()}
+        print_json(document | {"variances": variances, "refused": found.refused, "figure": str(path)})
+        return
+    for name, reason in found.refused.items():
+        say(f"{name} does not apply: {reason}")
+    say(path)
 
 
 def _may_save(folder: Path, study: Study, required: bool) -> bool:

@@ -11,7 +11,9 @@ from .app import Json, named, names_in, print_json, results_folder, say
 
 Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
 
-FIGURE_NAMES = "map, claims (covariance), anees, errors, runs, posterior, steps, ways, ranks, time"  # ours
+FIGURE_NAMES = (
+    "map, claims (covariance), anees, efficiency, errors, runs, posterior, steps, ways, ranks, time"  # ours
+)
 
 
 def _complete_figures(begun: str) -> list[str]:
@@ -151,12 +153,26 @@ def compare(
             parser=results_folder, metavar="B", help="Another one; without it, the estimators of A."
         ),
     ] = None,
+    fuse_std_m: Annotated[
+        float | None,
+        typer.Option(
+            "--fuse-std-m",
+            metavar="METRES",
+            help="Of A alone: fuse each estimate with a second, independent position of this standard "
+            "deviation along each axis, and say what the claimed covariance costs there.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """What differs between two results, or between the estimators of one, and what of it may be chance."""
     from ..evaluation import load
     from ..evaluation.comparison.compare import compare as compared
 
+    if fuse_std_m is not None:
+        if b is not None:
+            raise ValueError("--fuse-std-m goes with one folder")
+        _fuse(a, fuse_std_m, as_json)
+        return
     if b is None:
         _compare_estimators(a, as_json)
         return
@@ -187,6 +203,24 @@ def _compare_estimators(folder: Path, as_json: bool) -> None:
     screen.print(accuracy(pairs))
     for line in accuracy_in_words(pairs):
         screen.say(line)
+
+
+def _fuse(a: Path, std: float, as_json: bool) -> None:
+    from ..evaluation import fuse_estimates, load
+
+    found = fuse_estimates(load(a), std)
+    if as_json:
+        print_json({"folder": str(a), "fusions": [vars(each) | {"price": each.price} for each in found]})
+        return
+    from .screen import console
+    from .tables import fusions
+
+    screen = console()
+    screen.print(fusions(found))
+    screen.say(
+        "Fused by the claimed covariances, and by the true one of all runs; the price is the difference. It "
+        "is negative where claims tell good runs from bad ones."
+    )
 
 
 def paper(

@@ -14,6 +14,7 @@ from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 if TYPE_CHECKING:
     from ..evaluation import ClusterTls, Experiment
 
+FOUND, DRAWINGS = ("mesh", "occupancy"), (".dxf", ".geojson")  # maps whose free space is found, not written
 WHERE_PANEL = "Where it runs"
 KEPT_PANEL = "What is kept"
 
@@ -145,7 +146,8 @@ def run(
         raise ValueError(f"--memory-gb must be above 0, got {memory_gb:g}")
     described = read_study(study, runs, seed, map_path, not no_plugins)
     experiment = described.experiment()
-    if described.map.files(described.folder):
+    drawn = any(file.suffix.lower() in DRAWINGS for file in described.map.files(described.folder))
+    if drawn or described.map.kind in FOUND:
         _tell_map(experiment)
     names = experiment.assumed_problem.space.names
     need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs), bounds)

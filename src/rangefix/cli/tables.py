@@ -6,14 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
 
-from ..evaluation import PairedComparison, Results, Row
-from ..evaluation.bounds.catalogue import NOT_BELOW
-from ..evaluation.bounds.catalogue import Row as BoundRow
+from ..evaluation import Fusion, PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
@@ -21,6 +19,9 @@ from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
 from ..evaluation.paper import BAND, CELLS, Paper
 from .screen import WIDTH, least_width, new_table
+
+if TYPE_CHECKING:
+    from ..evaluation.bounds.catalogue import Row as BoundRow
 
 SHOWN = 40  # lines of a config's diff
 
@@ -73,6 +74,8 @@ UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
 
 def bounds(rows: Sequence[BoundRow], components: Sequence[str], title: str) -> Table:
     """Deviations of the optimum and of bounds, and their variances as shares of the optimum's."""
+    from ..evaluation.bounds.catalogue import NOT_BELOW  # brings scipy.stats, which no other table needs
+
     columns = ["", *(f"std {name}, {unit(name)}" for name in components)]
     columns += [f"variance {name}\nof the optimum's" for name in components]
     table = new_table(title, columns)
@@ -153,8 +156,8 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: Part) -> 
         for figure in shown
         if figure[0].honest is not None or figure[1] or layout.extras or figure[0].name == IMPROBABLE
     ]
-    figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]
     figures = [figure for figure in figures if _is_told(figure[0], rows)]
+    figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]
     columns = ["\nestimator"]
     columns += [] if not judges else [f"ok of\n{rows[0].planned}"]
     bounded = any(row.bound is not None for row in rows if row.step == end)
@@ -324,6 +327,26 @@ def accuracy(pairs: Sequence[PairedComparison]) -> Table:
             rms = format_number(pair.rmse), format_number(pair.best_rmse)
             style = "bold" if pair.significant else ""
             table.add_row(f"  {pair.estimator}", str(pair.runs), *rms, closer, p, style=style)
+        table.add_section()
+    return table
+
+
+def fusions(found: Sequence[Fusion]) -> Table:
+    """What a claimed covariance costs where an estimate is fused with a second position."""
+    second = format_number(found[0].second_alone)
+    columns = ["\nestimator", "\nruns", "rms error,\nposition, m", "fused by\nits claims, m"]
+    columns += ["fused by\nthe true G, m", "price,\nm"]
+    title = f"Fused with a second position of rms error {second} m, after the last measurement"
+    table = new_table(title, columns)
+    for beams in dict.fromkeys(each.beams for each in found):
+        table.add_row(beams_in_words(beams), style="bold")
+        for each in (each for each in found if each.beams == beams):
+            figures = (each.alone, each.claimed, each.true, each.price)
+            worse = each.claimed > each.second_alone  # than the second position alone
+            table.add_row(
+                f"  {each.estimator}", str(each.runs), *map(format_number, figures),
+                style="bold red" if worse else "",
+            )  # fmt: skip
         table.add_section()
     return table
 

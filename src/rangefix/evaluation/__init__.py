@@ -1,5 +1,6 @@
 """Whether to trust it: Monte Carlo truth against what each estimator claims."""
 
+from .comparison.fusion import Fusion, fuse_estimates
 from .comparison.paired import PairedComparison, compare_estimators
 from .comparison.table import comparison_table
 from .comparison.worst_runs import WorstRun, worst_runs
@@ -25,6 +26,7 @@ __all__ = [
     "STATUSES",
     "ClusterTls",
     "Experiment",
+    "Fusion",
     "Interval",
     "Metric",
     "Named",
@@ -47,6 +49,7 @@ __all__ = [
     "coverage",
     "credibility",
     "decide",
+    "fuse_estimates",
     "is_positive",
     "load",
     "load_study",

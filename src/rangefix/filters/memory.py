@@ -11,6 +11,8 @@ import numpy as np
 from .adaptive.choice import MOST_PIECES
 from .adaptive.range_bounds import table_shape
 from .exact.partition import MAX_CORNERS
+from .kalman.batch import WORK_PER_RANGE
+from .kalman.batch import runs_at_once as kalman_runs_at_once
 from .models.motion import Stationary
 from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
 from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
@@ -147,15 +149,16 @@ def _particle(problem: Problem, options: Mapping[str, Any], runs: int) -> Memory
 
 def _extended(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     size, beams = problem.space.size, len(problem.sensor.bearings)
+    runs = min(runs, kalman_runs_at_once(beams, size))
     peak = FLOAT * runs * beams * (5 * size + 20)
     return MemoryNeed(0.0, peak, f"{runs} runs of {_beams(beams)} at once", "take fewer beams")
 
 
 def _sigma_points(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     size, beams = problem.space.size, len(problem.sensor.bearings)
-    peak = FLOAT * runs * (4.0 * beams**2 + beams * (8 * size + 12))
-    what = f"joint covariances of {_beams(beams)} for {runs} runs at once"
-    return MemoryNeed(0.0, peak, what, "take fewer beams")
+    runs = min(runs, kalman_runs_at_once(beams, size))
+    peak = WORK_PER_RANGE * runs * beams * size
+    return MemoryNeed(0.0, peak, f"{runs} runs of {_beams(beams)} at once", "take fewer beams")
 
 
 def _ensemble(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:

@@ -52,7 +52,7 @@ import importlib
 importlib.import_module(sys.argv[1]).write_scene(sys.argv[2], out)
 """
 SECONDS, SECONDS_PER_MB = 60.0, 2.0  # that reading may take
-BLOCK = 200_000  # triangles looked at together
+TRIANGLES_AT_ONCE = 200_000
 BYTES, BYTES_PER_BYTE = 1 << 30, 60  # of memory that reading may take, and for each byte of the file
 
 
@@ -145,8 +145,8 @@ def _check_up(path: Path, mesh: Mesh, turn: str) -> None:
     That is where less than half as much surface faces up as another way, along which it is shorter, too.
     """
     size, areas = _size(mesh), np.zeros(3)
-    for start in range(0, len(mesh.triangles), BLOCK):
-        a, b, c = np.moveaxis(mesh.vertices[mesh.triangles[start : start + BLOCK]], 1, 0)
+    for start in range(0, len(mesh.triangles), TRIANGLES_AT_ONCE):
+        a, b, c = np.moveaxis(mesh.vertices[mesh.triangles[start : start + TRIANGLES_AT_ONCE]], 1, 0)
         with np.errstate(all="ignore"):
             normals = np.cross(b - a, c - a)
         facing = np.abs(normals).argmax(axis=1)

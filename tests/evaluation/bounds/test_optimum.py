@@ -8,10 +8,10 @@ from scipy.special import ndtri
 from scipy.stats.qmc import Sobol
 
 from rangefix.arrays import Array
-from rangefix.evaluation.bounds import Bound, NoBoundError
+from rangefix.evaluation.bounds import Bound, NoBoundError, threshold
 from rangefix.evaluation.bounds.beam_subset import with_beams
 from rangefix.evaluation.bounds.known_walls import known_walls
-from rangefix.evaluation.bounds.optimum import optimum
+from rangefix.evaluation.bounds.optimum import _with_control, optimum
 from rangefix.filters import (
     Gaussian,
     Problem,
@@ -139,3 +139,31 @@ def test_what_is_not_computed_is_refused() -> None:
         known_walls(pose)
     with pytest.raises(NoBoundError, match="from 3 beams on"):
         optimum(pose)
+
+
+def test_what_the_prior_tells_is_taken_off_the_draws() -> None:
+    """Where P is (x - mean)^2, as in a room that looks alike turned round, few draws give the prior's spread.
+
+    Where P has nothing to do with it, the mean stays what it was.
+    """
+    problem, rng = make_problem(), np.random.default_rng(3)
+    away = (problem.prior.sample(16 * 8, rng) - [2.0, 3.0]).reshape(16, 8, 2)
+    z = away[..., None] * away[..., None, :]
+    for p, expected in ((z, [4 / 3, 3.0]), (np.full_like(z, 0.25), [0.25, 0.25])):
+        nothing = np.zeros_like(z)
+        sums = np.stack([p, nothing, nothing, z, p * z, z**2], axis=2).mean(axis=1)
+        matrix, error = _with_control(problem, sums)
+        np.testing.assert_allclose(np.diagonal(matrix), expected, rtol=2e-3)
+        assert (np.diagonal(error) < 1e-9).all()
+
+
+def test_a_threshold_curve_ends_at_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beam 2, whose optimum is known at 5 cm; of noise of 100 m nothing but the prior is left.
+
+    Without the bounds by pairs of states, which take long and have tests of their own.
+    """
+    monkeypatch.setattr(threshold, "CURVES", threshold.CURVES[:2])
+    curve = threshold.threshold_curve(with_beams(make_problem(), [2]), [0.05, 100.0])
+    np.testing.assert_allclose(curve.variances["optimum"][0], OPTIMA[2,], rtol=1e-4)
+    np.testing.assert_allclose(curve.variances["optimum"][1], curve.variances["prior"][1], rtol=2e-3)
+    assert (curve.variances["known-walls"] <= 1.001 * curve.variances["optimum"]).all()

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from rangefix.evaluation import Results, load, parse_study, run
+from rangefix.evaluation.results import BOUNDS, MANIFEST, read_json, write_json
 
 NEVER = '''
 class Never:
@@ -78,6 +79,10 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     (root / "never.py").write_text(NEVER, encoding="utf-8")
     for name, text in (("standing", STANDING), ("moving", MOVING)):
         run(parse_study(text + ESTIMATORS, source=name, folder=root), root / name)
+    world = read_json(root / "standing" / MANIFEST)["plan"]["world"]
+    best = {"optimum": [0.01, 0.02, 0.001], "bound": [0.004, None, 0.001], "bound_names": ["a", "", "a"]}
+    document = {"schema": 1, "world": world, "names": [], "sets": {"all": best}, "rows": []}
+    write_json(root / "standing" / BOUNDS, document)
     return {name: root / name for name in ("standing", "moving")}
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation.planning.cells import Cells, posterior_cells
-from rangefix.evaluation.planning.expected_covariance import some_beams
+from rangefix.evaluation.planning.expected_covariance import expected_covariance, some_beams
+from rangefix.evaluation.planning.reading_table import SharedTables
 from rangefix.evaluation.planning.selection import Planner
-from rangefix.filters import Gaussian, Rangefinder, velocity_space
+from rangefix.filters import Gaussian, Rangefinder, sweep, velocity_space
 
 from ..conftest import make_problem
 
@@ -106,3 +107,33 @@ def test_refusals() -> None:
     )
     with pytest.raises(ValueError, match="noise of its own"):
         Planner(own, EVEN)
+
+
+def test_shared_tables_and_batches_change_nothing_that_counts() -> None:
+    """A table that reaches further gives the same to 0.1 %; boxes of many runs are those of each alone."""
+    problem = make_problem(0.05)
+    planner = Planner(problem, EVEN, truths=4, seed=8)
+    rng = np.random.default_rng(9)
+    sensor = some_beams(planner.sensor, np.array([6]))
+    readings = sensor.sample(problem.prior.sample(5, rng), rng)
+    beliefs = posterior_cells(replace(problem, sensor=sensor), readings)
+    for belief, reading in zip(beliefs, readings, strict=True):
+        [alone] = posterior_cells(replace(problem, sensor=sensor), reading[None])
+        np.testing.assert_allclose(alone.covariance, belief.covariance, rtol=1e-9)
+        own = expected_covariance(belief, planner.sensor)
+        shared = expected_covariance(belief, planner.sensor, tables=SharedTables())
+        np.testing.assert_allclose(shared.trace, own.trace, rtol=1e-3)
+        np.testing.assert_allclose(shared.information, own.information, rtol=1e-3, atol=1e-3)
+
+
+def test_candidates_in_two_stages_miss_none_that_matters() -> None:
+    """Of 667 directions the next beam is as good, to 0.5 %, as the best of all of them, after one reading."""
+    problem = make_problem(0.05)
+    planner = Planner(problem, sweep(np.deg2rad(0.36), np.deg2rad(120.0)), truths=4, seed=8)
+    for reading in (1.0, 2.5, 3.7):
+        belief = planner.belief_after([333], np.array([reading]))
+        best, covariance, objective = planner.next_beam(belief)
+        every = expected_covariance(belief, planner.sensor).trace
+        assert every[best] <= 1.005 * every.min()
+        assert objective[best] == pytest.approx(covariance[:2, :2].trace())
+        assert objective.shape == every.shape

@@ -176,6 +176,8 @@ def test_unknown_study_lists_those_that_come_along(tmp_path):
         "drive",
         "heavy_tails",
         "heavy_tails_matched",
+        "map_errors",
+        "map_errors_weighed",
         "mesh",
         "paper",
         "point",

@@ -11,9 +11,9 @@ from ...filters.models.squared_cosine_prior import SquaredCosine
 from ...filters.models.uniform_prior import Uniform
 from ...filters.problem import Prior, Problem, RangeMap
 from ...filters.space import StateSpace
+from .averages.draws import average
 from .bound import NoBoundError, require_gaussian
 from .continuity import pieces_of
-from .draws import average
 
 LOG_AT_ENDS = float(np.log(1e-12))  # a density at its ends, relative to its peak
 NODES = (24, 40)  # Gauss-Legendre nodes along the sides of a triangle: the error, the answer

@@ -9,10 +9,10 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ...filters.exact import ExactPositionFilter
 from ...filters.problem import Problem
+from .averages.draws import average
+from .averages.reading_grid import expected_covariance
 from .bound import Bound, NoBoundError
-from .draws import average
 from .optimum import DRAWS_OF_EXACT, check_static
-from .reading_grid import expected_covariance
 
 SAME_PLANE = 1e-6  # m and 1: by which slopes and offsets of one wall differ
 NEGLIGIBLE = 1e-9  # of the probability: walls met more seldom are left out

@@ -13,9 +13,9 @@ from ...filters.exact import ExactPositionFilter
 from ...filters.problem import Problem
 from ...filters.refined_cells.filter import RefinedBelief
 from ...filters.registry import build
+from .averages.draws import SETS, place_moments, set_means
+from .averages.reading_grid import expected_covariance
 from .bound import Bound, NoBoundError, require_static
-from .draws import SETS, place_moments, set_means
-from .reading_grid import expected_covariance
 
 DRAWS_OF_EXACT, DRAWS_OF_LATTICES = 8192, 512
 DRAWS_OF_POSES = 64, 256  # the second where the first leave more than ACCURATE_SHARE open

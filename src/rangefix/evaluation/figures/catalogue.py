@@ -16,7 +16,7 @@ from ...errors import suggestion
 from ...extensions import extensions
 from ..results import Results, ResultsError
 from .beliefs import draw_posterior
-from .claims import draw_anees, draw_covariance, draw_time
+from .claims import draw_anees, draw_covariance, draw_efficiency, draw_time
 from .data import FigureData
 from .drives import draw_steps, draw_ways
 from .errors import draw_errors, draw_runs
@@ -75,6 +75,10 @@ FIGURES: tuple[FigureKind[FigureData], ...] = (
     FigureKind("anees", "ANEES / n", "squared error over claimed variance, with 95 % intervals; 1 is honest, "
                "to the right the errors are larger than claimed", alone(draw_anees), FigureData.has_rows,
                SILENT),
+    FigureKind("efficiency", "Efficiency", "variance of the best estimate that there is, or of the largest "
+               "bound, over the true one, with 95 % intervals; 100 % is as good as anybody can be",
+               alone(draw_efficiency), FigureData.has_bounds,
+               "it was not worked out how good anybody could be: rangefix bounds"),
     FigureKind("errors", "Errors in the plane", "with the ellipses of the true covariance G and the mean "
                "claimed P", alone(draw_errors), FigureData.has_answers, SILENT),
     FigureKind("runs", "Errors run by run", "in the band that each run claims, in the order of that claim",

@@ -162,6 +162,44 @@ def draw_anees(data: FigureData, sheet: Sheet) -> None:
     sheet.finish(title, [axes], columns=1, note=data.silent_rows)
 
 
+EFFICIENCIES = (  # figures of a row, the first of which is shown that it has
+    ("efficiency", "variance of the best estimate there is / G", "D"),
+    ("efficiency_at_least", "at least: largest bound / G", ">"),
+)
+
+
+def draw_efficiency(data: FigureData, sheet: Sheet) -> None:
+    """How near each estimator comes to the best that there is, by component."""
+    listed = _List(data.bounded_rows, sheet)
+    names, scale = listed.rows[0].names, sheet.layout.scale
+    panels = sheet.panels(
+        len(names),
+        columns=sheet.layout.columns(len(names), len(names), 1.6, listed.beside),
+        natural=(1.6 + 3.4 * len(names), 1.7 + PITCH * -listed.heights[-1]),
+        beside=listed.beside,
+        height=lambda width: scale * (listed.height + 0.5),
+        sharey=True,
+    )[:, 0]
+    for axes, name in zip(panels, names, strict=True):
+        axes.axvline(100.0, color="black", linewidth=1.0, linestyle="--", label="nobody is better: 100 %")
+        for figure, label, marker in EFFICIENCIES:
+            told = [
+                (scaled(interval, 100.0), y)
+                for row, y in zip(listed.rows, listed.heights, strict=True)
+                if (interval := row.figures.get(f"{figure}_{name}")) is not None
+                and np.isfinite(interval.value)
+                and interval.value > 0
+            ]
+            if told:
+                intervals, heights = zip(*told, strict=True)
+                _bars(axes, intervals, heights, fmt=marker, markersize=4.5, color=TRUE, label=label)
+        axes.set_xscale("log")
+        listed.name_rows(axes)
+        axes.set_xlabel(sheet.broken(f"efficiency in {symbol(name)}, %", "axes.labelsize"))
+    title = data.heading("How near to the best that there is")
+    sheet.finish(title, panels[:1], columns=2, note=data.silent_rows)
+
+
 def draw_time(data: FigureData, sheet: Sheet) -> None:
     """Accuracy against time per update, of the estimators that were timed and answered."""
     timed = data.timed_rows

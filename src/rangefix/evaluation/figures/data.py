@@ -93,6 +93,11 @@ class FigureData:
         return [row for row in self.last_rows if row.ok]
 
     @cached_property
+    def bounded_rows(self) -> list[Row]:
+        """The same of which it is known how good anybody could be."""
+        return [row for row in self.drawn_rows if row.bound is not None]
+
+    @cached_property
     def timed_rows(self) -> list[Row]:
         """The last rows on the set of beams that is shown, of estimators that were timed and answered."""
         return [row for row in self.drawn_rows if row.beams == self.beams and np.isfinite(row.seconds)]
@@ -135,6 +140,10 @@ class FigureData:
     def has_rows(self) -> bool:
         """Whether a run of any estimator went well."""
         return bool(self.drawn_rows)
+
+    def has_bounds(self) -> bool:
+        """Whether it is known of any row how good anybody could be."""
+        return bool(self.bounded_rows)
 
     def has_answers(self) -> bool:
         """Whether a run of any estimator on the set of beams that is shown went well."""

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ..results import Results, ResultsError
 from .beliefs import draw_posterior
 from .catalogue import FIGURES, Draw
-from .claims import draw_anees, draw_covariance, draw_time
+from .claims import draw_anees, draw_covariance, draw_efficiency, draw_time
 from .data import FigureData
 from .drives import draw_steps, draw_ways
 from .errors import draw_errors, draw_runs
@@ -92,6 +92,16 @@ def plot_anees(
     Otherwise as `plot_covariance`.
     """
     return _plot("anees", draw_anees, results, ax, layout, estimators)
+
+
+def plot_efficiency(
+    results: Results, ax: Ax = None, *, estimators: Chosen = None, layout: Layout | None = None
+) -> Artists:
+    """The variance of the best estimate there is over the true one, in per cent; one panel a component.
+
+    It needs what `rangefix bounds` saves. Otherwise as `plot_covariance`.
+    """
+    return _plot("efficiency", draw_efficiency, results, ax, layout, estimators)
 
 
 def plot_errors(

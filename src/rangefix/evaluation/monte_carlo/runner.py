@@ -9,8 +9,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
-from ..bounds.catalogue import NAMES, bounds_of
-from ..bounds.document import document_of
 from ..comparison.worst_runs import worst_runs, worst_runs_csv
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
@@ -186,6 +184,9 @@ def run(
 
 
 def _save_bounds(experiment: Experiment, plan: FolderLayout, folder: Path, tell: Tell | None) -> None:
+    from ..bounds.catalogue import NAMES, bounds_of  # brings numba and scipy.stats
+    from ..bounds.document import document_of
+
     rows = []
     with passing(tell, "bounds", len(plan.beams) * len(NAMES)) as advance:
         for row in bounds_of(experiment):

@@ -173,7 +173,7 @@ class Planner:
             self.tell(f"what is expected after beam {count + 1} of {len(chosen)}")
             objective = np.full(len(self.candidates), np.nan)
             if count == 0:
-                objective = self._after_first.copy()
+                objective = self.first_objective.copy()
                 found = self._after(self.prior, [last])
                 covariance, values = found.covariance[0], found.objective(self.criterion)
                 objective[last] = values[0]
@@ -195,7 +195,7 @@ class Planner:
         return -value if self.criterion == "information" else value
 
     @cached_property
-    def _after_first(self) -> Array:
+    def first_objective(self) -> Array:
         """The criterion after each candidate as the only beam, (D,): of the best ones by fine cells."""
         few = prior_cells(self.problem, FEW_CELLS)
         found = expected_covariance(few, self.sensor, self._second).objective(self.criterion)
@@ -300,7 +300,7 @@ class Planner:
         for count in range(beams):
             self.tell(f"choosing beam {count + 1} of {beams}")
             if count == 0:
-                chosen.append(int(np.argmin(self._after_first)))
+                chosen.append(int(np.argmin(self.first_objective)))
             else:
                 chosen.append(self._best(chosen))
         return chosen
@@ -324,7 +324,7 @@ class Planner:
 
     def _ordered(self, chosen: list[int]) -> list[int]:
         """A set of beams in the order in which each brings most."""
-        first = min(chosen, key=lambda each: float(self._after_first[each]))
+        first = min(chosen, key=lambda each: float(self.first_objective[each]))
         ordered, left = [first], [each for each in chosen if each != first]
         while len(left) > 1:
             beliefs = self._beliefs(ordered, 0, FIRST_TRUTHS, "order")

@@ -120,9 +120,9 @@ def calibrate(residuals: Residuals) -> Calibration:
     if scans < LEAST_SCANS:
         raise ValueError(f"{scans} scans are too few to fit noise to: {LEAST_SCANS} at least")
     arrays = Arrays.of(residuals)
-    fitted = _fit(arrays, residuals.from_truth)
+    fitted = fit_noise(arrays, residuals.from_truth)
     blocks = np.array_split(np.arange(scans), BLOCKS)
-    others = tuple(_fit(arrays.without(block), residuals.from_truth) for block in blocks)
+    others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
     return Calibration(residuals, fitted, others)
 
 
@@ -159,7 +159,8 @@ class Arrays:
         return Arrays(self.sensor, *(np.delete(part, block, axis=0) for part in parts))
 
 
-def _fit(arrays: Arrays, from_truth: bool) -> Fitted:
+def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
+    """Fit the noise of readings to residuals, and how much a reading is worth."""
     law = fit_law(arrays.readings, arrays.expected, arrays.sensor.max_range)
     scores = scores_of(law, arrays.readings, arrays.expected)
     curve = correlation_curve(scores, arrays.ends)

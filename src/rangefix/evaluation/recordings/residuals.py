@@ -23,6 +23,7 @@ from ...filters import (
 )
 from ...filters.models.beam_noise import BeamMixture
 from ...filters.models.wrapped_noise import LostBeams, Tempered
+from .fit_noise import USUAL_REACH_M
 from .log import LaserDescription, Log, RecordingError
 from .readers.track import Track
 from .readers.tum import read_tum
@@ -36,7 +37,6 @@ TRACKED_BY = (0.02, 0.02, 0.02, 0.02)  # alphas of the odometry by which poses a
 TRACKED_FLOOR = (0.01, 0.01, 0.01)  # m, m, rad
 START_STDS = (0.3, 0.3, 0.2)  # m, m, rad
 PARTICLES = 1000
-USUAL_REACH_M = 30.0  # of a laser whose recording does not tell its maximum range
 
 
 @dataclass(frozen=True)

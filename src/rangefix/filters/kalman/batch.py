@@ -7,6 +7,7 @@ others.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from functools import cached_property
@@ -16,15 +17,24 @@ from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
 from ..estimate import Estimate
-from ..measurement import impossible_runs
+from ..measurement import check_measurement, impossible_runs
 from ..models.noise_of_beams import noise_of_beams
 from ..models.rangefinder import Rangefinder
 from ..problem import Prior, Problem, Sensor
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief
+from .no_returns import with_missing_returns
+
+WORK_BYTES = 128e6  # of what is worked out between a belief and the next
+WORK_PER_RANGE = 80.0  # bytes, for each beam and component of the state
 
 
-class GaussianFilter:
+def runs_at_once(beams: int, size: int) -> int:
+    """How many runs are worked on at once, so that what is worked out in between takes WORK_BYTES at most."""
+    return max(1, int(WORK_BYTES / (WORK_PER_RANGE * beams * size)))
+
+
+class GaussianFilter(ABC):
     """What the Gaussian filters over all runs share: where they begin, and what they say."""
 
     problem: Problem
@@ -34,6 +44,36 @@ class GaussianFilter:
         runs, size = len(rngs), len(prior.mean)
         mean = np.broadcast_to(prior.mean, (runs, size))
         return GaussianBelief(mean, np.broadcast_to(prior.covariance, (runs, size, size)), np.zeros(runs))
+
+    @abstractmethod
+    def _update(self, sensor: Sensor, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
+        """The belief of some runs after their measurements (M, B), without what no returns say."""
+
+    def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
+        """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
+
+        Many runs of many beams are worked on in parts: each run gives the same alone as among others.
+
+        Raises:
+            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
+        """
+        runs = len(belief.mean)
+        sensor, measurement = self.measured(check_measurement(self.problem.sensor, measurement, runs))
+        step = runs_at_once(measurement.shape[1], belief.mean.shape[1])
+        parts = []
+        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+            for first in range(0, max(runs, 1), step):
+                part = slice(first, first + step)
+                some = GaussianBelief(belief.mean[part], belief.covariance[part], belief.log_evidence[part])
+                after = self._update(sensor, some, measurement[part])
+                parts.append(with_missing_returns(sensor, after, measurement[part]))
+        if len(parts) == 1:
+            return parts[0]
+        return GaussianBelief(
+            np.concatenate([each.mean for each in parts]),
+            np.concatenate([each.covariance for each in parts]),
+            np.concatenate([each.log_evidence for each in parts]),
+        )
 
     def measured(self, measurement: Array) -> tuple[Sensor, Array]:
         """The sensor and its readings (M, B) without beams that were measured in no run."""

@@ -27,7 +27,7 @@ def check_joint_beams(problem: Problem) -> None:
     if beams > MAX_JOINT_BEAMS:
         raise ValueError(
             f"{beams} beams make a joint covariance of {beams} x {beams} ranges, more than {MAX_JOINT_BEAMS} "
-            "squared: take fewer beams, or ekf, which takes them one by one"
+            "squared: take fewer beams, or ekf or ukf, which take them one by one"
         )
 
 
@@ -76,7 +76,6 @@ class SigmaPointOptions(BriefRepr):
 
     def __post_init__(self) -> None:
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
-        check_joint_beams(self.problem)
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
             raise ValueError(

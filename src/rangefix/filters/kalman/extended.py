@@ -9,12 +9,10 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, sum_terms
-from ..measurement import check_measurement
 from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
 from .batch import GaussianFilter, accept_definite, condition, look, refuse_impossible
 from .belief import GaussianBelief, LinearisedOptions
-from .no_returns import with_missing_returns
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,17 +36,6 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
         covariance = covariance + motion.noise_covariance(belief.mean, control)
         mean = self.problem.space.wrap(motion.mean(belief.mean, control))
         return accept_definite(belief, mean, covariance, np.zeros(len(mean)))
-
-    def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
-
-        Raises:
-            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
-        """
-        measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
-        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-            sensor, measurement = self.measured(measurement)
-            return with_missing_returns(sensor, self._update(sensor, belief, measurement), measurement)
 
     def _update(self, sensor: Sensor, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         space = self.problem.space

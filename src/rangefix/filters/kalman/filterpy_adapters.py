@@ -115,7 +115,14 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
         alpha: Spread of the sigma points, > 0.
         beta: Weight added to the centre's deviation; 2 suits a Gaussian.
         kappa: A second spread, as of `UnscentedKalmanFilter`.
+
+    Raises:
+        ValueError: If an option is out of its range, or there are more than 4000 beams.
     """
+
+    def __post_init__(self) -> None:
+        SigmaPointOptions.__post_init__(self)
+        check_joint_beams(self.problem)
 
     def predict(self, belief: GaussianBelief, control: Array, rng: Generator) -> GaussianBelief:
         """Sigma points through the motion; control (k,)."""

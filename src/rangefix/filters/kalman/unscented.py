@@ -9,12 +9,10 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, sum_terms
-from ..measurement import check_measurement
 from ..models.wrapped_noise import reading_bias
 from ..problem import Problem, Sensor
 from .batch import GaussianFilter, accept_definite, cholesky, condition, refuse_impossible
 from .belief import GaussianBelief, SigmaPointOptions
-from .no_returns import with_missing_returns
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,21 +47,10 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         covariance = np.moveaxis(spread, -1, 0) + motion.noise_covariance(belief.mean, control)
         return accept_definite(belief, space.wrap(moved[0] + shift.T), covariance, np.zeros(len(covariance)))
 
-    def update(self, belief: GaussianBelief, measurement: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
-
-        A beam is also left out of a run where any of its sigma points expects no return.
-
-        Raises:
-            ValueError: If the measurement is not of shape (M, B) or not of real numbers.
-        """
-        measurement = check_measurement(self.problem.sensor, measurement, len(belief.mean))
-        with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-            sensor, measurement = self.measured(measurement)
-            return with_missing_returns(sensor, self._update(sensor, belief, measurement), measurement)
-
     def _update(self, sensor: Sensor, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
         """The state is its mean and the arms of the sigma points, each times a random share c_k.
+
+        A beam is also left out of a run where any of its sigma points expects no return.
 
         Shares have the covariance K = w I + (beta - alpha^2) w^2 1 1', which gives states the belief's
         covariance, and ranges, linear in the shares with slopes d_k, the spread above. So shares can be

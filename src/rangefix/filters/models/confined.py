@@ -68,8 +68,11 @@ class Confined:
         states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
         shape = np.broadcast_shapes(states.shape[:-1], control.shape[:-1])
         starts = np.broadcast_to(states, (*shape, states.shape[-1])).reshape(-1, states.shape[-1])
-        controls = np.broadcast_to(control, (*shape, control.shape[-1])).reshape(len(starts), -1)
-        ends = self._tried(starts, lambda left: self.motion.sample(starts[left], controls[left], rng))
+        if control.ndim == 1:  # what depends on it is worked out once
+            ends = self._tried(starts, lambda left: self.motion.sample(starts[left], control, rng))
+        else:
+            controls = np.broadcast_to(control, (*shape, control.shape[-1])).reshape(len(starts), -1)
+            ends = self._tried(starts, lambda left: self.motion.sample(starts[left], controls[left], rng))
         return ends.reshape(*shape, -1)
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:

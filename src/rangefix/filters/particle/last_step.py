@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
@@ -62,7 +63,7 @@ class LastStep:
         """Half of the steps drawn anew, half changed in part; the state as it is where a wall is met."""
         motion, space = self.problem.motion, self.problem.space
         free = motion.motion if isinstance(motion, Confined) else motion
-        anew = rng.random(len(states)) < (0.5 if self._is_gaussian(free) else 1.0)
+        anew = rng.random(len(states)) < (0.5 if self.is_gaussian else 1.0)
         proposal = states.copy()
         proposal[anew] = motion.sample(self.starts[anew], self.control, rng)
         changed = ~anew & (states != self.starts).any(axis=-1)  # what stayed at a wall has no noise to change
@@ -74,8 +75,11 @@ class LastStep:
         proposal[changed] = part
         return proposal
 
-    def _is_gaussian(self, free: Motion) -> bool:
+    @cached_property
+    def is_gaussian(self) -> bool:
         """Whether the noise is Gaussian, and that of a heading far from going round."""
+        motion = self.problem.motion
+        free = motion.motion if isinstance(motion, Confined) else motion
         if not free.is_gaussian:
             return False
         variances = np.diagonal(free.noise_covariance(self.starts[0], self.control))

@@ -16,8 +16,8 @@ import numpy as np
 from ...arrays import Array, sum_terms
 
 MIN_CURVATURE = 1e-2  # 1 / cells^2: a deviation of ten cells has no error
-TERMS = 11  # of the sum over m
-ROUNDS = 100  # of reduction; two or three are common
+TERMS_OF_SUM = 11  # of the sum over m
+MOST_ROUNDS = 100  # of reduction; two or three are common
 LARGE_UNRESOLVED_SHARE = 0.01  # of the variance; where so much is missed the sum's own variance is luck
 
 
@@ -29,7 +29,7 @@ def unresolved_variance(variance: Array) -> Array:
     x = 2.0 * np.pi**2 * np.asarray(variance)
     shrunk = np.exp(-2.0 * np.maximum(x, 1.0))  # 1 / sinh^2(m x) = 4 q^m / (1 - q^m)^2
     power, total = np.ones_like(shrunk), np.zeros_like(shrunk)
-    for _ in range(TERMS):
+    for _ in range(TERMS_OF_SUM):
         power = power * shrunk
         total += power / (1.0 - power) ** 2
     narrow = 1.0 / 12.0 - variance + np.pi**2 * variance**2 / 3.0
@@ -69,7 +69,7 @@ def unresolved_covariance(information: Array, spread: Array) -> Array:
 
 def _reduce(metric: Array, basis: Array, inverse: Array) -> None:
     """Take from each vector of bases, a row, the nearest multiples of the others, in place (Lagrange)."""
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         changed = False
         for i, j in itertools.permutations(range(len(metric)), 2):
             longer = (metric[j, j] > MIN_CURVATURE) & (np.abs(metric[i, j]) > 0.5000001 * metric[j, j])

@@ -66,10 +66,15 @@ def _weigh_block(
             for cell in range(count):
                 off = reading - table.ranges[beam, first + cell]
                 weighed[cell] -= weight * off * off
-    most = -math.inf
-    for cell in range(count):
-        most = weighed[cell] if weighed[cell] > most else most
-    return most
+    for cell in range(count, CELLS_PER_BLOCK):
+        weighed[cell] = -math.inf
+    one, two, three, four = -math.inf, -math.inf, -math.inf, -math.inf  # four chains, none waits for another
+    for cell in range(0, CELLS_PER_BLOCK, 4):
+        one = weighed[cell] if weighed[cell] > one else one
+        two = weighed[cell + 1] if weighed[cell + 1] > two else two
+        three = weighed[cell + 2] if weighed[cell + 2] > three else three
+        four = weighed[cell + 3] if weighed[cell + 3] > four else four
+    return float(max(one, two, three, four))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -126,6 +131,20 @@ def _sum_up(
         mean[i] = 0.0
         for j in range(size):
             covariance[i, j] = 0.0
+    if size == 2 and not (table.is_angle[0] or table.is_angle[1]):  # the usual case, without small loops
+        x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(count):
+            weight = weights[k]
+            one, two = table.centres[0, chosen[k]] - origin[0], table.centres[1, chosen[k]] - origin[1]
+            total += weight
+            x += weight * one
+            y += weight * two
+            xx += weight * one * one
+            xy += weight * one * two
+            yy += weight * two * two
+        mean[0], mean[1] = x, y
+        covariance[0, 0], covariance[1, 0], covariance[1, 1] = xx, xy, yy
+        count = 0
     for k in range(count):
         total += weights[k]
         for i in range(size):

@@ -199,15 +199,16 @@ def _select(
     for row in range(rows):
         for column in range(columns):
             bounds[row, column] = mass.tops[mass_row, row, column]
-    count, best, size = 0, -math.inf, beams.reading.size
+    best, size = -math.inf, beams.reading.size
     early = min(FIRST_BEAMS, size)
+    count = min(0, early)  # 0; a constant would have `_append_block` compiled once more
     _compare(early, beams, blocks, bounds)
     for attempt in range(2):  # the best block by few beams, then by all, sets the bar
         top = _promising(bounds)
         row, column = top // columns, top % columns
         if bounds[row, column] == -math.inf:
             return 0, -math.inf
-        _, best = _append_block(row, column, beams, ranges, mass, mass_row, chosen, 0, best)
+        _, best = _append_block(row, column, beams, ranges, mass, mass_row, chosen, count, best)
         if attempt == 1 or early == size:
             break
         left, bar = 0, best - NEGLIGIBLE_NATS

@@ -7,7 +7,7 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ..polygon import edges, meeting
 
-ROUNDING = 1e-9  # of a face's size squared: flatter corners are straight
+FLAT = 1e-9  # of a face's size squared: flatter corners are straight
 MOST_CORNERS = 2000  # of a face that is not convex: ears take the square of it
 
 
@@ -58,10 +58,10 @@ def _are_convex(faces: Array) -> BoolArray:
     ahead = np.roll(faces, -1, axis=1) - faces
     turns = np.cross(np.roll(ahead, 1, axis=1), ahead)
     size = (normals**2).sum(-1)
-    convex = ((turns * normals[:, None]).sum(-1) >= -ROUNDING * size[:, None]).all(axis=1)
+    convex = ((turns * normals[:, None]).sum(-1) >= -FLAT * size[:, None]).all(axis=1)
     arms = faces - faces[:, :1]
     fan = np.cross(arms[:, 1:-1], arms[:, 2:])
-    once = ((fan * normals[:, None]).sum(-1) >= -ROUNDING * size[:, None]).all(axis=1)
+    once = ((fan * normals[:, None]).sum(-1) >= -FLAT * size[:, None]).all(axis=1)
     flat = np.linalg.norm(fan, axis=-1).sum(axis=1) <= 2 * np.sqrt(size)  # no bow tie
     return np.asarray((convex & once & flat) | ~np.isfinite(faces).all(axis=(1, 2)))
 
@@ -81,7 +81,7 @@ def _ears(face: Array) -> IntArray:
         flat = flat[:, ::-1]
     if len(meeting(edges(flat), edges(flat), touch=False)):
         raise ValueError(f"a face of {len(flat)} corners crosses itself: cut it into triangles")
-    least = ROUNDING * float(np.ptp(flat, axis=0).max()) ** 2
+    least = FLAT * float(np.ptp(flat, axis=0).max()) ** 2
     left, ears = list(range(len(flat))), []
     while len(left) > 3:
         place = _next_ear(flat[left], least)

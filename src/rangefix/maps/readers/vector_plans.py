@@ -63,8 +63,9 @@ def read_geojson(
     if not is_geojson(content):
         raise MapError(f"{path}: not a GeoJSON file: no type of {', '.join(GEOJSON)}")
     try:
-        shapes = [shapely.geometry.shape(each) for each in _geometries(content)]
-        shapes = [shapely.force_2d(shape) for shape in shapes if not shape.is_empty]
+        with np.errstate(invalid="ignore"):
+            shapes = [shapely.geometry.shape(each) for each in _geometries(content)]
+            shapes = [shapely.force_2d(shape) for shape in shapes if not shape.is_empty]
     except (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError) as error:
         raise MapError(f"{path}: broken GeoJSON ({one_line(error)})") from None
     box = _box(shapes, path)
@@ -171,10 +172,10 @@ def _box(shapes: Sequence[BaseGeometry], path: Path) -> Any:
     """Lower and upper corner of all shapes, in the file's unit."""
     if not shapes:
         raise MapError(f"{path}: no lines and no polygons in it")
-    corners = np.array([shape.bounds for shape in shapes])
+    corners = _library("shapely", path).get_coordinates(shapes)
     if not np.isfinite(corners).all():
         raise MapError(f"{path}: its coordinates are not all finite")
-    return np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
+    return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 
 
 def _plan_of(

@@ -12,7 +12,7 @@ from ..style import CLAIMED, COLOURS, TRUE
 SIZE = (10.0, 4.0)  # inches
 REACH = 6.0  # deviations of hits that are shown to each side
 BINS = 81
-FINE = 400  # points of a curve
+CURVE_POINTS = 400  # points of a curve
 
 
 def draw_residuals(calibration: Calibration) -> Figure:
@@ -34,9 +34,9 @@ def _draw_law(axes: Axes, calibration: Calibration) -> None:
     counts, _ = np.histogram(found, edges)
     density = counts / (len(found) * np.diff(edges))
     axes.stairs(density, edges, color=TRUE, label="residuals")
-    places = np.linspace(low, high, FINE)
+    places = np.linspace(low, high, CURVE_POINTS)
     middle = float(np.median(expected[good]))
-    model = np.exp(fitted.law.noise.log_density(middle + places, np.full(FINE, middle)))
+    model = np.exp(fitted.law.noise.log_density(middle + places, np.full(CURVE_POINTS, middle)))
     axes.plot(places, model, color=CLAIMED, label="fitted")
     axes.set_yscale("log")
     axes.set_ylim(max(1e-3, 0.3 * float(density[density > 0].min())), 2 * float(model.max()))
@@ -50,8 +50,8 @@ def _draw_correlation(axes: Axes, calibration: Calibration) -> None:
     curve, correlated = fitted.curve, fitted.correlated
     axes.plot(curve.distance_m, curve.within, "o", color=COLOURS[0], label="beams of one scan")
     axes.plot(curve.distance_m, curve.across, "s", color=COLOURS[1], label="beams of two scans")
-    distance = np.geomspace(curve.distance_m[0], curve.distance_m[-1], FINE)
-    model = np.zeros(FINE)
+    distance = np.geomspace(curve.distance_m[0], curve.distance_m[-1], CURVE_POINTS)
+    model = np.zeros(CURVE_POINTS)
     for place in correlated.places:
         model += place.share * np.exp(-distance / place.length)
     axes.plot(distance, model, color=TRUE, label="fitted error of the map")

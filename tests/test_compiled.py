@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rangefix import compiled
 from rangefix.arrays import Array
-from rangefix.filters import compiled
 
 PREDICTED = """
 import numpy as np

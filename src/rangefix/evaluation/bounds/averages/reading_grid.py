@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, BoolArray, IntArray
-from ...filters.exact import ExactPositionFilter
+from ....arrays import Array, BoolArray, IntArray
+from ....filters.exact import ExactPositionFilter
 
 MAX_BEAMS = 2
 REACH_STDS = 7.0  # of a reading about its expected range

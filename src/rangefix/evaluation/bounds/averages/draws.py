@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from ...arrays import Array
-from ...filters.models.uniform_prior import Uniform
-from ...filters.problem import Problem
+from ....arrays import Array
+from ....filters.models.uniform_prior import Uniform
+from ....filters.problem import Problem
 
 SETS = 16  # scrambled independently
 SEED = 20260

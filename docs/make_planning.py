@@ -1,0 +1,314 @@
+"""Measure what planning beams is worth: even, random, planned and adaptive ones in three maps.
+
+Usage: python docs/make_planning.py [--runs N] [--building FILE] [--maps NAME ...] [--out FILE]
+
+Writes a page with tables, `docs/images/planning-study.png`, and the numbers as `planning-study.json` beside
+the page. Accuracy is the root of the mean of trace P of the posterior over truths from the prior (x1 and x2),
+which for an exact posterior is the RMS error; P comes from cells that follow the readings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rangefix.arrays import Array
+from rangefix.evaluation import load_study
+from rangefix.evaluation.planning.cells import check_plannable, posterior_cells, turned
+from rangefix.evaluation.planning.selection import Planner
+from rangefix.filters import (
+    Gaussian,
+    Problem,
+    Rangefinder,
+    Stationary,
+    Uniform,
+    pose_space,
+    position_space,
+    sweep,
+)
+from rangefix.maps import FloorPlan, RectangularRoom
+
+HERE = Path(__file__).parent
+BUILDING = HERE.parent.parent / "shared/data/avz/avz.ply"
+BEAMS = (1, 2, 3, 4, 5, 6, 7, 8)
+MORE_EVEN = (12, 16, 24, 32, 48, 64)  # for how many beams an accuracy takes
+OFFSETS = 8  # of even beams, and sets of random ones, over which runs are spread
+STD, MAP_STD, GRAZING_DEG = 0.05, 0.02, 75.0
+WRONG_M = 0.2  # a posterior wider than that is counted
+TARGETS_M = (0.10, 0.05, 0.02)
+TRUTHS = 48  # of the planner
+SEED = 14
+WAYS = ("even", "random", "planned", "adaptive")
+ABOUT = {
+    "room": "the paper's room, 4 x 6 m",
+    "l-shape": "an L-shape of 6 x 5 m without a corner of 3 x 2.5 m",
+    "avz": "a scanned building, a box of 10 x 10 m of it",
+}
+
+
+def problem_in(name: str, building: Path) -> Problem:
+    """A rangefinder of 5 cm that can look everywhere, at a known heading, anywhere in a map."""
+    if name == "avz":
+        given = load_study("mesh", map_path=building).problem()
+        sensor = check_plannable(given)
+        return replace(given, sensor=replace(sensor, noise=Gaussian(STD), blind_sector=0.0))
+    plan = FloorPlan([[0, 0], [6, 0], [6, 2.5], [3, 2.5], [3, 5], [0, 5]])
+    room = RectangularRoom(4, 6) if name == "room" else plan
+    space = position_space(heading=0.0)
+    sensor = Rangefinder(room, np.array([0.0]), Gaussian(STD), space)
+    return Problem(space, Stationary(space), sensor, Uniform(room, space))
+
+
+def traces(problem: Problem, bearings: Array, states: Array, rng: np.random.Generator) -> Array:
+    """Trace of P of x1 and x2 after some beams, for each true state, m^2."""
+    sensor = turned(check_plannable(problem), bearings)
+    found = posterior_cells(replace(problem, sensor=sensor), sensor.sample(states, rng))
+    return np.array([cells.covariance[:2, :2].trace() for cells in found])
+
+
+def spread_over_sets(
+    problem: Problem, sets: Sequence[Array], states: Array, rng: np.random.Generator
+) -> Array:
+    """The same with several sets of beams, each for its share of the truths."""
+    parts = np.array_split(states, len(sets))
+    return np.concatenate(
+        [traces(problem, beams, part, rng) for beams, part in zip(sets, parts, strict=True)]
+    )
+
+
+def even(count: int) -> list[Array]:
+    """Even beams round the circle, at all offsets."""
+    step = 2 * np.pi / count
+    return [step * (np.arange(count) + (offset + 0.5) / OFFSETS) for offset in range(OFFSETS)]
+
+
+def adaptive(planner: Planner, states: Array, rng: np.random.Generator) -> dict[int, Array]:
+    """Trace of P after each beam, which is chosen after the readings before it."""
+    first = int(np.argmin(planner.first_objective))
+    found: dict[int, list[float]] = {count: [] for count in BEAMS}
+    for place, state in enumerate(states):
+        chosen: list[int] = []
+        readings = np.empty(0)
+        for count in BEAMS:
+            beam = first if not chosen else planner.next_beam(belief)[0]  # noqa: F821 (of the loop before)
+            chosen.append(beam)
+            sensor = turned(check_plannable(planner.problem), planner.candidates[[beam]])
+            readings = np.append(readings, sensor.sample(state, rng))
+            belief = planner.belief_after(chosen, readings)
+            found[count].append(float(belief.covariance[:2, :2].trace()))
+        if place % 20 == 0:
+            tell(f"  adaptive: {place + 1} of {len(states)}")
+    return {count: np.array(values) for count, values in found.items()}
+
+
+def tell(text: str) -> None:
+    """Say how far it is."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def figures_of(values: Array) -> dict[str, float]:
+    """RMS with its 95 % interval (bootstrap), median, and share of posteriors wider than WRONG_M."""
+    rng = np.random.default_rng(0)
+    means = values[rng.integers(0, len(values), (1000, len(values)))].mean(axis=1)
+    low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
+    wide = float((values > WRONG_M**2).mean())
+    rms, median = float(np.sqrt(values.mean())), float(np.sqrt(np.median(values)))
+    return {"rms": rms, "low": float(low), "high": float(high), "median": median, "wide": wide}
+
+
+def compare(problem: Problem, runs: int, more_even: bool) -> dict[str, dict[str, dict[str, float]]]:
+    """Every way of choosing k beams."""
+    rng = np.random.default_rng(SEED)
+    states = problem.prior.sample(runs, rng)
+    found: dict[str, dict[str, dict[str, float]]] = {way: {} for way in WAYS}
+    planner = Planner(problem, sweep(np.deg2rad(0.36), 0.0), truths=TRUTHS, seed=SEED)
+    for count in (*BEAMS, *(MORE_EVEN if more_even else ())):
+        tell(f"  even: {count}")
+        found["even"][str(count)] = figures_of(spread_over_sets(problem, even(count), states, rng))
+    for count in BEAMS:
+        sets = [rng.uniform(-np.pi, np.pi, count) for _ in range(OFFSETS)]
+        found["random"][str(count)] = figures_of(spread_over_sets(problem, sets, states, rng))
+        tell(f"  planned: {count}")
+        plan = planner.plan(count, "exchange" if count in (2, 3, 4, 8) else "greedy", everywhere=False)
+        bearings = np.array([step.bearing for step in plan.steps], dtype=float)
+        found["planned"][str(count)] = figures_of(traces(problem, bearings, states, rng))
+    for count, values in adaptive(planner, states, rng).items():
+        found["adaptive"][str(count)] = figures_of(values)
+    return found
+
+
+def small_cases() -> list[dict[str, Any]]:
+    """Greedy, exchange and exhaustive search over few candidates: the trace that each promises, m^2."""
+    rows: list[dict[str, Any]] = []
+    room, space = RectangularRoom(4, 6), pose_space()
+    for label, beams, heading, eight in (
+        ("room, 3 beams of 13 directions", 3, False, False),
+        ("room, 2 beams of 24 directions", 2, False, False),
+        ("room, unknown heading within 60 deg, 3 of 8 directions", 3, True, True),
+    ):
+        problem = problem_in("room", BUILDING)
+        degrees = np.arange(0.0, 360.0, 45.0) if eight else np.arange(-90.0, 91.0, 15.0)
+        degrees = np.arange(0.0, 360.0, 15.0) if beams == 2 else degrees
+        if heading:
+            sensor = Rangefinder(room, np.array([0.0]), Gaussian(STD), space)
+            arc = np.deg2rad(-30.0), np.deg2rad(30.0)
+            problem = Problem(space, Stationary(space), sensor, Uniform(room, space, headings=arc))
+        planner = Planner(problem, np.deg2rad(degrees), truths=6 if heading else TRUTHS, seed=SEED)
+        row: dict[str, Any] = {"case": label}
+        for method in ("greedy", "exchange", "exhaustive"):
+            tell(f"  {label}: {method}")
+            steps = planner.plan(beams, method, everywhere=False).steps
+            row[method] = (steps[-1].position_std, steps[-1].error / (2 * steps[-1].position_std))
+        rows.append(row)
+    return rows
+
+
+def worth(even_rms: dict[int, float], rms: float) -> str:
+    """How many even beams are as accurate, between those that were tried."""
+    counts = np.array(sorted(even_rms))
+    values = np.minimum.accumulate([even_rms[count] for count in counts])
+    if rms < values[-1]:
+        return f"more than {counts[-1]}"
+    return f"{np.exp(np.interp(-np.log(rms), -np.log(values), np.log(counts))):.1f}"
+
+
+def needed(rms: dict[int, float], target: float, common: float = 0.0) -> str:
+    """The least number of beams that reach an accuracy; of those that were tried."""
+    enough = [count for count, value in sorted(rms.items()) if np.hypot(value, common) <= target]
+    return str(enough[0]) if enough else f"not with {max(rms)}"
+
+
+def tables(found: dict[str, Any], small: list[dict[str, Any]], runs: dict[str, int]) -> str:
+    """The page."""
+    lines = [HEAD.format(std=STD, grazing=GRAZING_DEG, map_std=MAP_STD)]
+    for name, kinds in found.items():
+        for kind, ways in kinds.items():
+            limited = (
+                "" if kind == "all" else f", beams that graze a wall at more than {GRAZING_DEG:g} deg lost"
+            )
+            lines += [f"## {ABOUT[name]}{limited}", "", f"{runs[name]} truths.", ""]
+            lines += ["| beams | " + " | ".join(WAYS) + " |", "|---" * (len(WAYS) + 1) + "|"]
+            for count in map(str, BEAMS):
+                cells = [
+                    "{:.0f} [{:.0f}, {:.0f}]; {:.0f}; {:.0f} %".format(
+                        *(1e3 * ways[way][count][key] for key in ("rms", "low", "high", "median")),
+                        100 * ways[way][count]["wide"],
+                    )
+                    for way in WAYS
+                ]
+                lines.append(f"| {count} | " + " | ".join(cells) + " |")
+            rms = {way: {int(count): each["rms"] for count, each in ways[way].items()} for way in WAYS}
+            equal = ", ".join(
+                f"{count}: {worth(rms['even'], rms['planned'][count])}" for count in (2, 3, 4, 8)
+            )
+            lines += ["", f"Even beams that so many planned ones are worth: {equal}.", ""]
+            lines += ["| RMS, m | " + " | ".join(WAYS) + " | the same, map off by 2 cm |", "|---" * 6 + "|"]
+            floor = np.sqrt(2) * MAP_STD
+            for target in TARGETS_M:
+                each = [needed(rms[way], target) for way in WAYS]
+                off = (
+                    f"never: {floor:.3f} m stay"
+                    if floor > target
+                    else ", ".join(f"{way} {needed(rms[way], target, floor)}" for way in WAYS)
+                )
+                lines.append(f"| {target:.2f} | " + " | ".join(each) + f" | {off} |")
+            lines.append("")
+    if small:
+        lines += ["## Greedy, exchange, exhaustive", "", "| case | greedy, m | exchange, m | exhaustive, m |"]
+        lines += ["|---|---|---|---|"]
+        for row in small:
+            cells = ["{:.4f} +- {:.4f}".format(*row[key]) for key in ("greedy", "exchange", "exhaustive")]
+            lines.append(f"| {row['case']} | " + " | ".join(cells) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+HEAD = """# What planned beams are worth
+
+<!-- Made by `make planning`: do not edit. -->
+
+A rangefinder of {std} m that can look in every direction, at a known heading, at any place of a map.
+Even beams stand evenly round the circle at all offsets; random ones anywhere; planned ones are chosen
+by `rangefix plan` before anything is measured; adaptive ones each after the readings before it. In each
+cell: RMS error of the position with its 95 % interval, median of the posteriors' deviations, both in
+mm, and how many posteriors are wider than 0.2 m: rare wrong modes make the RMS. Part of what adaptive
+beams gain comes from beams that graze a wall, which tell most where the noise does not grow with the
+angle; so all is done again with such beams lost.
+
+A map that is off as a whole by {map_std} m (one standard deviation along each axis) adds the same error
+to all beams: its square is added, and no number of beams takes it away.
+
+![Error over the number of beams](images/planning-study.png)
+"""
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Error over the number of beams, a panel for each map."""
+    from matplotlib.figure import Figure
+
+    panels = [(name, kind, ways) for name, kinds in found.items() for kind, ways in kinds.items()]
+    figure = Figure(figsize=(3.4 * len(panels), 3.4), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
+    for axis, (name, kind, ways) in zip(axes, panels, strict=True):
+        for way, colour, marker in zip(
+            WAYS, ("#888888", "#cc8800", "#1f6fb4", "#b4301f"), "sv^o", strict=True
+        ):
+            rows = [ways[way][str(count)] for count in BEAMS]
+            rms = np.array([row["rms"] for row in rows])
+            bars = np.abs(np.array([[row["low"] for row in rows], [row["high"] for row in rows]]) - rms)
+            axis.errorbar(
+                BEAMS, rms, bars, label=way, color=colour, marker=marker, markersize=4, linewidth=1.2
+            )
+        axis.set(yscale="log", xlabel="beams", xticks=BEAMS)
+        axis.set_title(name + ("" if kind == "all" else f", up to {GRAZING_DEG:g} deg"), fontsize=9)
+        axis.grid(alpha=0.25, which="both", linewidth=0.5)
+    axes[0].set_ylabel("RMS error of the position, m")
+    axes[0].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=120)
+
+
+def main() -> None:
+    """Measure, and write the page."""
+    parser = argparse.ArgumentParser(description="What planned beams are worth.")
+    parser.add_argument("--runs", type=int, default=200, help="truths in each map; a quarter in the building")
+    parser.add_argument(
+        "--building", type=Path, default=BUILDING, help="mesh; left out where it is not there"
+    )
+    parser.add_argument("--maps", nargs="+", choices=ABOUT, default=tuple(ABOUT))
+    parser.add_argument("--out", type=Path, default=HERE / "planning-study.md", help="page to write")
+    given = parser.parse_args()
+    numbers = given.out.with_suffix(".json")
+    before = json.loads(numbers.read_text()) if numbers.exists() else {"found": {}, "small": [], "runs": {}}
+    found, runs = before["found"], before["runs"]
+    for name in given.maps:
+        if name == "avz" and not given.building.exists():
+            tell(f"no mesh at {given.building}: the building is left out")
+            continue
+        problem = problem_in(name, given.building)
+        limited = replace(check_plannable(problem), max_incidence=np.deg2rad(GRAZING_DEG))
+        runs[name] = max(OFFSETS, given.runs // (4 if name == "avz" else 1))
+        found[name] = {}
+        for kind, each in (("all", problem), ("limited", replace(problem, sensor=limited))):
+            tell(f"{name}, {kind}")
+            found[name][kind] = compare(each, runs[name], more_even=kind == "all" and name != "avz")
+            found = {key: found[key] for key in ABOUT if key in found}
+            numbers.write_text(
+                json.dumps({"found": found, "small": before["small"], "runs": runs}, indent=1) + "\n"
+            )
+    small = before["small"] or small_cases()
+    numbers.write_text(json.dumps({"found": found, "small": small, "runs": runs}, indent=1) + "\n")
+    given.out.write_text(tables(found, small, runs), encoding="utf-8")
+    (given.out.parent / "images").mkdir(exist_ok=True)
+    draw(found, given.out.parent / "images/planning-study.png")
+    print(f"Written: {given.out}")
+
+
+if __name__ == "__main__":
+    main()

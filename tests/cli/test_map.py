@@ -1,0 +1,139 @@
+"""`rangefix map`: what a map is before a study is written, in words, in JSON and as a picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from .conftest import Said
+
+STUDY = """runs = 3
+[map]
+path = "map.yaml"
+unknown = "wall"
+[sensor]
+bearings_deg = [0, 90, 180]
+std_m = 0.05
+[[estimators]]
+name = "ekf"
+"""
+OBJ = "v 0 0 0\nv 4 0 0\nv 4 6 0\nv 0 6 0\nv 0 0 2.5\nv 4 0 2.5\nv 4 6 2.5\nv 0 6 2.5\n"
+OBJ += "f 1 2 3 4\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+
+
+@pytest.fixture
+def ros_map(tmp_path: Path) -> Path:
+    """A room of 4 x 3 m in cells of 0.1 m, the lower left corner of its inside at (0, 0)."""
+    pixels = np.pad(np.full((30, 40), 254, dtype=np.uint8), 1)
+    Image.fromarray(np.pad(pixels, 5, constant_values=205)).save(tmp_path / "map.png")
+    path = tmp_path / "map.yaml"
+    path.write_text("image: map.png\nresolution: 0.1\norigin: [-0.6, -0.6, 0]\n")
+    return path
+
+
+def test_an_occupancy_map(rangefix: Callable[..., Said], ros_map: Path) -> None:
+    """Its numbers, in words and in JSON, and a picture that is white where it is free."""
+    said = rangefix("map", "map.yaml", "--out", "room.png")
+    assert said.code == 0
+    lines = said.out.splitlines()
+    assert lines[0] == "map.yaml: occupancy, 12.0 m^2 free (89% of the outline) in 1 room, 8 walls"
+    assert lines[1].startswith("size: 4.2 x 3.2 m (x1 -0.1 to 4.1, x2 -0.1 to 3.1)")
+    assert lines[2:] == [
+        "cells of 0.1 m from (-0.6, -0.6) m on",
+        "unknown cells (38%) are excluded; walls: edges",
+        "free is the area that hangs together; 0.0% of the free cells are elsewhere",
+        "room.png",
+    ]
+    with Image.open("room.png") as picture:
+        white = np.asarray(picture.convert("L")) == 255
+    middle = white[white.shape[0] // 2, white.shape[1] // 2]
+    assert middle
+    assert 0.2 < white.mean() < 0.9
+    told = json.loads(rangefix("map", "map.yaml", "--json", "--unknown", "free").out)
+    assert (told["kind"], told["rooms"], told["files"]) == ("occupancy", 1, [])
+    assert told["free_m2"] == pytest.approx(12.0)
+    assert told["floor_level_m"] is None
+
+
+def test_a_mesh_and_its_options(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """The height that is taken is told; unit, axis, floor and outline are options."""
+    (tmp_path / "room.obj").write_text(OBJ)
+    said = rangefix("map", "room.obj")
+    assert (
+        "room.obj: mesh, 24.0 m^2 free (100% of the outline) in 1 room, floor at 0.00 m, 8 walls" in said.out
+    )
+    assert "no --sensor-height was given: 0.9 m is taken" in said.out
+    assert "unit of the file: m (assumed); up: z (assumed)" in said.out
+    told = json.loads(rangefix("map", "room.obj", "--unit", "foot", "--sensor-height", "0.5", "--json").out)
+    assert told["free_m2"] == pytest.approx(24 * 0.3048**2, rel=0.04)
+    said = rangefix("map", "room.obj", "--outline", "room:2x3", "--floor-height", "0")
+    assert "5.9 m^2 free" in said.out
+    at = ("--at", "2", "3", "--bearings-deg", "0", "90", "--sensor-height", "0.9", "--json")
+    beams = json.loads(rangefix("ranges", "room.obj", *at, "--reachable-from", "1", "1").out)["beams"]
+    assert [beam["range_m"] for beam in beams] == pytest.approx([3.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("map.yaml", "--sensor-height", "1"), "--sensor-height has no effect on map.yaml"),
+        (("map.yaml", "--unit", "mm"), "unknown option unit; a .yaml map takes"),
+        (("map.yaml", "--unknown", "maybe"), "excluded, free, wall, not 'maybe'"),
+        (("map.yaml", "--wall-lines", "middle"), "wall_lines are edges or centre"),
+        (("map.yaml", "--memory-gb", "0.00001"), "more than memory_gb"),
+        (("map.yaml", "--out", "room.txt"), "a picture is a .png, .svg, .pdf file"),
+        (("map.yaml", "--reachable-from", "9", "9"), "is in no free cell"),
+        (("map.png",), "give the .yaml of map_server"),
+        (("room:4x6", "--unit", "m"), "--unit: no effect on room:4x6"),
+        (("nowhere.yaml",), "no such map file"),
+    ],
+)
+def test_one_line(
+    rangefix: Callable[..., Said], ros_map: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    """What is wrong, and 2."""
+    said = rangefix("map", *arguments)
+    assert (said.code, said.out) == (2, "")
+    assert words in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_in_a_study(rangefix: Callable[..., Said], ros_map: Path, tmp_path: Path) -> None:
+    """The file tells the kind; run says what the map is, and the one assumed; the image is in the key."""
+    (tmp_path / "study.toml").write_text(STUDY)
+    said = rangefix("run", "study.toml", "--workers", "1")
+    assert said.code == 0, said.err
+    assert "map: occupancy, 12.0 m^2 free (55% of the outline) in 1 room, 8 walls" in said.err
+    (tmp_path / "study.toml").write_text(STUDY + '[assumed.map]\nwall_lines = "centre"\n')
+    said = rangefix("run", "study.toml", "--out", "assumed")
+    assert "map that estimators assume: occupancy, 12.0 m^2 free" in said.err
+    (tmp_path / "study.toml").write_text(STUDY)
+    with Image.open("map.png") as image:
+        pixels = np.asarray(image).copy()
+    pixels[20, 20] = 0
+    Image.fromarray(pixels).save("map.png")
+    said = rangefix("run", "study.toml")
+    assert "has other settings than before: its numbers are made anew" in said.err
+
+
+def test_a_mesh_in_a_study(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """With its unit, its axis and an outline in a file; both outlines at once are a mistake."""
+    (tmp_path / "room.obj").write_text(OBJ)
+    (tmp_path / "inner.toml").write_text("width = 2\nlength = 3\n")
+    text = STUDY.replace('path = "map.yaml"\nunknown = "wall"', 'path = "room.obj"\nunit = "m"\nup = "z"\n')
+    text = text.replace("[sensor]", 'outline_path = "inner.toml"\n[sensor]')
+    (tmp_path / "study.toml").write_text(text)
+    said = rangefix("run", "study.toml")
+    assert said.code == 0, said.err
+    assert "map: mesh, 5.9 m^2 free (98% of the outline)" in said.err
+    (tmp_path / "study.toml").write_text(
+        text.replace("[sensor]", "outline_m = [[0, 0], [1, 0], [1, 1]]\n[sensor]")
+    )
+    said = rangefix("validate", "study.toml")
+    assert said.code == 2
+    assert "map.outline_m: stands in the file that outline_path names" in said.err

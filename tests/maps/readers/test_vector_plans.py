@@ -1,0 +1,199 @@
+"""Floor plans in GeoJSON and DXF: lines, polygons and units as people draw them; one line for others."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from rangefix.maps import MapError, open_map
+
+from ..conftest import DATA
+
+pytest.importorskip("shapely")
+ezdxf = pytest.importorskip("ezdxf")
+CASES = DATA.parent / "cases" / "maps"
+ROUND = np.deg2rad([0.0, 90.0, 180.0, 270.0])
+HALL = [[0, 0], [8, 0], [8, 5], [0, 5], [0, 0]]
+PILLAR = [[4, 1], [5, 1], [5, 2], [4, 2], [4, 1]]
+WALL = [[3, 0], [3, 4]]
+
+
+def geojson(path, *shapes):
+    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+def polygon(*rings):
+    return {"type": "Polygon", "coordinates": rings}
+
+
+def line(*points):
+    return {"type": "LineString", "coordinates": points}
+
+
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        [polygon(HALL, PILLAR), line(*WALL)],
+        [polygon(PILLAR), polygon(HALL), {"type": "Point", "coordinates": [1, 1]}, line(*WALL)],
+        [{"type": "GeometryCollection", "geometries": [line(*HALL), line(*WALL), line(*PILLAR)]}],
+        [{"type": "MultiLineString", "coordinates": [HALL[:3], HALL[2:], PILLAR, WALL]}],
+        [polygon([[0, 0, 1.5], *[[*corner, 1.5] for corner in HALL[1:]]], PILLAR), line(*WALL)],
+    ],
+)
+@pytest.mark.parametrize("name", ["plan.geojson", "plan.json"])
+def test_an_outline_a_pillar_and_a_wall(tmp_path, shapes, name):
+    """As polygons, holes, lines or a mixture of them: the same plan."""
+    plan = open_map(geojson(tmp_path / name, *shapes), unit="m")
+    np.testing.assert_allclose(plan.ranges([4.5, 3.0, 0.0], ROUND), [2.0, 3.5, 1.0, 1.5])
+    assert list(plan.is_free([[4.5, 1.5], [1.0, 1.0], [9.0, 1.0]])) == [False, True, False]
+
+
+def test_rooms_side_by_side(tmp_path):
+    """Make one plan, with a wall where they meet."""
+    rooms = (
+        polygon([[0, 0], [4, 0], [4, 5], [0, 5], [0, 0]]),
+        polygon([[4, 0], [8, 0], [8, 5], [4, 5], [4, 0]]),
+    )
+    plan = open_map(geojson(tmp_path / "plan.geojson", *rooms), unit="m")
+    np.testing.assert_allclose(plan.ranges([1.0, 1.0, 0.0], ROUND), [4.0, 3.0, 1.0, 1.0])
+    assert plan.is_free([7.0, 1.0])
+
+
+def test_degrees_are_not_guessed(tmp_path):
+    """Within +-180 and +-90 the unit is asked for; beyond, numbers are metres."""
+    path = geojson(tmp_path / "plan.geojson", polygon(HALL))
+    with pytest.raises(MapError, match=r"may be degrees.*give unit = 'm' if they are \(8 x 5 m\)"):
+        open_map(path)
+    assert open_map(path, unit="foot").bounds[1][0] == pytest.approx(8 * 0.3048)
+    far = [[x + 691_000, y + 5_400_000] for x, y in HALL]
+    plan = open_map(geojson(tmp_path / "plan.geojson", polygon(far)))
+    np.testing.assert_allclose(plan.ranges([691_002, 5_400_003, 0.0], ROUND), [2.0, 6.0, 3.0, 2.0])
+
+
+def dxf(path, unit=0):
+    drawing = ezdxf.new("R2010", units=unit)
+    for name in ("WALLS", "DOORS"):
+        drawing.layers.add(name)
+    return drawing, drawing.modelspace(), path
+
+
+def test_a_drawing(tmp_path):
+    """Lines, polylines, circles and blocks are walls, in the unit of the header; layers may be chosen."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=4)
+    space.add_lwpolyline([(0, 0), (8000, 0), (8000, 5000)], dxfattribs={"layer": "WALLS"})
+    space.add_line((8000, 5000), (0, 5000), dxfattribs={"layer": "WALLS"})
+    block = drawing.blocks.new("side")
+    block.add_line((0, 0), (0, 5000), dxfattribs={"layer": "WALLS"})
+    space.add_blockref("side", (0, 0), dxfattribs={"layer": "WALLS"})
+    space.add_circle((6000, 2500), 500, dxfattribs={"layer": "WALLS"})
+    space.add_line((3000, 0), (3000, 2600), dxfattribs={"layer": "DOORS"})
+    space.add_text("office").set_placement((1000, 1000))
+    drawing.saveas(path)
+    plan = open_map(path)
+    np.testing.assert_allclose(plan.ranges([2.0, 2.5, 0.0], ROUND), [2.5, 1.0, 2.5, 2.0])
+    assert not plan.is_free([6.0, 2.5])
+    plan = open_map(path, layers=["WALLS"])
+    np.testing.assert_allclose(plan.ranges([2.0, 2.5, 0.0], ROUND), [2.5, 3.5, 2.5, 2.0], atol=0.006)
+    with pytest.raises(MapError, match="no layer ROOF; there are 0, DOORS, Defpoints, WALLS"):
+        open_map(path, layers=["ROOF"])
+
+
+def test_walls_drawn_as_two_lines(tmp_path):
+    """The room is taken, not the inside of its walls; the other room by a point in it."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
+    for low, high in (((-0.2, -0.2), (8.2, 5.2)), ((0, 0), (5, 5)), ((5.2, 0), (8, 5))):
+        corners = [low, (high[0], low[1]), high, (low[0], high[1])]
+        space.add_lwpolyline(corners, close=True)
+    drawing.saveas(path)
+    assert open_map(path).bounds[1].tolist() == [5, 5]
+    assert open_map(path, reachable_from=(7.0, 1.0)).bounds[0].tolist() == [5.2, 0]
+    with pytest.raises(MapError, match="is in no area"):
+        open_map(path, reachable_from=(50.0, 1.0))
+
+
+def test_a_drawing_without_a_unit(tmp_path):
+    """Metres where that gives a building, asked for where it does not."""
+    for scale, asked in ((1, False), (1000, True)):
+        drawing, space, path = dxf(tmp_path / "plan.dxf")
+        space.add_lwpolyline([(scale * x, scale * y) for x, y in HALL])
+        drawing.saveas(path)
+        if asked:
+            with pytest.raises(MapError, match=r"give its unit: .* 8000 x 5000 m in m.* 8 x 5 m in mm"):
+                open_map(path)
+        plan = open_map(path, unit="mm") if asked else open_map(path)
+        np.testing.assert_allclose(plan.bounds[1], [8, 5])
+
+
+BAD = {
+    "empty.geojson": ('{"type": "FeatureCollection", "features": []}', "no lines and no polygons"),
+    "other.geojson": ('{"kind": "plan"}', "not a GeoJSON file"),
+    "broken.geojson": ('{"type": "Polygon"', "not a GeoJSON file"),
+    "number.geojson": ('{"type": "Polygon", "coordinates": [[0, 1]]}', "broken GeoJSON"),
+    "nan.geojson": ('{"type": "LineString", "coordinates": [[0, NaN], [1, 2]]}', "not all finite"),
+    "crossed.geojson": (
+        '{"type": "Polygon", "coordinates": [[[0,0],[1,1],[1,0],[0,1],[0,0]]]}',
+        "crosses itself",
+    ),
+    "apart.geojson": (
+        '{"type": "MultiPolygon", "coordinates": [[[[0,0],[1,0],[1,1],[0,0]]], [[[5,5],[6,5],[6,6],[5,5]]]]}',
+        "2 areas that do not hang together",
+    ),
+    "open.geojson": ('{"type": "LineString", "coordinates": [[0, 0], [8, 0], [8, 5]]}', "enclose no area"),
+    "deep.geojson": ('{"type": "Feature", "geometry": ' * 5000 + "{}" + "}" * 5000, "GeoJSON"),
+    "none.dxf": ("nothing", "not a DXF file"),
+    "half.dxf": ("0\nSECTION\n2\nENTITIES\n0\nLINE\n8\nWALLS\n10\n0\n", "half.dxf: "),
+    "plan.svg": ("<svg/>", "SVG is not read"),
+    "plan.dwg": ("AC1027", "DWG is not read"),
+    "map.pgm": ("P5", "give the .yaml"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_plan(tmp_path, name):
+    """One line that names the file and says why."""
+    content, words = BAD[name]
+    path = tmp_path / name
+    path.write_text(content)
+    options = {} if path.suffix in (".svg", ".dwg", ".pgm") else {"unit": "m"}
+    with pytest.raises(MapError, match=words) as refused:
+        open_map(path, **options)
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith(str(path))
+
+
+def test_a_bomb_of_blocks(tmp_path):
+    """Blocks within blocks that would be a billion lines are refused."""
+    drawing, space, path = dxf(tmp_path / "bomb.dxf")
+    drawing.blocks.new("b0").add_line((0, 0), (1, 1))
+    for level in range(1, 9):
+        block = drawing.blocks.new(f"b{level}")
+        for place in range(15):
+            block.add_blockref(f"b{level - 1}", (place, 0))
+    space.add_blockref("b8", (0, 0))
+    drawing.saveas(path)
+    from rangefix.maps.readers import vector_plans
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vector_plans, "MOST_CURVES", 500)
+        with pytest.raises(MapError, match="more than 500 entities"):
+            open_map(path)
+
+
+def test_options_of_other_plans(tmp_path):
+    path = tmp_path / "plan.json"
+    path.write_text('{"width": 4, "length": 6}')
+    with pytest.raises(MapError, match=r"plan.json: unit has no effect on it"):
+        open_map(path, unit="m")
+
+
+@pytest.mark.parametrize("name", ["plan.geojson", "plan.json"])
+def test_plans_made_by_hand(name):
+    """The same plan of 8 x 5 m in two files."""
+    if not (CASES / name).exists():
+        pytest.skip(f"{CASES / name} is missing")
+    plan = open_map(CASES / name, unit="m")
+    np.testing.assert_allclose(plan.ranges([2.0, 3.0, 0.0], ROUND), [2, 6, 3, 2])
