@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rangefix.maps import FloorPlan, MapError
-from rangefix.maps.walls import FEW, Walls
+from rangefix.maps.walls import FEW_WALLS, Walls
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
 PILLAR = [(4, 4), (6, 4), (6, 6), (4, 6)]
@@ -66,7 +66,7 @@ def test_few_walls_and_many_give_the_same():
     whole, cuts = np.array(ROOMS, dtype=float), np.linspace(0, 1, 9)[:, None, None]
     ends = whole[:, :2] + cuts * (whole[:, 2:] - whole[:, :2])
     pieces = np.concatenate([ends[:-1], ends[1:]], axis=2).reshape(-1, 4)
-    assert len(whole) <= FEW < len(pieces)
+    assert len(whole) <= FEW_WALLS < len(pieces)
     rng = np.random.default_rng(1)
     poses = rng.uniform([0.1, 0.1, -np.pi], [6.9, 8.9, np.pi], (5000, 3))
     few, many = (Walls(walls).cast(poses, np.linspace(-1.0, 1.0, 8)) for walls in (whole, pieces))

@@ -20,7 +20,7 @@ from ..arrays import Array, BoolArray, IntArray
 from ._open3d import open3d
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
-FEW = 48  # walls; with more, Open3D's tree of them takes less time than all of them
+FEW_WALLS = 48  # with more, Open3D's tree of them takes less time than all of them
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
 OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall
@@ -134,7 +134,7 @@ class Walls:
     def in_sight(self, starts: Array, ends: Array) -> BoolArray:
         """Whether nothing stands between: (N, 2), (N, 2) -> (N,)."""
         step = ends - starts
-        if len(self.segments) > FEW:
+        if len(self.segments) > FEW_WALLS:
             poses = np.column_stack([starts, np.arctan2(step[:, 0], step[:, 1])])
             return np.asarray(self.ranges(poses, AHEAD)[:, 0] >= np.hypot(step[:, 0], step[:, 1]))
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
@@ -148,7 +148,7 @@ class Walls:
         ranges = np.empty((len(poses), len(bearings)))
         if not ranges.size:
             return ranges
-        if len(self.segments) > FEW:
+        if len(self.segments) > FEW_WALLS:
             self._cast_into_scene(poses, bearings, ranges, met)
             return ranges
         from ..compiled import in_threads

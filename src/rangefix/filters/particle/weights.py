@@ -10,7 +10,7 @@ from ...arrays import Array
 
 FLOOR = -700.0  # below exp(-708) numbers are denormal, and exp several times slower
 MOST_TRIES = 40  # for the power of a density; 5 as a rule
-CLOSE = 1e-5  # of the log of a power
+POWER_ROUNDING = 1e-5  # of the log of a power
 LEAST_POWER, LEAST_LOSS = 1e-12, 1e-30
 
 
@@ -87,8 +87,8 @@ def longest_stage(log_weights: Array, log_density: Array, most: float, enough: f
             guess = 0.5 * (low + high)
         value = loss(guess)
         low, high = (guess, high) if value <= 0 else (low, guess)
-        if abs(value) < CLOSE or high - low < CLOSE:
+        if abs(value) < POWER_ROUNDING or high - low < POWER_ROUNDING:
             break
         slope = (value - there) / (guess - here)
         here, there = guess, value
-    return exp(guess if abs(value) < CLOSE else low)
+    return exp(guess if abs(value) < POWER_ROUNDING else low)
