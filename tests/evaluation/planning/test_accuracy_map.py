@@ -17,7 +17,6 @@ from rangefix.maps import FloorPlan
 
 from ..bounds.problems import located
 
-BUILDING = Path(__file__).parents[4] / "shared/data/avz/avz.ply"
 STD, SHORTER = 0.05, 0.1
 
 
@@ -88,14 +87,13 @@ def test_so_many_places_are_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.study
-@pytest.mark.skipif(not BUILDING.exists(), reason="needs the scanned building, ../shared/data/avz/avz.ply")
 @pytest.mark.parametrize("beams", [8, 40])
 def test_in_a_building_it_goes_with_the_exact_filter(beams: int, capsys: pytest.CaptureFixture[str]) -> None:
     """50 places: the map's deviation against the exact posterior's, averaged over 20 scans each.
 
     Most agree; where near objects end a range jumps, and the posterior is better or worse than gradients say.
     """
-    problem = load_study("mesh", map_path=BUILDING).problem()
+    problem = load_study("mesh", map_path=avz).problem()
     assert isinstance(problem.sensor, Rangefinder)
     bearings = sweep(2 * np.pi / beams, 0.0)
     problem = replace(problem, sensor=replace(problem.sensor, bearings=bearings, noise=Gaussian(STD)))
