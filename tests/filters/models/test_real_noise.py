@@ -198,7 +198,9 @@ def test_map_errors_outlast_scans_of_a_run() -> None:
     assert np.abs(readings[0] - readings[1]).max() > 0.01
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "point-mass", "exact", "adaptive-point-mass"])
+@pytest.mark.parametrize(
+    "name", ["ekf", "ukf", "ckf", "enkf", "filterpy-ukf", "point-mass", "exact", "adaptive-point-mass"]
+)
 def test_estimators_that_take_beams_one_by_one_refuse_shared_errors(name: str) -> None:
     room = RectangularRoom(4.0, 6.0)
     space = position_space(0.0)

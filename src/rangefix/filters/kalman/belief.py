@@ -75,6 +75,7 @@ class SigmaPointOptions(BriefRepr):
     kappa: float | None = None
 
     def __post_init__(self) -> None:
+        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
         refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]

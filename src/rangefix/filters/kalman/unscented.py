@@ -80,8 +80,12 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         ]
         spread = sum_terms(arm[:, None] * row for arm, row in zip(one, turned, strict=True))
         log_density = refuse_impossible(sensor, measurement, log_density)
-        mean = space.wrap(belief.mean + moved.T)
-        return accept_definite(belief, mean, np.moveaxis(spread, -1, 0), log_density)
+        mean, spread = space.wrap(belief.mean + moved.T), np.moveaxis(spread, -1, 0)
+        informed = np.asarray(used.any(axis=1))
+        if not informed.all():  # the others keep what they have to the last bit
+            mean = np.where(informed[:, None], mean, belief.mean)
+            spread = np.where(informed[:, None, None], spread, belief.covariance)
+        return accept_definite(belief, mean, spread, log_density)
 
     @property
     def _reach(self) -> float:
