@@ -88,7 +88,9 @@ def test_so_many_places_are_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.study
 @pytest.mark.parametrize("beams", [8, 40])
-def test_in_a_building_it_goes_with_the_exact_filter(beams: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_a_building_it_goes_with_the_exact_filter(
+    beams: int, avz: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """50 places: the map's deviation against the exact posterior's, averaged over 20 scans each.
 
     Most agree; where near objects end a range jumps, and the posterior is better or worse than gradients say.

@@ -49,7 +49,8 @@ def optimum(problem: Problem) -> Bound:
     if unknown_heading and measured < MIN_BEAMS_OF_POSES:
         raise NoBoundError(
             f"at an unknown heading it takes {MIN_BEAMS_OF_POSES} beams: what fewer leave of the prior is "
-            "spread over the whole map and all headings, and takes seconds to integrate for each of many draws"
+            "spread over the whole map and all headings, and takes seconds to integrate for each of many "
+            "draws"
         )
     estimator: Any = (
         build("point-mass", problem, accuracy=ACCURACY_OF_POSES)
