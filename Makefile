@@ -69,7 +69,7 @@ recordings: $(VENV)/.test
 	$(BIN)/python docs/make_recordings.py --data $(RECORDINGS)
 
 planning: $(VENV)/.test
-	$(BIN)/python docs/make_planning.py --runs $(PLANNING_RUNS) --building $(BUILDING)
+	$(BIN)/python docs/make_planning.py --small --runs $(PLANNING_RUNS) --building $(BUILDING)
 
 docs: $(VENV)/.docs
 	$(BIN)/python docs/make_gallery.py --runs $(DOCS_RUNS) --out docs/gallery

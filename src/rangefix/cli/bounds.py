@@ -212,8 +212,11 @@ def _may_save(folder: Path, study: Study, required: bool) -> bool:
 def _notes(rows: list[Row]) -> list[str]:
     """What must be said with the table, and why entries are missing."""
     from ..evaluation.bounds.catalogue import LOCAL
+    from ..evaluation.bounds.optimum import CIRCULAR
 
     notes = []
+    if any(row.bound is not None and CIRCULAR in row.bound.conditions for row in rows):
+        notes.append(f"{CIRCULAR[0].upper()}{CIRCULAR[1:]}.")
     if any(row.name in LOCAL and row.bound is not None for row in rows):
         notes.append("cramer-rao is local: it holds at one state, for unbiased estimators, and bounds no G.")
     refused: dict[tuple[str, str], list[str]] = {}

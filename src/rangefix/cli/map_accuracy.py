@@ -77,6 +77,7 @@ def map_accuracy(
                 "worst_std_m": worst,
                 "worst_direction_rad": direction,
                 "covariance_m2": found.covariance,
+                "mistaken_share": found.mistaken,
                 "beams_seen": found.beams_seen.astype(np.int32),
                 "bearings_rad": found.bearings,
                 "heading_rad": np.array(found.heading),
@@ -84,6 +85,8 @@ def map_accuracy(
         )
     shares = (0.05, 0.5, 0.95, 1.0)
     figures = [[float(np.quantile(values[known], share)) for share in shares] for values in (std, worst)]
+    mistaken = found.mistaken[known]
+    judged = bool(np.isfinite(mistaken).any())
     if as_json:
         names = ("q05", "median", "q95", "max")
         rows = [dict(zip(names, row, strict=True)) for row in figures]
@@ -94,6 +97,8 @@ def map_accuracy(
             "what": "information from range gradients: local, no bound near jumps",
             "position_std_m": rows[0],
             "worst_std_m": rows[1],
+            "mistaken_share": float(mistaken.mean()) if judged else None,
+            "mistaken_share_what": "of scans that fit the most similar place elsewhere better: an estimate",
             "files": [str(path) for path in files],
         }
         print_json(document)
@@ -109,5 +114,15 @@ def map_accuracy(
         f"{int(known.sum())} places, {len(found.bearings)} beams. Information from gradients of the ranges: "
         "local, and no bound near jumps."
     )
+    if judged:
+        screen.say(
+            f"Mistaken for the most similar place elsewhere: {100 * mistaken.mean():.2g} % of scans on "
+            f"average, {100 * mistaken.max():.2g} % at the worst place. An estimate from pairs of places; "
+            "50 % is a toss-up."
+        )
+    else:
+        screen.say(
+            "How often places are mistaken for others is not worked out for so many: take larger steps."
+        )
     for path in files:
         screen.say(str(path))

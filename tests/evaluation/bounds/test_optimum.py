@@ -137,7 +137,7 @@ def test_what_is_not_computed_is_refused() -> None:
     pose = Problem(space, Stationary(space), sensor, Uniform(room, space))
     with pytest.raises(NoBoundError, match="known heading"):
         known_walls(pose)
-    with pytest.raises(NoBoundError, match="from 3 beams on"):
+    with pytest.raises(NoBoundError, match="at an unknown heading it takes 3 beams"):
         optimum(pose)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from rangefix.evaluation.planning.cells import Cells, posterior_cells
 from rangefix.evaluation.planning.expected_covariance import expected_covariance, some_beams
 from rangefix.evaluation.planning.reading_table import SharedTables
 from rangefix.evaluation.planning.selection import Planner
-from rangefix.filters import Gaussian, Rangefinder, sweep, velocity_space
+from rangefix.filters import Gaussian, Problem, Rangefinder, sweep, velocity_space
+from rangefix.maps import RectangularRoom
 
+from ..bounds.problems import turned
 from ..conftest import make_problem
 
 EVEN = np.deg2rad(np.arange(-90.0, 91.0, 15.0))
@@ -70,6 +73,44 @@ def test_choosing_after_each_reading_is_no_worse() -> None:
     assert adaptive.steps[1].value < fixed.steps[1].value + 4 * np.hypot(
         fixed.steps[1].error, adaptive.steps[1].error
     )
+
+
+@pytest.mark.study
+def test_greedy_and_exchange_fail_where_only_a_pair_tells_the_heading() -> None:
+    """Eight beams, a heading unknown within 120 deg: exhaustive search finds a pair that is 15 % better.
+
+    The pairs are judged by other code: all 28 of them by Bayes' rule over 20 000 states drawn from the prior.
+    """
+    bearings = np.arange(8) * 45.0
+    problem = turned(RectangularRoom(4, 6), bearings, np.deg2rad([-60.0, 60.0]), 0.3)
+    rms = rms_of_pairs(problem)
+    best = min(rms.values())
+    found = {}
+    for method in ("greedy", "exchange", "exhaustive"):
+        planner = Planner(problem, np.deg2rad(bearings), truths=12, seed=14)
+        steps = planner.plan(2, method, everywhere=False).steps  # type: ignore[arg-type]
+        beams = np.round(np.array(degrees(steps)) % 360 / 45).astype(int)
+        found[method] = rms[min(beams), max(beams)]
+    assert found["exhaustive"] < 1.03 * best
+    assert found["greedy"] > 1.15 * best
+    assert found["exchange"] > 1.15 * best
+
+
+def rms_of_pairs(problem: Problem) -> dict[tuple[int, int], float]:
+    """RMS error of the place after two beams, m, by Bayes' rule over states drawn from the prior."""
+    rng = np.random.default_rng(1)
+    states, truths = problem.prior.sample(20_000, rng), problem.prior.sample(300, rng)
+    expected, readings = problem.sensor.expected(states), problem.sensor.sample(truths, rng)
+    logs = [-0.5 * ((readings[:, [b]] - expected[:, b]) / 0.3) ** 2 for b in range(8)]
+    places = states[:, :2] - states[:, :2].mean(axis=0)
+    found = {}
+    for pair in combinations(range(8), 2):
+        both = logs[pair[0]] + logs[pair[1]]
+        weights = np.exp(both - both.max(axis=1, keepdims=True))
+        weights /= weights.sum(axis=1, keepdims=True)
+        squares = weights @ (places**2).sum(axis=1) - ((weights @ places) ** 2).sum(axis=1)
+        found[pair] = float(np.sqrt(squares.mean()))
+    return found
 
 
 def test_the_same_seed_gives_the_same_plan() -> None:

@@ -26,6 +26,10 @@ MAX_ERROR = 0.1  # deviations; of a heading without a mean none is known
 ACCURACY = 0.005  # asked of lattices, in deviations of the posterior
 ACCURACY_OF_POSES = 0.1  # the same; what it errs by is in the error, and averages out
 MAX_COMPONENTS = 3
+CIRCULAR = (
+    "heading: mean square of the wrapped error e of the circular mean, which is the best estimate for "
+    "E[2 - 2 cos e], and not always for e squared"
+)
 
 
 def optimum(problem: Problem) -> Bound:
@@ -43,7 +47,11 @@ def optimum(problem: Problem) -> Bound:
     unknown_heading = bool(problem.space.is_angle.any())
     measured = int((~problem.sensor.blind).sum())
     if unknown_heading and measured < MIN_BEAMS_OF_POSES:
-        raise NoBoundError(f"computed here from {MIN_BEAMS_OF_POSES} beams on where the heading is unknown")
+        raise NoBoundError(
+            f"at an unknown heading it takes {MIN_BEAMS_OF_POSES} beams: what fewer leave of the prior is "
+            "spread over the whole map and all headings, and takes seconds to integrate for each of many "
+            "draws"
+        )
     estimator: Any = (
         build("point-mass", problem, accuracy=ACCURACY_OF_POSES)
         if unknown_heading
@@ -61,7 +69,7 @@ def optimum(problem: Problem) -> Bound:
             break
     told: tuple[str, ...] = (f"averaged over {count} truths and readings",)
     if unknown_heading:
-        told += ("heading: mean square of the wrapped error of the circular mean",)
+        told += (CIRCULAR,)
     if share := float(sums[:, 2].mean(axis=0).max()):
         told += (
             f"the filter's own error is not known for {100 * share:.0f} % of readings, and not in the error",

@@ -2,7 +2,8 @@
 
 Each beam brings the information of its reading about its range, along the gradient of the range. This is
 local: beside edges of near objects, where a range jumps, and wherever distant places look alike, the true
-posterior may be better or far worse. It is no bound.
+posterior may be better or far worse. It is no bound. How often a place is mistaken for one that looks alike
+is estimated beside it.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.problem import Noise
 from ...raster import Raster
 from .cells import beams_alike
+from .look_alikes import COMPARED_BEAMS, MOST_OTHERS, ExpectedScans, mistaken_shares
 from .one_beam import noise_width
 from .reading_table import probabilities
 
 RAYS_AT_ONCE = 2_000_000
 MOST_PLACES = 20_000_000  # of the box of the map, walls included
 RANGES = 400  # at which the information of a reading is worked out
+MOST_JUDGED = 60_000  # places for which look-alikes are sought
 NUDGE = 0.02  # of the noise, by which ranges are moved for it
 
 
@@ -33,6 +36,8 @@ class AccuracyMap:
     Attributes:
         x1, x2: Where the places lie, m, (C,) and (R,).
         covariance: Of x1 and x2, m^2, (R, C, 2, 2).
+        mistaken: How often a scan fits the most similar place elsewhere better, at most one half, (R, C): an
+            estimate, `look_alikes`. NaN everywhere if there are more than MOST_JUDGED places.
         beams_seen: How many beams meet a wall and are not lost, (R, C); -1 in walls.
         bearings: Of the beams, rad, (B,).
         heading: At which it was worked out, rad.
@@ -41,6 +46,7 @@ class AccuracyMap:
     x1: Array
     x2: Array
     covariance: Array
+    mistaken: Array
     beams_seen: IntArray
     bearings: Array
     heading: float
@@ -84,6 +90,9 @@ def accuracy_map(problem: Problem, sensor: Rangefinder, step: float) -> Accuracy
     beams = np.flatnonzero(~sensor.blind)
     tables = _information(sensor, float(np.hypot(*(upper - lower))))
     covariance, seen = np.full((len(places), 2, 2), np.nan), np.full(len(places), -1)
+    compared = beams[np.linspace(0, len(beams) - 1, min(len(beams), COMPARED_BEAMS)).round().astype(int)]
+    judged = len(free) if len(free) <= MOST_JUDGED else 0
+    readings, read_slopes = np.empty((judged, len(compared))), np.empty((judged, len(compared), 2))
     at_once = max(1, RAYS_AT_ONCE // len(sensor.bearings))
     for start in range(0, len(free), at_once):
         part = free[start : start + at_once]
@@ -101,12 +110,34 @@ def accuracy_map(problem: Problem, sensor: Rangefinder, step: float) -> Accuracy
         rows = np.array(space.position_indices)
         covariance[part] = after[:, rows[:, None], rows]
         seen[part] = (weights > 0).sum(axis=1)
+        if judged:
+            here = slice(start, start + len(part))
+            for place, beam in enumerate(compared):
+                at, told = tables[0] if len(tables) == 1 else tables[beam]
+                readings[here, place] = _in_deviations(
+                    np.where(known[:, beam], ranges[:, beam], at[-1]), at, told
+                )
+            read_slopes[here] = np.sqrt(weights[:, compared, None]) * slopes[:, compared][:, :, rows]
+    mistaken = np.full(len(places), np.nan)
+    if judged:
+        stride = int(np.ceil(np.sqrt(len(free) / MOST_OTHERS)))
+        others = (np.stack(np.unravel_index(free, raster.shape)) % stride == stride // 2).all(axis=0)
+        scans = ExpectedScans(places[free], readings, read_slopes, covariance[free])
+        mistaken[free] = mistaken_shares(scans, others, stride * step, len(beams))
     shape = raster.shape
     axes = [lower[axis] + step * (np.arange(shape[axis]) + 0.5) for axis in (0, 1)]
     return AccuracyMap(
-        axes[0], axes[1], np.swapaxes(covariance.reshape(*shape, 2, 2), 0, 1), seen.reshape(shape).T,
+        axes[0], axes[1], np.swapaxes(covariance.reshape(*shape, 2, 2), 0, 1),
+        mistaken.reshape(shape).T, seen.reshape(shape).T,
         sensor.bearings, float(space.poses(mean)[2]),
     )  # fmt: skip
+
+
+def _in_deviations(ranges: Array, at: Array, told: Array) -> Array:
+    """Ranges on a scale on which the noise has a deviation of one: the integral of sqrt(information)."""
+    roots = np.sqrt(told)
+    scale = np.concatenate([[0.0], np.cumsum(0.5 * (roots[1:] + roots[:-1]) * np.diff(at))])
+    return np.asarray(np.interp(ranges, at, scale))
 
 
 def _information(sensor: Rangefinder, reach: float) -> list[tuple[Array, Array]]:

@@ -1,4 +1,4 @@
-"""A map of accuracy: expected deviations at each place, and ellipses that show the worst direction."""
+"""A map of accuracy: expected deviations, ellipses that show the worst direction, and mistaken places."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOLID = "#c9c9c9"
 
 
 def draw_accuracy(found: AccuracyMap, segments: Array) -> Figure:
-    """The deviation of the position in colour, on a log scale, with the walls.
+    """The deviation of the position in colour, on a log scale, with the walls; beside it mistaken places.
 
     Args:
         found: What was worked out.
@@ -33,9 +33,10 @@ def draw_accuracy(found: AccuracyMap, segments: Array) -> Figure:
         found.x2[-1] + step / 2,
     )
     shape = float(np.clip((extent[1] - extent[0]) / (extent[3] - extent[2]), 0.3, 2.5))
-    figure = Figure(figsize=(HEIGHT * shape + 2.4, HEIGHT + 0.9), layout="constrained")
-    axes = figure.subplots()
-    axes.set_facecolor(SOLID)
+    judged = bool(np.isfinite(found.mistaken).any())
+    figure = Figure(figsize=((HEIGHT * shape + 2.4) * (1 + judged), HEIGHT + 0.9), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, 1 + judged))
+    axes = panels[0]
     known = std[np.isfinite(std)]
     low, high = (float(np.quantile(known, share)) for share in (0.005, 0.995)) if len(known) else (0.1, 1.0)
     norm = LogNorm(low, max(high, 1.01 * low))
@@ -62,13 +63,23 @@ def draw_accuracy(found: AccuracyMap, segments: Array) -> Figure:
                 offset_transform=axes.transData, facecolors="none", edgecolors="#D55E00", linewidths=0.7,
             )
         )  # fmt: skip
-    if len(segments):
-        axes.add_collection(LineCollection(list(segments.reshape(-1, 2, 2)), colors="black", linewidths=0.8))
-    label_positions(axes)
-    axes.set_xlim(extent[:2])
-    axes.set_ylim(extent[2:])
     axes.set_title(
         f"information from gradients of {len(found.bearings)} beams, no bound near jumps\n"
         f"ellipses: standard deviations x {scale:.3g}, cut at {2 * LARGE * ELLIPSES:g} m"
     )
+    if judged:
+        share = panels[1].imshow(
+            100 * found.mistaken, origin="lower", extent=extent, cmap=INK, vmin=0, vmax=50,
+            interpolation="nearest",
+        )  # fmt: skip
+        figure.colorbar(share, ax=panels[1], label="scans that fit a place elsewhere better, %", shrink=0.8)
+        panels[1].set_title("mistaken for the most similar place elsewhere:\nan estimate; 50 % is a toss-up")
+    for panel in panels:
+        panel.set_facecolor(SOLID)
+        if len(segments):
+            walls = list(segments.reshape(-1, 2, 2))
+            panel.add_collection(LineCollection(walls, colors="black", linewidths=0.8))
+        label_positions(panel)
+        panel.set_xlim(extent[:2])
+        panel.set_ylim(extent[2:])
     return figure

@@ -1,0 +1,125 @@
+"""The map of accuracy: mistaken places against closed forms and draws, deviations against a filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from rangefix.evaluation import load_study
+from rangefix.evaluation.planning import accuracy_map as module
+from rangefix.evaluation.planning.accuracy_map import AccuracyMap, accuracy_map
+from rangefix.filters import Gaussian, Rangefinder, build, sweep
+from rangefix.maps import FloorPlan
+
+from ..bounds.problems import located
+
+STD, SHORTER = 0.05, 0.1
+
+
+def two_arms(shorter: float) -> FloorPlan:
+    """Two arms side by side, 6 m long and a little less, one 1 m further ahead than the other."""
+    top = 7 - shorter
+    return FloorPlan([[0, 0], [2, 0], [2, 1], [4, 1], [4, top], [2, top], [2, 6], [0, 6]])
+
+
+def judged(shorter: float, bearings_deg: list[float]) -> AccuracyMap:
+    problem = located(two_arms(shorter), bearings_deg, STD)
+    return accuracy_map(problem, problem.sensor, 0.25)
+
+
+@pytest.mark.parametrize("shorter", [0.0, SHORTER, 0.2])
+def test_two_arms_of_unlike_length_have_a_closed_form(shorter: float) -> None:
+    """Ahead and back: the best spot of the other arm halves the difference, so d = difference / (sqrt(2) r).
+
+    It is 1 m further ahead, which no ellipse covers. The spot lies within half a step of a place but at the
+    far ends of the arms: exact below them.
+    """
+    found = judged(shorter, [0.0, 180.0])
+    inside = np.isfinite(found.mistaken) & (found.x2[:, None] < 5)
+    expected = ndtr(-0.5 * shorter / (np.sqrt(2) * STD))
+    assert inside.sum() > 250
+    np.testing.assert_allclose(found.mistaken[inside], expected, rtol=1e-6)
+
+
+def test_a_beam_across_tells_the_arms_apart_but_at_their_ends() -> None:
+    """To the right the near arm is open but for its first metre, as the far one is nowhere."""
+    found = judged(0.0, [0.0, 180.0, 90.0])
+    near, ahead = found.x1 < 1.5, found.x2
+    np.testing.assert_allclose(found.mistaken[np.ix_(ahead < 1, near)], 0.5, atol=1e-6)
+    amid = found.mistaken[np.ix_((ahead > 2.5) & (ahead < 5), near)]
+    assert amid.max() < 1e-3
+    assert (np.isnan(found.mistaken) == (found.beams_seen < 0)).all()  # walls
+
+
+def test_what_is_mistaken_is_what_draws_mistake() -> None:
+    """The arm that fits best, of 20 000 drawn scans from one place, on spots 2 mm apart: 4 deviations."""
+    rng = np.random.default_rng(5)
+    ahead = np.arange(-1, 1, 0.002)
+    place = 3.0 + ahead  # of both arms, from the end behind
+    readings = np.array([3.0, 3.0]) + STD * rng.normal(size=(20_000, 2))  # of the arm of 6 m, amid it
+    fits = [
+        ((readings[:, None, 0] - (length - place)) ** 2 + (readings[:, None, 1] - place) ** 2).min(axis=1)
+        for length in (6.0, 6.0 - SHORTER)
+    ]
+    share = float((fits[1] < fits[0]).mean())
+    expected = float(np.nanmean(judged(SHORTER, [0.0, 180.0]).mistaken))
+    assert abs(share - expected) < 4 * np.sqrt(expected * (1 - expected) / len(readings))
+
+
+def test_places_of_a_room_with_known_heading_are_mistaken_for_none() -> None:
+    """Two walls that are met squarely leave one place."""
+    problem = located(FloorPlan([[0, 0], [4, 0], [4, 6], [0, 6]]), [0.0, 90.0])
+    found = accuracy_map(problem, problem.sensor, 0.25)
+    assert np.nanmax(found.mistaken) == 0.0
+
+
+def test_so_many_places_are_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Above a number of places the share is NaN everywhere, and deviations are there as before."""
+    before = judged(0.0, [0.0, 180.0])
+    monkeypatch.setattr(module, "MOST_JUDGED", 10)
+    found = judged(0.0, [0.0, 180.0])
+    assert np.isnan(found.mistaken).all()
+    np.testing.assert_array_equal(found.covariance, before.covariance)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("beams", [8, 40])
+def test_in_a_building_it_goes_with_the_exact_filter(
+    beams: int, avz: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """50 places: the map's deviation against the exact posterior's, averaged over 20 scans each.
+
+    Most agree; where near objects end a range jumps, and the posterior is better or worse than gradients say.
+    """
+    problem = load_study("mesh", map_path=avz).problem()
+    assert isinstance(problem.sensor, Rangefinder)
+    bearings = sweep(2 * np.pi / beams, 0.0)
+    problem = replace(problem, sensor=replace(problem.sensor, bearings=bearings, noise=Gaussian(STD)))
+    found = accuracy_map(problem, problem.sensor, 0.1)
+    rng = np.random.default_rng(7)
+    lower, upper = problem.prior.support
+    rows, columns = np.nonzero(np.isfinite(found.position_std))
+    places = np.stack([found.x1[columns], found.x2[rows]], axis=1)
+    within = np.flatnonzero(((places > lower) & (places < upper)).all(axis=1))
+    some = rng.choice(within, 50, replace=False)
+    said = found.position_std[rows[some], columns[some]]
+    truths = np.repeat(places[some], 20, axis=0)
+    rngs = [np.random.default_rng(run) for run in range(len(truths))]
+    filter_ = build("adaptive-point-mass", problem)
+    belief = filter_.update(filter_.init(problem.prior, rngs), problem.sensor.sample(truths, rng), rngs)
+    covariances = np.asarray(filter_.estimate(belief).covariance)
+    traces = np.trace(covariances[:, :2, :2], axis1=1, axis2=2).reshape(50, 20)
+    true = np.sqrt(traces.mean(axis=1))
+    ratio, together = true / said, float(np.corrcoef(np.log(true), np.log(said))[0, 1])
+    low, middle, high = np.quantile(ratio, [0.1, 0.5, 0.9])
+    with capsys.disabled():
+        print(
+            f"\n{beams} beams, 50 places: exact / map: median {middle:.2f}, 10 to 90 % {low:.2f} to "
+            f"{high:.2f}, least {ratio.min():.2f}, greatest {ratio.max():.2f}; correlation of logs "
+            f"{together:.2f}"
+        )
+    assert 0.8 < middle < 1.2
