@@ -283,3 +283,47 @@ def test_readings_that_say_nothing(recording: Path, capsys: pytest.CaptureFixtur
     assert told["oddities"][WITHOUT_ODOMETRY] == 1
     assert told["estimators"][0]["scans"] == 23
     assert told["estimators"][0]["position_rmse_m"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "by"),
+    [
+        ("nothing", 24),
+        ("mirrored beams", 10),
+        ("another room", 10),
+        ("a start 0.5 m off", 5),
+        ("carried off at scan 15", 20),
+    ],
+)
+def test_whether_a_filter_is_lost(
+    recording: Path, capsys: pytest.CaptureFixture[str], wrong: str, by: int
+) -> None:
+    """No alarm in 24 scans with all as it is; else one within 10 scans of what is wrong.
+
+    With the law that is assumed of any laser, whose threshold 1 scan in 1000 exceeds at most.
+    """
+    arrays, room = dict(np.load(recording)), "room.toml"
+    start = "3,1.6,90"
+    if wrong == "mirrored beams":
+        arrays["ranges_m"] = arrays["ranges_m"][:, ::-1]
+    if wrong == "another room":
+        room = "room:9x8"
+    if wrong == "a start 0.5 m off":
+        start = "3,2.1,90"
+    if wrong.startswith("carried"):
+        arrays["ranges_m"][14:] = ranges_at(drive(24)[1][14:] * [1, 1, 0] + [0, 0, 2.0], 0.02)
+    np.savez(recording, **arrays)
+    given = ["replay", "-l", recording, "-e", "particle", "-O", "particle:particles=500", "--start", start]
+    given += ["-m", room if ":" in room else recording.parent / room, "--start-std-m", "0.05", "--json"]
+    code, shown, _ = call([*given, "--start-std-deg", "3"], capsys)
+    told = json.loads(shown)
+    row = told["estimators"][0]
+    assert code == 0
+    assert told["false_alarms"] == 1e-3
+    if wrong == "nothing":
+        assert row["lost_at"] is None
+        assert row["lost_share"] == 0
+    else:
+        assert row["lost_at"] <= by
+        assert row["lost_share"] > 0
+        assert row["lost_at"] >= (15 if by == 20 else 1)

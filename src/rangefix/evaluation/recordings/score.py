@@ -34,6 +34,9 @@ class Row:
         scans_per_s: Scans in a second of processor time: move, update and estimate.
         residual_median_m: Of readings less the range of the map at the estimate, m.
         residual_share: Share of the readings that are within 0.1 m of the map.
+        lost_at: Number of the first scan, from 1, that does not fit the map where the robot was believed to
+            be; None if all fit.
+        lost_share: Share of the scans that do not fit; NaN where that was not asked.
         end: The last estimate: x1, x2 (m), heading (rad), (3,); None if there is none.
         end_stds: Its claimed deviations, (3,).
     """
@@ -51,6 +54,8 @@ class Row:
     scans_per_s: float = np.nan
     residual_median_m: float = np.nan
     residual_share: float = np.nan
+    lost_at: int | None = None
+    lost_share: float = np.nan
     end: Array | None = None
     end_stds: Array | None = None
 
@@ -68,6 +73,9 @@ class Score:
     judged: int = 0
     seconds: float = 0.0
     covered: int = 0
+    watched: int = 0
+    lost: int = 0
+    lost_at: int | None = None
     nees: float = 0.0
     squares: Array = field(default_factory=lambda: np.zeros(3))
     variances: Array = field(default_factory=lambda: np.zeros(3))
@@ -77,6 +85,10 @@ class Score:
     def add(self, believed: Believed) -> Believed:
         """Count what is believed after a scan; returned as it is."""
         self.last, self.scans, self.seconds = believed, self.scans + 1, self.seconds + believed.seconds
+        self.watched += believed.fit is not None
+        if believed.is_lost:
+            self.lost += 1
+            self.lost_at = believed.step.scan if self.lost_at is None else self.lost_at
         values = believed.residuals[np.isfinite(believed.residuals)]
         self.residuals.update(np.clip(np.round(values * 1000), -100_000, 100_000).astype(int).tolist())
         if believed.truth is None:
@@ -98,6 +110,7 @@ class Score:
         fits = sum(count for value, count in self.residuals.items() if abs(value) <= 1000 * FITS_M)
         stds = np.sqrt(np.diagonal(self.last.covariance))
         row = {
+            "lost_share": self.lost / self.watched if self.watched else np.nan,
             "scans_per_s": self.scans / self.seconds if self.seconds else np.inf,
             "residual_median_m": _median(self.residuals) / 1000,
             "residual_share": fits / total if total else np.nan,
@@ -112,7 +125,16 @@ class Score:
                 "anees": self.nees / self.judged / 3,
                 "coverage": self.covered / self.judged,
             }
-        return Row(name, self.scans, self.judged, reason, **row, end=self.last.mean, end_stds=stds)
+        return Row(
+            name,
+            self.scans,
+            self.judged,
+            reason,
+            **row,
+            lost_at=self.lost_at,
+            end=self.last.mean,
+            end_stds=stds,
+        )
 
 
 def _limit() -> float:
