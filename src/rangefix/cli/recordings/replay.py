@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 USUAL = ("particle", "adaptive-point-mass", "ekf", "ukf")
 EVERY_STEPS = 5  # of progress that are told
 FALSE_ALARMS = 1e-3  # share of the scans; as in lost.py, which takes long to import
+MOSTLY = 0.7  # of an error: half of its square
 Estimators = Annotated[
     list[str] | None,
     typer.Option(
@@ -466,6 +467,11 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
     for row in rows:
         if row.reason:
             screen.say(f"{row.estimator}: {row.reason}")
+        if row.offset_m > MOSTLY * row.position_rmse_m:
+            screen.say(
+                f"{row.estimator}: {row.offset_m:.3f} m of its error is the same throughout, as if the map "
+                "lay off the frame of the truth by that, which no filter can know"
+            )
     for note in notes:
         screen.say(f"- {note}")
     if out is not None:
