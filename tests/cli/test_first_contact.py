@@ -255,7 +255,7 @@ def test_help_of_run_loses_no_word(rangefix: Callable[..., Said], monkeypatch: p
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("rangefix re", ["report"]),
+        ("rangefix rep", ["report", "replay"]),
         ("rangefix run --se", ["--seed"]),
         ("rangefix run pa", ["paper"]),
         ("rangefix run rad", ["rad.toml"]),

@@ -68,7 +68,7 @@ def table1_notes(paper: Paper) -> list[str]:
     ]
 
 
-IMPROBABLE = "share_improbable"  # which stands in tables of any width, where it is not zero
+IMPROBABLE = "share_improbable"  # stands in one wide table where it is not zero; words below it tell it, too
 UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
 
 
@@ -154,7 +154,10 @@ def _comparison(rows: Sequence[Row], title: str, layout: Layout, part: Part) -> 
     figures = [
         figure
         for figure in shown
-        if figure[0].honest is not None or figure[1] or layout.extras or figure[0].name == IMPROBABLE
+        if figure[0].honest is not None
+        or figure[1]
+        or layout.extras
+        or (figure[0].name == IMPROBABLE and not layout.apart)
     ]
     figures = [figure for figure in figures if _is_told(figure[0], rows)]
     figures = [figure for figure in figures if part in ("all", "components" if figure[1] else "verdicts")]

@@ -180,8 +180,9 @@ def test_floor_counts_measured_beams_only():
     floor = evidence_floor(sensor, readings)
     level = -np.log(0.1 * np.sqrt(2 * np.pi))
     assert floor[0, 0] == pytest.approx(2 * level - chi2.isf(1e-9, 2) / 2 - 30)
-    assert floor[0, 1] == pytest.approx(5 * level - chi2.isf(1e-9, 5) / 2 - 30)
-    assert floor[1].tolist() == [-30, -30]
+    a_move = 2.0  # nats: one for each component of the state
+    assert floor[0, 1] == pytest.approx(5 * level - chi2.isf(1e-9, 5) / 2 - 30 - a_move)
+    assert floor[1].tolist() == [-30, -30 - a_move]
 
 
 @pytest.mark.parametrize(
