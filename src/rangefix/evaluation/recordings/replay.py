@@ -22,7 +22,7 @@ from .steps import Step
 
 PURPOSE = "replay"  # of the random numbers that an estimator draws
 LOOKOUT = "lost"  # of those that draw from what it believes, which must not change it
-DRAWS = 50  # from a belief, over which the law of a reading is averaged
+DRAWS_OF_BELIEF = 50  # from a belief, over which the law of a reading is averaged
 LONGEST_GAP_S = 1.0  # between two true poses, across which no truth is interpolated
 
 
@@ -101,7 +101,7 @@ class Lookout:
 
     def __init__(self, problem: Problem, watch: Watch, rng: Generator) -> None:
         self._problem, self._watch, self._rng = problem, watch, rng
-        self._states = problem.prior.sample(DRAWS, rng)
+        self._states = problem.prior.sample(DRAWS_OF_BELIEF, rng)
 
     def take(self, step: Step) -> Fit:
         """Whether this scan and the last few fit the map."""
@@ -111,11 +111,11 @@ class Lookout:
 
     def draw(self, estimator: Estimator[Any], belief: Any) -> None:
         """Draw from what is believed after the scan: from the Gaussian that it claims where it cannot."""
-        draws = sample_belief(estimator, belief, DRAWS, [self._rng])
+        draws = sample_belief(estimator, belief, DRAWS_OF_BELIEF, [self._rng])
         if draws is None:
             claimed = estimator.estimate(belief)
             moments = np.asarray(claimed.mean, dtype=float), np.asarray(claimed.covariance, dtype=float)
-            draws = gaussian_draws(*moments, DRAWS, self._problem.space, [self._rng])
+            draws = gaussian_draws(*moments, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
         self._states = draws[0]
 
 
