@@ -184,6 +184,7 @@ def test_global_start(recording: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert abs((end["heading_deg"] - np.rad2deg(heading) + 180) % 360 - 180) < 2
 
 
+@pytest.mark.study
 def test_an_animation(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from PIL import Image
 
