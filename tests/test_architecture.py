@@ -128,7 +128,7 @@ maps.free_space
 maps.mesh_files maps.walls maps.grid_walls maps.centre_lines
 maps.mesh_formats
 maps.polygon
-maps._open3d maps.base maps.grid_kernels
+maps._open3d maps.base maps.grid_kernels maps.segment_kernels
 raster extensions compiled
 arrays errors rangefix
 """
@@ -182,6 +182,26 @@ def test_results_are_shown_without_what_makes_them() -> None:
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == "[]"
+
+
+def test_figures_are_drawn_without_studies_and_maps() -> None:
+    """What draws figures loads neither studies, nor maps, nor pages; their names are there when asked for."""
+    code = (
+        "import sys, rangefix.evaluation.drawing\n"
+        "heavy = 'monte_carlo', 'study', 'report', 'paper'\n"
+        "print([name for name in heavy if f'rangefix.evaluation.{name}' in sys.modules])\n"
+        "face = rangefix.evaluation\n"
+        "print('rangefix.maps' in sys.modules, {*face.__all__} <= {*dir(face)})\n"
+        "print(face.study.Study is face.Study)"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.split() == ["[]", "False", "True", "True"]
+
+
+def test_an_unknown_name_of_evaluation_is_an_attribute_error() -> None:
+    """As in any module, although some of its names are loaded late."""
+    with pytest.raises(AttributeError, match="no attribute 'Loud'"):
+        rangefix.evaluation.Loud  # noqa: B018
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -46,8 +46,8 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     rooms = ("evaluation",) if name == "load" else _ROOMS  # results, not maps
-    value = next(value for room in rooms if (value := vars(import_module(f".{room}", __name__)).get(name)))
-    globals()[name] = value
+    modules = (import_module(f".{room}", __name__) for room in rooms)
+    value = globals()[name] = next(getattr(module, name) for module in modules if name in module.__all__)
     return value
 
 

@@ -1,4 +1,13 @@
-"""Whether to trust it: Monte Carlo truth against what each estimator claims."""
+"""Whether to trust it: Monte Carlo truth against what each estimator claims.
+
+Studies, their running and reports are loaded when they are first asked for: who draws figures, or scores
+arrays of their own, need not wait for them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from .comparison.fusion import Fusion, fuse_estimates
 from .comparison.paired import PairedComparison, compare_estimators
@@ -14,11 +23,13 @@ from .consistency.scores import anees_band, is_positive, nees
 from .consistency.summarise import summarise
 from .consistency.verdict import Verdict, decide
 from .experiment import Experiment, NamedEstimator
-from .monte_carlo import ClusterTls, Progress, repeat_run, run
-from .report import write_comparison, write_report
 from .results import STATUSES, Results, ResultsError, Trials, load
 from .seeds import stream, streams
-from .study import Study, StudyError, load_study, parse_study, study_names
+
+if TYPE_CHECKING:
+    from .monte_carlo import ClusterTls, Progress, repeat_run, run
+    from .report import write_comparison, write_report
+    from .study import Study, StudyError, load_study, parse_study, study_names
 
 Named = NamedEstimator  # its name in 0.1
 
@@ -71,3 +82,21 @@ __all__ = [
     "write_comparison",
     "write_report",
 ]
+_LATER = {
+    "monte_carlo": ("ClusterTls", "Progress", "repeat_run", "run"),
+    "report": ("write_comparison", "write_report"),
+    "study": ("Study", "StudyError", "load_study", "parse_study", "study_names"),
+}  # folder -> what it offers
+
+
+def __getattr__(name: str) -> Any:
+    """Load a folder that is not loaded yet, or what it offers."""
+    for folder, names in _LATER.items():
+        if name == folder or name in names:
+            module = import_module(f".{folder}", __name__)
+            return module if name == folder else globals().setdefault(name, vars(module)[name])
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_LATER})

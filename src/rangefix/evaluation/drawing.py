@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import suggestion
 from .figures import FigureData, FigureKind, Layout
@@ -12,10 +12,10 @@ from .figures.beliefs import draw_posterior
 from .figures.catalogue import alone, chosen, figure_kinds
 from .figures.files import FORMATS, encoded
 from .figures.style import styled
-from .monte_carlo.one_run import OneRun
-from .paper import table1
-from .paper.figures import PAPER_FIGURES, PaperData
 from .results import FIGURES, MANIFEST, ResultsError, load, remove, write_bytes
+
+if TYPE_CHECKING:
+    from .monte_carlo.one_run import OneRun
 
 USUAL = ("png", "svg")  # formats, unless others are asked for
 
@@ -51,6 +51,9 @@ def draw(
     kinds: Sequence[FigureKind[Any]]
     data: Callable[[], Any]  # of the kinds of figures
     if (folder / "table1.json").exists():
+        from .paper import table1  # brings maps, which figures of a study need not
+        from .paper.figures import PAPER_FIGURES, PaperData
+
         kinds, data = PAPER_FIGURES, lambda: PaperData(table1.load(folder), layout or Layout())
     elif (folder / MANIFEST).exists():
         kinds, data = figure_kinds(), lambda: FigureData.of(load(folder), layout)

@@ -54,6 +54,14 @@ class RangeMap(Protocol):
         """Whether an object can stand there: (..., 2) -> (...)."""
 
 
+@runtime_checkable
+class CanSeeBetween(Protocol):
+    """The optional method of a map: whether two points see each other, faster than a beam says it."""
+
+    def in_sight(self, starts: Array, ends: Array) -> BoolArray:
+        """Whether no wall stands between starts and ends: (..., 2), (..., 2) -> (...)."""
+
+
 class Noise(Protocol):
     """How a reading scatters about the expected range; arguments broadcast, the last axis holds beams.
 

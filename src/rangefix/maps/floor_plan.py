@@ -68,9 +68,14 @@ class FloorPlan(InWalls):
         return corners.min(axis=0), corners.max(axis=0)
 
     @cached_property
+    def _polygons(self) -> list[Array]:
+        """Corners of the outline and of the holes, (n, 2) each."""
+        return [np.array(corners) for corners in (self.outer, *self.holes)]
+
+    @cached_property
     def _walls(self) -> Walls:  # type: ignore[override]
         """The outline's walls, the holes', then the inner ones."""
-        polygons = [edges(np.array(corners)) for corners in (self.outer, *self.holes)]
+        polygons = [edges(corners) for corners in self._polygons]
         return Walls(np.concatenate([*polygons, np.array(self.walls, dtype=np.float64).reshape(-1, 4)]))
 
     def is_free(self, points: ArrayLike) -> BoolArray:
@@ -80,10 +85,16 @@ class FloorPlan(InWalls):
         """
         points = check_points(points)
         flat = points.reshape(-1, 2)
-        free = locate(flat, np.array(self.outer)) >= 0
-        for hole in self.holes:
-            free &= locate(flat, np.array(hole)) <= 0
+        outer, *holes = self._polygons
+        free = locate(flat, outer) >= 0
+        for hole in holes:
+            free &= locate(flat, hole) <= 0
         return free.reshape(points.shape[:-1])
+
+    def in_sight(self, starts: ArrayLike, ends: ArrayLike) -> BoolArray:
+        """Whether no wall stands between starts and ends: (..., 2), (..., 2) -> (...)."""
+        starts, ends = np.broadcast_arrays(check_points(starts), check_points(ends))
+        return self._walls.in_sight(starts.reshape(-1, 2), ends.reshape(-1, 2)).reshape(starts.shape[:-1])
 
 
 def _corners(polygon: Array) -> Corners:

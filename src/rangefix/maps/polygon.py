@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array
 from .base import MapError
 
 ON_BORDER = 1e-9  # m; as near as this a point is on the border
@@ -84,26 +84,9 @@ def _side(a: Array, b: Array, p: Array) -> Array:
 
 
 def locate(points: Array, corners: Array) -> NDArray[np.int8]:
-    """1 inside the polygon, 0 on its border, -1 outside (also for a point not finite): (N, 2) -> (N,).
+    """1 inside the polygon, 0 on its border, -1 outside (also for a point not finite): (N, 2) -> (N,)."""
+    from .segment_kernels import locate_in_polygon  # numba takes a quarter of a second
 
-    Even-odd rule, one side at a time over the points at its height only.
-    """
-    order = np.argsort(points[:, 1], kind="stable")  # NaN last
-    x, y = points[order].T
-    odd: BoolArray = np.zeros(len(points), dtype=np.bool_)
-    border = odd.copy()
-    for xa, ya, xb, yb in edges(corners):
-        low, high = np.searchsorted(y, [min(ya, yb) - ON_BORDER, max(ya, yb) + ON_BORDER], side="left")
-        high = max(high, np.searchsorted(y, max(ya, yb) + ON_BORDER, side="right"))
-        px, py = x[low:high], y[low:high]
-        if not len(px):
-            continue
-        if ya != yb:
-            between = (ya <= py) != (yb <= py)
-            odd[low:high] ^= between & (px < xa + (py - ya) * ((xb - xa) / (yb - ya)))
-        along = ((px - xa) * (xb - xa) + (py - ya) * (yb - ya)) / ((xb - xa) ** 2 + (yb - ya) ** 2)
-        along = np.clip(along, 0.0, 1.0)
-        border[low:high] |= np.hypot(px - xa - along * (xb - xa), py - ya - along * (yb - ya)) <= ON_BORDER
-    where = np.empty(len(points), dtype=np.int8)
-    where[order] = np.where(border, 0, np.where(odd & np.isfinite(x), 1, -1))
-    return where
+    where = np.empty(len(points))
+    locate_in_polygon(points, np.asarray(corners, dtype=np.float64), ON_BORDER, where)
+    return where.astype(np.int8)

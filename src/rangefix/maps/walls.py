@@ -1,8 +1,9 @@
-"""Wall segments as a caster: Open3D finds the wall that a beam meets, float64 says how far it is.
+"""Wall segments as a caster: few are compared with every beam in float64, many are left to Open3D.
 
-Open3D's RaycastingScene (Embree: Wald et al., 2014) works in float32. The walls are extruded about the
-plane of the beams and moved to their centre, so that large map coordinates cost nothing. What it
-answers decides which wall is met; the distance then follows from that wall's line in float64.
+Of many, Open3D's RaycastingScene (Embree: Wald et al., 2014) finds the wall that a beam meets. It works in
+float32. The walls are extruded about the plane of the beams and moved to their centre, so that large map
+coordinates cost nothing. What it answers decides which wall is met; the distance then follows from that
+wall's line in float64.
 """
 
 from __future__ import annotations
@@ -15,18 +16,20 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, IntArray
+from ..arrays import Array, BoolArray, IntArray
 from ._open3d import open3d
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
+FEW_WALLS = 48  # with more, Open3D's tree of them takes less time than all of them
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
 OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall
+AHEAD = np.zeros(1)
 TRUSTED = 0.05  # m from float32's distance; further off, the beam runs along the wall and meets its end
 
 
 class Walls:
-    """Immutable wall segments, cast into with Open3D; the scene is built on first use, also after unpickling.
+    """Immutable wall segments. Open3D's scene of many is built on first use, also after unpickling.
 
     Args:
         segments: x1a, x2a, x1b, x2b, m, (S, 4), none of length zero.
@@ -68,19 +71,39 @@ class Walls:
         return v1, v2, offset
 
     @cached_property
-    def _scene(self) -> Any:
-        o3d = open3d()
+    def _ends(self) -> tuple[Array, IntArray]:
+        """Different ends of walls, (E, 2), from the centre, and which of them the walls have, (2 S,).
+
+        Ends that float32 cannot tell apart are one. Loose ends run on.
+        """
         a, b = self.segments[:, :2] - self._centre, self.segments[:, 2:] - self._centre
-        ends = np.concatenate([a, b]).astype(np.float32) + np.float32(0)  # + 0 turns -0 to 0
+        ends = np.concatenate([a, b])
         _, first, where, count = np.unique(
-            ends, axis=0, return_index=True, return_inverse=True, return_counts=True
+            ends.astype(np.float32) + np.float32(0),  # + 0 turns -0 to 0
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+            return_counts=True,
         )
         along = (b - a) / np.hypot(*(b - a).T)[:, None] * OVERLAP
         loose = (count[where.ravel()] == 1)[:, None]
-        ends = np.where(loose, np.concatenate([a - along, b + along]), ends).astype(np.float32)[first]
+        return np.where(loose, np.concatenate([a - along, b + along]), ends)[first], where.ravel()
+
+    @cached_property
+    def _rows(self) -> Array:
+        """Ends, normal and offset of each wall from the centre, as compiled loops take them, (S, 7)."""
+        ends, where = self._ends
+        a, b = np.split(ends[where], 2)
+        return np.column_stack([a, b, *(line[:-1:2] for line in self._lines)])
+
+    @cached_property
+    def _scene(self) -> Any:
+        o3d = open3d()
+        ends, where = self._ends
+        ends = ends.astype(np.float32)
         height = np.ones((len(ends), 1), dtype=np.float32)
         vertices = np.concatenate([np.hstack([ends, -height]), np.hstack([ends, height])])
-        low_a, low_b = np.split(where.ravel().astype(np.uint32), 2)
+        low_a, low_b = np.split(where.astype(np.uint32), 2)
         high_a, high_b = low_a + np.uint32(len(ends)), low_b + np.uint32(len(ends))
         triangles = np.stack([low_a, low_b, high_b, low_a, high_b, high_a], axis=1).reshape(-1, 3)
         scene = o3d.t.geometry.RaycastingScene()
@@ -108,14 +131,46 @@ class Walls:
         gradients = range_gradients(ranges, sines, cosines, normals)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
+    def in_sight(self, starts: Array, ends: Array) -> BoolArray:
+        """Whether nothing stands between: (N, 2), (N, 2) -> (N,)."""
+        step = ends - starts
+        if len(self.segments) > FEW_WALLS:
+            poses = np.column_stack([starts, np.arctan2(step[:, 0], step[:, 1])])
+            return np.asarray(self.ranges(poses, AHEAD)[:, 0] >= np.hypot(step[:, 0], step[:, 1]))
+        from .segment_kernels import see_past_segments  # numba takes a quarter of a second
+
+        clear = np.empty(len(starts))
+        see_past_segments(self._rows, starts - self._centre, ends - self._centre, clear)
+        return clear > 0
+
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
+        """Ranges (N, B); what was met goes to `met`, as rows of `_lines`."""
+        ranges = np.empty((len(poses), len(bearings)))
+        if not ranges.size:
+            return ranges
+        if len(self.segments) > FEW_WALLS:
+            self._cast_into_scene(poses, bearings, ranges, met)
+            return ranges
+        from ..compiled import in_threads
+        from .segment_kernels import cast_at_segments
+
+        headings = poses[:, 2]
+        if (headings == headings[0]).all():
+            headings, bearings = np.zeros(1), headings[0] + bearings
+        arrays = (
+            self._rows, poses[:, :2] - self._centre, *unit_vectors(headings), *unit_vectors(bearings), ranges
+        )  # fmt: skip
+        walls = np.empty((0, 0), dtype=np.int64) if met is None else met
+        in_threads(cast_at_segments, ranges.size, ranges.size * len(self.segments), *arrays, walls)
+        if met is not None:
+            met *= 2
+        return ranges
+
+    def _cast_into_scene(self, poses: Array, bearings: Array, ranges: Array, met: IntArray | None) -> None:
         """Ranges (N, B), block by block; the triangles met go to `met`.
 
         The longer of the two axes runs along the rows of a block: numpy is slow on short rows.
         """
-        ranges = np.empty((len(poses), len(bearings)))
-        if not ranges.size:
-            return ranges
         poses_last = len(poses) > len(bearings)
         along, across = (None, slice(None)) if poses_last else (slice(None), None)
         positions = [poses[:, axis][along, across] - self._centre[axis] for axis in (0, 1)]
@@ -133,7 +188,6 @@ class Walls:
             with np.errstate(all="ignore"):  # no wall: inf - inf; far off: beyond float32
                 parts = [_part(arrays, block) for arrays in (positions, turns, beams, outs)]
                 self._fill(parts[0], parts[1], parts[2], parts[3], buffer)
-        return ranges
 
     def _fill(
         self, positions: list[Array], turns: list[Array], beams: list[Array], outs: list[Any], buffer: Any

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, multivariate_normal, norm
+from scipy.stats import binom, kstest, multivariate_normal, norm
 
 from rangefix.evaluation import credibility, is_positive, nees
 from rangefix.evaluation.consistency import scores as scores_module
@@ -98,6 +98,14 @@ def test_uniform_band_holds_all_bins():
     low, high = uniform_band(500)
     inside = ((low <= counts) & (counts <= high)).all(1).mean()
     assert inside > 0.95 - 4 * np.sqrt(0.05 * 0.95 / 2000)
+
+
+@pytest.mark.parametrize("count", [1, 7, 500, 12345, 1_000_000])
+@pytest.mark.parametrize("bins", [2, 10, 40])
+def test_uniform_band_is_that_of_the_binomial_law(count, bins):
+    """Its ends are the quantiles of scipy.stats, to the run."""
+    tail = 0.05 / (2 * bins)
+    assert uniform_band(count, bins) == (binom.ppf(tail, count, 1 / bins), binom.isf(tail, count, 1 / bins))
 
 
 def test_coverage_curves(errors):

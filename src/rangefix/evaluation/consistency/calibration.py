@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
@@ -32,10 +33,12 @@ def histogram(values: Array, bins: int = BINS) -> Array:
 
 def uniform_band(count: int, bins: int = BINS, level: float = 0.95) -> tuple[float, float]:
     """Between which counts ALL bins lie with at least this probability if values are uniform (Bonferroni)."""
-    from scipy.stats import binom
+    from scipy.special import bdtr, bdtrc  # the whole of scipy.stats takes half a second to load
 
-    tail = (1 - level) / (2 * bins)
-    return float(binom.ppf(tail, count, 1 / bins)), float(binom.isf(tail, count, 1 / bins))
+    tail, counts = (1 - level) / (2 * bins), range(count + 1)
+    low = bisect_left(counts, tail, key=lambda most: float(bdtr(most, count, 1 / bins)))
+    high = bisect_left(counts, -tail, key=lambda most: -float(bdtrc(most, count, 1 / bins)))
+    return float(low), float(high)
 
 
 class Curve(NamedTuple):

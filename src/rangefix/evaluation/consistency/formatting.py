@@ -47,9 +47,12 @@ def format_number(value: float) -> str:
 
 def visible(value: object) -> str:
     """Anything as text; what could turn, hide or end other text is shown as a replacement character."""
+    text = str(value)
+    if text.isprintable():  # as nearly all is
+        return text
     return "".join(
         "\ufffd" if unicodedata.category(each) in ("Cc", "Cf", "Cs") and each not in HARMLESS else each
-        for each in str(value)
+        for each in text
     )
 
 

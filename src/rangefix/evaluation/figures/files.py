@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from matplotlib import rc_context, rcParams
+from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -26,12 +27,36 @@ def lay_out(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is None:
         return
+    for axes in figure.axes:
+        _find_ticks_once(axes.xaxis)
+        _find_ticks_once(axes.yaxis)
     FigureCanvasAgg(figure)
     dpi = figure.dpi
     figure.set_dpi(rcParams["savefig.dpi"])
     engine.execute(figure)
     figure.set_dpi(dpi)
     figure.set_layout_engine(None)  # a name would have matplotlib draw all twice
+
+
+def _find_ticks_once(axis: Axis) -> None:
+    """Have an axis keep the ticks that it found for as long as its view and its size stay the same.
+
+    matplotlib asks for them, and sets them all, some twenty times while a figure is laid out and written.
+    """
+    find: Callable[[], list[Tick]] | None = getattr(axis, "_update_ticks", None)
+    if find is None:  # a version of matplotlib that goes about it in another way
+        return
+    kept: tuple[tuple[float, ...], list[Tick]] = (), []
+
+    def ticks() -> list[Tick]:
+        nonlocal kept
+        dpi = axis.axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+        shown = (*axis.get_view_interval(), *axis.axes.bbox.size, dpi)
+        if kept[0] != shown:
+            kept = shown, find()
+        return kept[1]
+
+    vars(axis)["_update_ticks"] = ticks
 
 
 def encoded(figure: Figure, formats: Iterable[str], dpi: float | None = None) -> dict[str, bytes]:

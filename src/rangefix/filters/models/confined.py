@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import cast
 
 import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, BoolArray, IntArray
-from ..problem import CanSampleRuns, Motion, RangeMap
+from ..problem import CanSampleRuns, CanSeeBetween, Motion, RangeMap
 from ..space import StateSpace
 
 AHEAD = np.zeros(1)
@@ -105,14 +107,23 @@ class Confined:
 def in_line_of_sight(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
     """Whether ends are free and nothing stands between: (..., 2), (..., 2) -> (...).
 
-    One beam is cast from each start towards its end, so walls without thickness count too.
+    A map that cannot say so itself is asked for one beam from each start towards its end, so walls without
+    thickness count too.
     """
     starts, ends = np.broadcast_arrays(np.asarray(starts, dtype=float), np.asarray(ends, dtype=float))
+    free = np.asarray(room.is_free(ends), dtype=np.bool_)
+    if _says_what_it_sees(type(room)):
+        return free & cast(CanSeeBetween, room).in_sight(starts, ends)
     step = ends - starts
     poses = np.concatenate([starts, np.arctan2(step[..., :1], step[..., 1:])], axis=-1)
-    free = np.asarray(room.is_free(ends), dtype=np.bool_)
     ahead = room.ranges(poses, AHEAD)[..., 0]
     return np.asarray(free & (ahead >= np.hypot(step[..., 0], step[..., 1])))
+
+
+@cache
+def _says_what_it_sees(kind: type) -> bool:
+    """Whether maps of a kind have `in_sight`; asked of each map, the answer takes longer than the sight."""
+    return issubclass(kind, CanSeeBetween)
 
 
 def sample_runs(motion: Motion, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:

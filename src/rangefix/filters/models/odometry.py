@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import cast
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..sampling import GeneratorPerRun
 from ..space import StateSpace
 from .motion import step_stds
 
+Errors = tuple[Array, Array, Array]  # forward, right (m) and turn (rad) by one standard deviation of an error
 ON_THE_SPOT = 0.01  # m; below this a displacement has no direction that its noise could depend on
 
 
@@ -77,12 +78,17 @@ class Odometry:
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move, (..., n), headings wrapped; control (3,) or (..., 3)."""
         states, control = _pair(states, control)
+        return self._moved(states, control[..., 0], control[..., 1], control[..., 2])
+
+    def _moved(self, states: Array, forward: Array, right: Array, turn: Array) -> Array:
+        """States (..., n) moved by the parts of a control, (...) each."""
         one, two, heading = self._places
+        before = np.array(states[..., heading])
+        step1, step2 = _to_map(before, forward, right)
         moved = np.array(states)
-        step1, step2 = _to_map(states[..., heading], control[..., 0], control[..., 1])
         moved[..., one] += step1
         moved[..., two] += step2
-        moved[..., heading] = wrap(states[..., heading] + control[..., 2])
+        moved[..., heading] = wrap(before + turn)
         return moved
 
     def jacobian(self, states: Array, control: Array) -> Array:
@@ -113,12 +119,13 @@ class Odometry:
         """The states after one noisy move each, (..., n), headings wrapped."""
         errors = self._errors(np.asarray(control, dtype=float))
         states, control = _pair(states, control)
-        noisy = np.array(control)
+        noisy = [control[..., column] for column in range(3)]
         for error in errors:
             draws = rng.standard_normal(states.shape[:-1])
             for column, part in enumerate(error):
-                noisy[..., column] += draws * part
-        return self.mean(states, noisy)
+                if part.ndim or part:
+                    noisy[column] = noisy[column] + draws * part
+        return self._moved(states, *noisy)
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
         """One move of M runs, run m drawn from rngs[m] alone, (M, n)."""
@@ -133,30 +140,46 @@ class Odometry:
             result += root[..., :, None] * root[..., None, :]
         return result
 
-    def _errors(self, control: Array) -> list[tuple[Array, Array, Array]]:
+    def _errors(self, control: Array) -> list[Errors]:
         """The independent errors, one standard deviation of each as (forward, right, turn), (...) each."""
-        a1, a2, a3, a4 = map(float, self.alphas)
-        forward, right, turn = np.moveaxis(control, -1, 0)
-        trans = np.hypot(forward, right)
-        first = np.where(trans < ON_THE_SPOT, 0.0, np.arctan2(right, forward))
-        second = _least_turn(wrap(turn - first))
-        first = _least_turn(first)
-        rot1 = np.sqrt(a1 * first**2 + a2 * trans**2)
-        rot2 = np.sqrt(a1 * second**2 + a2 * trans**2)
-        along = np.sqrt(a3 * trans**2 + a4 * (first**2 + second**2))
-        length = np.where(trans > 0, trans, 1.0)
-        ahead, aside = np.where(trans > 0, forward / length, 1.0), right / length
-        zero = np.zeros_like(forward)
-        errors = [
-            (-right * rot1, forward * rot1, rot1),
-            (ahead * along, aside * along, zero),
-            (zero, zero, rot2),
-        ]
-        for place, floor in enumerate(self.floors):
-            parts = [zero, zero, zero]
-            parts[place] = zero + floor
-            errors.append((parts[0], parts[1], parts[2]))
-        return [error for error in errors if any(np.any(part) for part in error)]
+        alphas = tuple(map(float, self.alphas))
+        if control.ndim == 1:
+            return _errors_of_one(alphas, tuple(self.floors.tolist()), tuple(control.tolist()))
+        return _errors_of(alphas, self.floors, control)
+
+
+@lru_cache(maxsize=256)  # particle filters ask of the same control many times
+def _errors_of_one(
+    alphas: tuple[float, ...], floors: tuple[float, ...], control: tuple[float, ...]
+) -> list[Errors]:
+    """The errors of a single control, (3,)."""
+    return _errors_of(alphas, np.array(floors), np.array(control))
+
+
+def _errors_of(alphas: tuple[float, ...], floors: Array, control: Array) -> list[Errors]:
+    """The errors of controls, (..., 3)."""
+    a1, a2, a3, a4 = alphas
+    forward, right, turn = np.moveaxis(control, -1, 0)
+    trans = np.hypot(forward, right)
+    first = np.where(trans < ON_THE_SPOT, 0.0, np.arctan2(right, forward))
+    second = _least_turn(wrap(turn - first))
+    first = _least_turn(first)
+    rot1 = np.sqrt(a1 * first**2 + a2 * trans**2)
+    rot2 = np.sqrt(a1 * second**2 + a2 * trans**2)
+    along = np.sqrt(a3 * trans**2 + a4 * (first**2 + second**2))
+    length = np.where(trans > 0, trans, 1.0)
+    ahead, aside = np.where(trans > 0, forward / length, 1.0), right / length
+    zero = np.zeros_like(forward)
+    errors = [
+        (-right * rot1, forward * rot1, rot1),
+        (ahead * along, aside * along, zero),
+        (zero, zero, rot2),
+    ]
+    for place, floor in enumerate(floors):
+        parts = [zero, zero, zero]
+        parts[place] = zero + floor
+        errors.append((parts[0], parts[1], parts[2]))
+    return [error for error in errors if any(np.any(part) for part in error)]
 
 
 def _least_turn(angle: Array) -> Array:

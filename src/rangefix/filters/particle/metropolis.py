@@ -73,21 +73,18 @@ def metropolis_steps(
     Returns:
         Where they end, (N, n), and the log density of the fresh measurement there, (N,).
     """
-    known, fresh = log_densities
+    from .move_kernels import take_steps  # numba takes a quarter of a second
+
+    states, known, fresh = states.copy(), log_densities[0].copy(), log_densities[1].copy()
     moved: BoolArray = np.zeros(len(states), dtype=np.bool_)
+    count = 0
     for step in range(rounds * steps):
-        if step % steps == 0 and step and moved.mean() > NEARLY_ALL:
+        if step % steps == 0 and count > NEARLY_ALL * len(states):
             break
         proposal = propose(states)
-        known_there, fresh_there = target.log_densities(proposal)
-        with np.errstate(invalid="ignore"):  # -inf less -inf: both impossible, stay
-            gain = known_there - known
-            if power > 0:
-                gain += power * (fresh_there - fresh)
-            accepted = -rng.standard_exponential(len(states)) < gain
-        moved |= accepted
-        states = np.where(accepted[:, None], proposal, states)
-        known, fresh = np.where(accepted, known_there, known), np.where(accepted, fresh_there, fresh)
+        there = [np.ascontiguousarray(logs, dtype=float) for logs in target.log_densities(proposal)]
+        draws = rng.standard_exponential(len(states))
+        count = take_steps(states, known, fresh, proposal, there[0], there[1], float(power), draws, moved)
     return states, fresh
 
 
@@ -111,18 +108,21 @@ def metropolis(
     lie in one, and lead from mode to mode where they lie in two, so that shares of modes come right; and they
     go on until nearly all states have moved, or for five times as many steps.
     """
-    space = posterior.sensor.space
+    from .move_kernels import step_from  # numba takes a quarter of a second
+
+    is_angle, shares = posterior.sensor.space.is_angle, (DIFFERENCES, WHOLE_DIFFERENCES)
+    root, kinds, pairs = np.ascontiguousarray(root), np.empty(0), np.empty((0, 0), dtype=np.int64)
 
     def walk(here: Array) -> Array:
-        scale = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(len(here)))
-        step = rng.standard_normal(here.shape) @ root.T
-        if not thorough:
-            return space.wrap(here + step * scale[:, None])
-        kind = rng.random(len(here))
-        pairs = rng.integers(0, len(states), (2, len(here)))[:, kind < DIFFERENCES]
-        step[kind < DIFFERENCES] = space.difference(states[pairs[0]], states[pairs[1]])
-        scale[kind < WHOLE_DIFFERENCES] = 1.0
-        return space.wrap(here + step * scale[:, None])
+        nonlocal kinds, pairs
+        scales = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(len(here)))
+        noise = rng.standard_normal(here.shape)
+        if thorough:
+            kinds = rng.random(len(here))
+            pairs = rng.integers(0, len(states), (2, len(here)))
+        proposal = np.empty_like(here)
+        step_from(here, noise, root, scales, states, pairs, kinds, shares, is_angle, proposal)
+        return proposal
 
     ends, log_fresh = np.empty_like(states), np.empty(len(states))
     for start in range(0, len(states), POINTS_PER_BLOCK):
@@ -184,8 +184,12 @@ def separate_copies(
         problem: Its space, and the walls that its sensor knows.
         rng: Draws N n numbers if anything is to be done.
     """
+    enough = min(MIN_PLACES, len(states) // 2)
+    some = states[:: max(1, len(states) // (4 * MIN_PLACES))]  # that these are many places shows soonest
+    if min(len(np.unique(column)) for column in some.T) >= enough:
+        return states, starts
     places = min(len(np.unique(column)) for column in states.T)
-    if places >= min(MIN_PLACES, len(states) // 2):
+    if places >= enough:
         return states, starts
     space, sensor = problem.space, problem.sensor
     _, covariance = space.moments(states, weights)

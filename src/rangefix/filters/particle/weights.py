@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from math import exp, log
+
 import numpy as np
 
 from ...arrays import Array
 
 FLOOR = -700.0  # below exp(-708) numbers are denormal, and exp several times slower
-HALVINGS = 20
+MOST_TRIES = 40  # for the power of a density; 5 as a rule
+POWER_ROUNDING = 1e-5  # of the log of a power
+LEAST_POWER, LEAST_LOSS = 1e-12, 1e-30
 
 
 def exp_of(logs: Array) -> Array:
@@ -57,19 +61,34 @@ def effective_places(states: Array, log_weights: Array) -> float:
 def longest_stage(log_weights: Array, log_density: Array, most: float, enough: float) -> float:
     """The largest power of a density, up to `most`, that leaves so many effective particles.
 
-    Found by bisection, to 1e-4 of itself and no less than 1e-12. The density must be positive somewhere.
+    Found to 1e-4 of itself, and no less than 1e-12. By secants of log(N / effective - 1) over the log of the
+    power, which for small powers is a line of slope 2, and by bisection where they leave what is left. The
+    density must be positive somewhere.
     """
     excess = log_density - log_density.max()
+    size = len(log_weights)
 
-    def leaves_enough(power: float) -> bool:
-        logs = log_weights + power * excess
+    def loss(log_power: float) -> float:
+        """How much more is lost than may be, in that measure; at most 0 where enough are left."""
+        logs = log_weights + np.exp(log_power) * excess
         logs -= logs.max()
-        return effective_number(logs) >= enough
+        effective = effective_number(logs)
+        return log(max(size / effective - 1.0, LEAST_LOSS)) - allowed
 
-    if leaves_enough(most):
+    allowed = log(max(size / enough - 1.0, LEAST_LOSS)) if enough > 0 else np.inf
+    low, high = log(LEAST_POWER), log(most)
+    here, there = high, loss(high)
+    if there <= 0:
         return most
-    low, high = np.log(1e-12), np.log(most)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if leaves_enough(float(np.exp(middle))) else (low, middle)
-    return float(np.exp(low))
+    slope = 2.0
+    for _ in range(MOST_TRIES):
+        guess = here - there / slope if slope > 0 else low
+        if not low < guess < high:
+            guess = 0.5 * (low + high)
+        value = loss(guess)
+        low, high = (guess, high) if value <= 0 else (low, guess)
+        if abs(value) < POWER_ROUNDING or high - low < POWER_ROUNDING:
+            break
+        slope = (value - there) / (guess - here)
+        here, there = guess, value
+    return exp(guess if abs(value) < POWER_ROUNDING else low)

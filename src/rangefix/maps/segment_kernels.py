@@ -1,0 +1,126 @@
+"""Compiled loops over walls: what beams meet, what stands between points, and what a polygon holds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..arrays import Array, IntArray
+from ..compiled import njit
+
+BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
+EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cast_at_segments(
+    first: int,
+    last: int,
+    walls: Array,
+    positions: Array,
+    s_turns: Array,
+    c_turns: Array,
+    s_beams: Array,
+    c_beams: Array,
+    ranges: Array,
+    met: IntArray,
+) -> None:
+    """Distances from places to the first wall along beams, every beam against every wall.
+
+    A beam meets a wall whose ends do not lie on the same side of it. Two walls that share an end see that
+    end on the same side, so no beam slips through between them. From a place on a wall every beam reads 0 but
+    those along it.
+
+    Args:
+        first, last: Which beams, of all beams of all places in order.
+        walls: Ends, normal and offset along it: x1a, x2a, x1b, x2b, v1, v2, v.a, m, (S, 7).
+        positions: Places, m, (N, 2).
+        s_turns, c_turns: Sines and cosines of headings, (N,) or (1,).
+        s_beams, c_beams: Of bearings, (B,).
+        ranges: Gets the distances, m, (N, B); inf where a beam meets no wall.
+        met: Gets which walls are met, S for none, (N, B); or (0, 0) to do without.
+    """
+    beams, wanted = len(s_beams), len(met) > 0
+    x1, x2, d1, d2 = np.empty(BEAMS), np.empty(BEAMS), np.empty(BEAMS), np.empty(BEAMS)
+    best, which = np.empty(BEAMS), np.empty(BEAMS, dtype=np.int64)
+    for start in range(first, last, BEAMS):
+        count = min(BEAMS, last - start)
+        for ray in range(count):
+            place, beam = divmod(start + ray, beams)
+            turn = place if len(s_turns) > 1 else 0
+            x1[ray], x2[ray] = positions[place, 0], positions[place, 1]
+            d1[ray] = s_turns[turn] * c_beams[beam] + c_turns[turn] * s_beams[beam]
+            d2[ray] = c_turns[turn] * c_beams[beam] - s_turns[turn] * s_beams[beam]
+            best[ray], which[ray] = math.inf, len(walls)
+        for wall in range(len(walls)):
+            a1, a2, b1, b2 = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
+            v1, v2, offset = walls[wall, 4], walls[wall, 5], walls[wall, 6]
+            for ray in range(count):
+                side_a = (a1 - x1[ray]) * d2[ray] - (a2 - x2[ray]) * d1[ray]
+                side_b = (b1 - x1[ray]) * d2[ray] - (b2 - x2[ray]) * d1[ray]
+                along = v1 * d1[ray] + v2 * d2[ray]
+                distance = (offset - (v1 * x1[ray] + v2 * x2[ray])) / along
+                ahead = (side_a * side_b <= 0.0) & (distance >= 0.0) & (abs(along) > EDGE_ON)
+                nearer = ahead & (distance < best[ray])
+                best[ray] = distance if nearer else best[ray]
+                if wanted:
+                    which[ray] = wall if nearer else which[ray]
+        for ray in range(count):
+            place, beam = divmod(start + ray, beams)
+            ranges[place, beam] = best[ray] + 0.0  # no -0
+            if wanted:
+                met[place, beam] = which[ray]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def see_past_segments(walls: Array, starts: Array, ends: Array, clear: Array) -> None:
+    """Which ways from starts to ends meet no wall before they end.
+
+    Args:
+        walls: As for `cast_at_segments`, (S, 7).
+        starts, ends: m, (N, 2).
+        clear: Gets 1 where nothing stands between and 0 elsewhere, (N,).
+    """
+    for place in range(len(starts)):
+        clear[place] = 1.0
+    for wall in range(len(walls)):
+        a1, a2, b1, b2 = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
+        v1, v2, offset = walls[wall, 4], walls[wall, 5], walls[wall, 6]
+        for place in range(len(starts)):
+            x1, x2 = starts[place, 0], starts[place, 1]
+            d1, d2 = ends[place, 0] - x1, ends[place, 1] - x2
+            side_a = (a1 - x1) * d2 - (a2 - x2) * d1
+            side_b = (b1 - x1) * d2 - (b2 - x2) * d1
+            share = (offset - (v1 * x1 + v2 * x2)) / (v1 * d1 + v2 * d2)
+            blocked = (side_a * side_b <= 0.0) & (share >= 0.0) & (share < 1.0)
+            clear[place] = 0.0 if blocked else clear[place]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def locate_in_polygon(points: Array, corners: Array, border: float, where: Array) -> None:
+    """Where points lie, by the even-odd rule: 1 inside, 0 on the border, -1 outside.
+
+    Args:
+        points: (N, 2).
+        corners: Of the polygon in order, (n, 2).
+        border: How far from a side a point is on it.
+        where: Gets the answers, (N,).
+    """
+    sides = len(corners)
+    for place in range(len(points)):
+        x, y = points[place, 0], points[place, 1]
+        odd, on_border = False, False
+        for side in range(sides):
+            after = side + 1 if side + 1 < sides else 0
+            xa, ya, xb, yb = corners[side, 0], corners[side, 1], corners[after, 0], corners[after, 1]
+            if y < min(ya, yb) - border or y > max(ya, yb) + border:
+                continue
+            if (ya <= y) != (yb <= y) and x < xa + (y - ya) * ((xb - xa) / (yb - ya)):
+                odd = not odd
+            if x >= min(xa, xb) - border and x <= max(xa, xb) + border:
+                along = ((x - xa) * (xb - xa) + (y - ya) * (yb - ya)) / ((xb - xa) ** 2 + (yb - ya) ** 2)
+                along = min(max(along, 0.0), 1.0)
+                off1, off2 = x - xa - along * (xb - xa), y - ya - along * (yb - ya)
+                on_border = on_border or math.sqrt(off1 * off1 + off2 * off2) <= border
+        where[place] = 0.0 if on_border else (1.0 if odd and math.isfinite(x) else -1.0)
