@@ -6,7 +6,7 @@
 # make bench   speed against other libraries
 # make lint    format and lint only
 # make honesty  the page of who is honest where: every estimator on random problems, about ten minutes
-# make recordings  the table of docs/recordings.md: every estimator on real recordings, about half an hour
+# make recordings  the table of docs/recordings.md: every estimator on real recordings, about ten minutes
 # make planning  the page of what planned beams are worth, in three maps: some hours; PLANNING_RUNS sets the runs
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.

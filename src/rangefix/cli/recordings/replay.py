@@ -10,7 +10,6 @@ import typer
 from ..app import ExitCode, Json, doing, named, names_in, one_of, print_json
 
 if TYPE_CHECKING:
-    from ...evaluation.recordings.options import ReadingOptions
     from ...evaluation.recordings.replays import Contestant, Replays
     from ...evaluation.recordings.score import Row
     from ...evaluation.recordings.steps import Survey
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
 
 USUAL = ("particle", "adaptive-point-mass", "ekf", "ukf")
 EVERY_STEPS = 5  # of progress that are told
+FALSE_ALARMS = 1e-3  # share of the scans; as in lost.py, which takes long to import
+MOSTLY = 0.7  # of an error: half of its square
 Estimators = Annotated[
     list[str] | None,
     typer.Option(
@@ -119,6 +120,10 @@ def replay(
     motion_correction: Annotated[
         bool, typer.Option(help="Correct scans that take time for the robot's motion in it.")
     ] = True,
+    false_alarms: Annotated[
+        float,
+        typer.Option(metavar="SHARE", help="Share of the scans that may be called lost on the right map."),
+    ] = FALSE_ALARMS,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -145,6 +150,7 @@ def replay(
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
     from ...maps import open_map
+    from .sensor_file import SensorFile, read_sensor
 
     _check_outputs(out, bag, animation)
     contestants = read_contestants(estimators, option)
@@ -157,32 +163,33 @@ def replay(
         odometry_topic=odometry_topic,
         base_frame=base_frame,
     )
-    noise, options = read_sensor(sensor, options)
+    told = SensorFile(options=options) if sensor is None else read_sensor(sensor, options)
     height: dict[str, Any] = {} if sensor_height is None else {"sensor_height": sensor_height}
     room = open_map(map_name, **height)
     choice = Choice(beams, least_move_m, float(np.deg2rad(least_turn_deg)), motion_correction)
-    recording = open_log(log, options)
+    recording = open_log(log, told.options)
     doing(f"reading {log}")
     at = start or ("global" if truth is None else "truth")
     replays = Replays(
         room,
         recording,
         choice,
-        Assumptions(noise),
+        Assumptions(told.noise, law=told.law),
         _start(at, start_std_m, float(np.deg2rad(start_std_deg))),
         truth,
         at == "truth",
         seed,
+        false_alarms,
     )
     first = replays.surveyed()
     if at == "odometry":
         replays = _at_odometry(replays, first)
     problem = replays.problem(first)
-    notes = [*recording.notes, *notes_of(replays, first, noise is None)]
+    notes = [*recording.notes, *notes_of(replays, first, told.noise is None)]
     rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
     doing("")
     if as_json:
-        print_json(document(rows, notes, first))
+        print_json(document(rows, notes, first, false_alarms))
     else:
         show(str(log), rows, notes, first, out)
     if any(row.reason for row in rows):
@@ -238,43 +245,6 @@ def read_contestants(estimators: list[str] | None, options: list[str] | None) ->
     ]
 
 
-def read_sensor(path: Path | None, options: ReadingOptions) -> tuple[Any, ReadingOptions]:
-    """Noise and place of the laser of a file with a table [sensor]; what the command line says comes first.
-
-    Where there is a table [assumed.sensor], as `rangefix calibrate` writes it, that is what filters are told.
-
-    Raises:
-        ValueError: If there is no such table, or it is not sound.
-    """
-    if path is None:
-        return None, options
-    import tomllib
-    from dataclasses import replace
-
-    from pydantic import ValidationError
-
-    from ...evaluation.study.sections.sensor import SensorSection
-
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-        table = document["sensor"] | document.get("assumed", {}).get("sensor", {})  # what filters are told
-        section = SensorSection.model_validate({"bearings_deg": [0.0], **table})
-    except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror or error}") from None
-    except (KeyError, TypeError, AttributeError):
-        raise ValueError(f"{path} has no table [sensor]") from None
-    except ValidationError as error:
-        fault = error.errors()[0]
-        where = ".".join(map(str, fault["loc"]))
-        raise ValueError(f"{path}, [sensor] {where}: {fault['msg']}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    placed = {"forward_m", "left_m", "yaw_deg"} & set(table)
-    told = {name: getattr(section, name) for name in placed if getattr(options, name) is None}
-    noise = section.build_noise()
-    return noise, replace(options, **told)
-
-
 def _start(text: str, position_std_m: float, heading_std_rad: float) -> Any:
     from ...evaluation.recordings.replays import start_of
     from ...evaluation.recordings.setting import Start
@@ -295,6 +265,8 @@ def notes_of(replays: Replays, first: Survey, is_wide: bool) -> list[str]:
     """What was assumed for a replay, and what is odd about the recording, a sentence each."""
     import numpy as np
 
+    from ...evaluation.consistency.lost import WINDOW
+
     laser, beams = replays.log.sensor, len(replays.choice.places(replays.log.sensor))
     notes = [
         f"{beams} of {len(laser.bearings_rad)} beams; the laser {laser.forward_m:g} m ahead and "
@@ -311,6 +283,11 @@ def notes_of(replays: Replays, first: Survey, is_wide: bool) -> list[str]:
         notes.append("the start is not known: anywhere on the map, with any heading")
     elif replays.start_at_truth:
         notes.append("the start is the true pose, off by a draw of the spread that is claimed for it")
+    notes.append(
+        f"lost: scans that do not fit the map where the robot was believed to be, by the mean of the last "
+        f"{WINDOW}; on the right map no more than {100 * replays.false_alarms:g} % of the scans, if readings "
+        + ("err by 0.1 m and 1 in 20 is lost or of something else" if is_wide else "err as the file says")
+    )
     if laser.seconds_per_beam and replays.choice.motion_corrected:
         notes.append("scans take time: ranges are corrected for the robot's motion by odometry")
     notes += [f"{count} {kind}" for kind, count in first.oddities.items()]
@@ -354,7 +331,8 @@ def _run(
             if trace.kept:
                 traces[contestant.label] = trace
         if folder is not None:
-            _finish(folder, rows, traces, contestants, problem, animation, document(rows, notes, first))
+            told = document(rows, notes, first, replays.false_alarms)
+            _finish(folder, rows, traces, contestants, problem, animation, told)
     return rows, traces
 
 
@@ -417,7 +395,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def document(rows: list[Row], notes: list[str], first: Survey) -> dict[str, Any]:
+def document(rows: list[Row], notes: list[str], first: Survey, false_alarms: float) -> dict[str, Any]:
     """What is told of a replay, for programs."""
     import numpy as np
 
@@ -441,6 +419,7 @@ def document(rows: list[Row], notes: list[str], first: Survey) -> dict[str, Any]
         "duration_s": first.duration_s,
         "way_m": first.way_m,
         "oddities": first.oddities,
+        "false_alarms": false_alarms,
         "notes": notes,
         "estimators": [plain(row) for row in rows],
     }
@@ -463,7 +442,7 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
             "ANEES/3",
             "coverage\nof 95 %",
         ]
-    columns += ["scans/s", "within\n0.1 m", "end: x1, x2 (m), heading (deg)", "± (m, m, deg)"]
+    columns += ["scans/s", "within\n0.1 m", "lost", "end: x1, x2 (m), heading (deg)", "± (m, m, deg)"]
     table = new_table(f"Replay of {name}: {first.used} scans, {first.way_m:.1f} m", columns)
     for row in rows:
         cells = [row.estimator, str(row.scans)]
@@ -474,6 +453,7 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
         cells += [
             _number(row.scans_per_s),
             "-" if np.isnan(row.residual_share) else f"{row.residual_share:.2f}",
+            _lost(row),
         ]
         if row.end is None or row.end_stds is None:
             cells += ["-", "-"]
@@ -487,10 +467,22 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
     for row in rows:
         if row.reason:
             screen.say(f"{row.estimator}: {row.reason}")
+        if row.offset_m > MOSTLY * row.position_rmse_m:
+            screen.say(
+                f"{row.estimator}: {row.offset_m:.3f} m of its error is the same throughout, as if the map "
+                "lay off the frame of the truth by that, which no filter can know"
+            )
     for note in notes:
         screen.say(f"- {note}")
     if out is not None:
         screen.say(str(out))
+
+
+def _lost(row: Row) -> str:
+    """Whether and when an estimator is lost: the share of its scans, and the first of them."""
+    if row.lost_share != row.lost_share:
+        return "-"
+    return "no" if row.lost_at is None else f"{100 * row.lost_share:.2g} %,\nfrom {row.lost_at}"
 
 
 def _number(value: float) -> str:

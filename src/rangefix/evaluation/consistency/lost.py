@@ -97,16 +97,8 @@ class LostTest:
         Yields:
             The misfit over the last `window` scans, and its threshold.
         """
-        misfits: deque[tuple[float, float, int]] = deque(maxlen=self.window)
-        for reading, states in steps:
-            here = self.one_scan(reading, states)
-            if here.readings:
-                misfits.append((here.misfit, here.threshold, here.readings))
-            if not misfits:
-                yield here
-                continue
-            mean, threshold, _ = np.mean(misfits, axis=0)
-            yield Fit(float(mean), float(threshold), here.readings)
+        watch = Watch(self)
+        yield from (watch.take(reading, states) for reading, states in steps)
 
     def one_scan(self, reading: Array, states: Array) -> Fit:
         """The fit of one scan by itself: readings (B,), states (K, n)."""
@@ -135,6 +127,24 @@ class LostTest:
         bearings = self.sensor.bearings[counted]
         ends = length * np.column_stack([np.sin(bearings), np.cos(bearings)])
         return float(_SQUARE.covariance(shared.correlation(counted, ends)).mean())
+
+
+class Watch:
+    """A lost test that is told scan by scan, as they come."""
+
+    def __init__(self, test: LostTest) -> None:
+        self._test = test
+        self._last: deque[tuple[float, float]] = deque(maxlen=test.window)
+
+    def take(self, reading: Array, states: Array) -> Fit:
+        """The fit after one more scan: readings (B,), m, and states (K, n), as in `LostTest.follow`."""
+        here = self._test.one_scan(reading, states)
+        if here.readings:
+            self._last.append((here.misfit, here.threshold))
+        if not self._last:
+            return here
+        misfit, threshold = np.mean(self._last, axis=0)
+        return Fit(float(misfit), float(threshold), here.readings)
 
 
 def predictive_scores(sensor: Sensor, reading: Array, states: Array, law: Noise | None = None) -> Array:

@@ -24,6 +24,7 @@ COLUMNS = (
     "cov_x1_x1_m2", "cov_x1_x2_m2", "cov_x1_heading_m_rad", "cov_x2_x2_m2", "cov_x2_heading_m_rad",
     "cov_heading_heading_rad2", "log_evidence", "true_x1_m", "true_x2_m", "true_heading_deg",
     "error_x1_m", "error_x2_m", "error_heading_deg", "nees", "residual_median_m", "seconds",
+    "misfit", "misfit_threshold",
 )  # fmt: skip
 
 
@@ -79,6 +80,8 @@ class PoseFiles:
         values += self._errors(believed)
         seen = believed.residuals[np.isfinite(believed.residuals)]
         values += [np.median(seen) if len(seen) else np.nan, believed.seconds]
+        fit = believed.fit
+        values += [np.nan, np.nan] if fit is None or not fit.readings else [fit.misfit, fit.threshold]
         return [str(believed.step.scan), *(f"{value:.10g}" if value == value else "" for value in values)]
 
     def _errors(self, believed: Believed) -> list[float]:

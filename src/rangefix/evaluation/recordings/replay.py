@@ -8,16 +8,21 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 from ...arrays import Array
 from ...filters import Estimator, Problem
 from ...filters.estimator import filtered_stream
-from ...filters.optional_methods import Image, show_belief
+from ...filters.optional_methods import Image, sample_belief, show_belief
+from ...filters.sampling import gaussian_draws
+from ..consistency.lost import Fit, LostTest, Watch
 from ..seeds import stream as random_stream
 from .readers.track import Track
 from .steps import Step
 
 PURPOSE = "replay"  # of the random numbers that an estimator draws
+LOOKOUT = "lost"  # of those that draw from what it believes, which must not change it
+DRAWS_OF_BELIEF = 50  # from a belief, over which the law of a reading is averaged
 LONGEST_GAP_S = 1.0  # between two true poses, across which no truth is interpolated
 
 
@@ -34,6 +39,8 @@ class Believed:
         residuals: Readings less what is expected at the mean, (B,), m; NaN where one of them is no range.
         seconds: Of processor time for the move, the update and the estimate.
         image: What the belief looks like over the map, at the steps that were asked for.
+        fit: Whether this and the last few scans fit the map where the robot was believed to be before each
+            was taken in; None where that was not asked for.
     """
 
     step: Step
@@ -44,6 +51,12 @@ class Believed:
     residuals: Array
     seconds: float
     image: Image | None = None
+    fit: Fit | None = None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether readings say that the pose, or the map, is wrong."""
+        return self.fit is not None and self.fit.lost
 
     @property
     def is_sound(self) -> bool:
@@ -79,6 +92,33 @@ def unknown(step: Step) -> Array | None:
     return None
 
 
+class Lookout:
+    """Holds every scan against where the robot was believed to be before the scan was taken in.
+
+    Draws from the belief after the last scan are moved by odometry and its noise, so that no estimator needs
+    to hold its belief in between.
+    """
+
+    def __init__(self, problem: Problem, watch: Watch, rng: Generator) -> None:
+        self._problem, self._watch, self._rng = problem, watch, rng
+        self._states = problem.prior.sample(DRAWS_OF_BELIEF, rng)
+
+    def take(self, step: Step) -> Fit:
+        """Whether this scan and the last few fit the map."""
+        if step.control is not None:
+            self._states = self._problem.motion.sample(self._states, step.control, self._rng)
+        return self._watch.take(step.measurement, self._states)
+
+    def draw(self, estimator: Estimator[Any], belief: Any) -> None:
+        """Draw from what is believed after the scan: from the Gaussian that it claims where it cannot."""
+        draws = sample_belief(estimator, belief, DRAWS_OF_BELIEF, [self._rng])
+        if draws is None:
+            claimed = estimator.estimate(belief)
+            moments = np.asarray(claimed.mean, dtype=float), np.asarray(claimed.covariance, dtype=float)
+            draws = gaussian_draws(*moments, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
+        self._states = draws[0]
+
+
 def replay(
     estimator: Estimator[Any],
     problem: Problem,
@@ -86,6 +126,7 @@ def replay(
     truth: Truth = unknown,
     seed: int = 0,
     shown: Collection[int] = (),
+    lost: LostTest | None = None,
 ) -> Iterator[Believed]:
     """What an estimator believes after each step of a recording, as it goes; ends with the first unsound one.
 
@@ -96,8 +137,10 @@ def replay(
         truth: The true pose at a step.
         seed: Of the random numbers that the estimator draws.
         shown: Numbers of steps, from 0, after which the belief is kept as a picture.
+        lost: What says whether readings fit the map; None = that is not asked.
     """
     rngs = [random_stream(seed, PURPOSE, 0)]
+    lookout = None if lost is None else Lookout(problem, Watch(lost), random_stream(seed, LOOKOUT, 0))
     taken: list[Step] = []
     reading_s = 0.0
 
@@ -132,10 +175,13 @@ def replay(
             residuals(problem, mean, step.measurement),
             seconds,
             show_belief(estimator, belief, 0) if number in shown else None,
+            None if lookout is None else lookout.take(step),
         )
         yield believed
         if not believed.is_sound:
             return
+        if lookout is not None:
+            lookout.draw(estimator, belief)
         began, reading_s = process_time(), 0.0
 
 

@@ -17,6 +17,7 @@ from ...arrays import Array
 from ...errors import one_line
 from ...filters import Problem, RangeMap
 from ...filters.registry import build
+from ..consistency.lost import FALSE_ALARMS, LostTest
 from ..seeds import stream as random_stream
 from .log import Log, RecordingError
 from .pose_files import PoseFiles
@@ -25,7 +26,7 @@ from .readers.track import Track
 from .readers.tum import read_tum
 from .replay import Truth, odometry_is_true, replay, truth_by_time, unknown
 from .score import Row, Score
-from .setting import Assumptions, Start, problem_of
+from .setting import Assumptions, Start, problem_of, usual_law
 from .steps import Choice, Survey, steps, survey
 from .trace import Trace
 
@@ -69,6 +70,7 @@ class Replays:
             file.
         start_at_truth: Whether the start is off the true pose by a draw of its own spread.
         seed: Of all random numbers.
+        false_alarms: Share of the scans that may be called lost on the right map.
     """
 
     room: RangeMap
@@ -79,6 +81,7 @@ class Replays:
     truth: str | None = None
     start_at_truth: bool = False
     seed: int = 0
+    false_alarms: float = FALSE_ALARMS
 
     def surveyed(self) -> Survey:
         """A first pass over the recording."""
@@ -120,6 +123,16 @@ class Replays:
         beams = self.choice.places(self.log.sensor)
         return problem_of(self.room, self.log.sensor, beams, self.assumptions, start)
 
+    def lost_test(self, problem: Problem) -> LostTest:
+        """What says whether readings fit the map.
+
+        Raises:
+            ValueError: If the share of false alarms is out of bounds.
+        """
+        law = self.assumptions.law
+        law = usual_law(problem.sensor.max_range, self.room) if law is None else law
+        return LostTest(problem.sensor, self.false_alarms, law=law)
+
     def run(
         self,
         contestant: Contestant,
@@ -140,12 +153,13 @@ class Replays:
         options = dict(contestant.options)
         if contestant.name == "particle" and self.start.pose is None and not self.start_at_truth:
             options.setdefault("particles", PARTICLES_ANYWHERE)
+        lost = self.lost_test(problem)
         trace, score = Trace(), Score(problem.space)
         shown = set(np.linspace(0, first.used - 1, PICTURES).round().astype(int).tolist())
         try:
             estimator = build(contestant.name, problem, **options)
             source = steps(self.log, self.choice)
-            believed = replay(estimator, problem, source, self.true_poses(), self.seed, shown)
+            believed = replay(estimator, problem, source, self.true_poses(), self.seed, shown, lost)
             for done, now in enumerate(believed):
                 if not now.is_sound:
                     where = f"scan {now.step.scan}, {done} of {first.used} done"

@@ -27,14 +27,13 @@ from .fit_noise import USUAL_REACH_M
 from .log import LaserDescription, Log, RecordingError
 from .readers.track import Track
 from .readers.tum import read_tum
+from .setting import DRIFT, DRIFT_FLOOR
 from .steps import Choice, Step, steps, survey
 
 MOST_SCANS = 1500
 ODOMETRY = "odometry"  # the truth where odometry is taken for it
 GAP_S = 0.5  # between true poses, beyond which nothing is known
 STANDING_WAY_M, STANDING_TURN_RAD = 1.0, 1.0  # below both of which a robot stands
-TRACKED_BY = (0.02, 0.02, 0.02, 0.02)  # alphas of the odometry by which poses are followed
-TRACKED_FLOOR = (0.01, 0.01, 0.01)  # m, m, rad
 START_STDS = (0.3, 0.3, 0.2)  # m, m, rad
 PARTICLES = 1000
 
@@ -148,7 +147,7 @@ def _followed(
 ) -> Iterator[tuple[Step, Array | None]]:
     """Steps with the mean of a particle filter after each, whose readings weigh little."""
     prior = GaussianPrior(start, np.diag(np.square(START_STDS)), sensor.space)
-    motion: Motion = Odometry(sensor.space, TRACKED_BY, TRACKED_FLOOR)
+    motion: Motion = Odometry(sensor.space, DRIFT, DRIFT_FLOOR)
     estimator = build("particle", Problem(sensor.space, motion, sensor, prior), particles=PARTICLES)
     rngs = [np.random.default_rng(0)]
     belief = estimator.init(prior, rngs)

@@ -27,6 +27,8 @@ class Row:
         reason: Why it ended before the recording, or was not built; "" if it did neither.
         position_rmse_m: Root mean square error of the position, m.
         position_claimed_m: What it claims for that: the root of the mean trace of its covariance, m.
+        offset_m: Length of the mean error in the frame of the map, m: the part that is the same throughout,
+            as where the map lies off the frame of the truth.
         heading_rmse_deg: Of the heading, deg.
         heading_claimed_deg: What it claims for that, deg.
         anees: Mean of e' P^-1 e over 3: 1 where errors are as large as claimed.
@@ -34,6 +36,9 @@ class Row:
         scans_per_s: Scans in a second of processor time: move, update and estimate.
         residual_median_m: Of readings less the range of the map at the estimate, m.
         residual_share: Share of the readings that are within 0.1 m of the map.
+        lost_at: Number of the first scan, from 1, that does not fit the map where the robot was believed to
+            be; None if all fit.
+        lost_share: Share of the scans that do not fit; NaN where that was not asked.
         end: The last estimate: x1, x2 (m), heading (rad), (3,); None if there is none.
         end_stds: Its claimed deviations, (3,).
     """
@@ -44,6 +49,7 @@ class Row:
     reason: str = ""
     position_rmse_m: float = np.nan
     position_claimed_m: float = np.nan
+    offset_m: float = np.nan
     heading_rmse_deg: float = np.nan
     heading_claimed_deg: float = np.nan
     anees: float = np.nan
@@ -51,6 +57,8 @@ class Row:
     scans_per_s: float = np.nan
     residual_median_m: float = np.nan
     residual_share: float = np.nan
+    lost_at: int | None = None
+    lost_share: float = np.nan
     end: Array | None = None
     end_stds: Array | None = None
 
@@ -68,7 +76,11 @@ class Score:
     judged: int = 0
     seconds: float = 0.0
     covered: int = 0
+    watched: int = 0
+    lost: int = 0
+    lost_at: int | None = None
     nees: float = 0.0
+    errors: Array = field(default_factory=lambda: np.zeros(3))
     squares: Array = field(default_factory=lambda: np.zeros(3))
     variances: Array = field(default_factory=lambda: np.zeros(3))
     residuals: Counter[int] = field(default_factory=Counter)
@@ -77,6 +89,10 @@ class Score:
     def add(self, believed: Believed) -> Believed:
         """Count what is believed after a scan; returned as it is."""
         self.last, self.scans, self.seconds = believed, self.scans + 1, self.seconds + believed.seconds
+        self.watched += believed.fit is not None
+        if believed.is_lost:
+            self.lost += 1
+            self.lost_at = believed.step.scan if self.lost_at is None else self.lost_at
         values = believed.residuals[np.isfinite(believed.residuals)]
         self.residuals.update(np.clip(np.round(values * 1000), -100_000, 100_000).astype(int).tolist())
         if believed.truth is None:
@@ -86,6 +102,7 @@ class Score:
         self.judged += 1
         self.nees += ratio
         self.covered += ratio <= _limit()
+        self.errors += error
         self.squares += error**2
         self.variances += np.diagonal(believed.covariance)
         return believed
@@ -98,6 +115,7 @@ class Score:
         fits = sum(count for value, count in self.residuals.items() if abs(value) <= 1000 * FITS_M)
         stds = np.sqrt(np.diagonal(self.last.covariance))
         row = {
+            "lost_share": self.lost / self.watched if self.watched else np.nan,
             "scans_per_s": self.scans / self.seconds if self.seconds else np.inf,
             "residual_median_m": _median(self.residuals) / 1000,
             "residual_share": fits / total if total else np.nan,
@@ -107,12 +125,22 @@ class Score:
             row |= {
                 "position_rmse_m": float(np.sqrt(mean[0] + mean[1])),
                 "position_claimed_m": float(np.sqrt(claimed[0] + claimed[1])),
+                "offset_m": float(np.hypot(self.errors[0], self.errors[1])) / self.judged,
                 "heading_rmse_deg": float(np.rad2deg(np.sqrt(mean[2]))),
                 "heading_claimed_deg": float(np.rad2deg(np.sqrt(claimed[2]))),
                 "anees": self.nees / self.judged / 3,
                 "coverage": self.covered / self.judged,
             }
-        return Row(name, self.scans, self.judged, reason, **row, end=self.last.mean, end_stds=stds)
+        return Row(
+            name,
+            self.scans,
+            self.judged,
+            reason,
+            **row,
+            lost_at=self.lost_at,
+            end=self.last.mean,
+            end_stds=stds,
+        )
 
 
 def _limit() -> float:

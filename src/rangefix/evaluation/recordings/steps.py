@@ -107,7 +107,10 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
         before, some = scan.odometry, True
         yield Step(number, scan.time_s, control, ranges, scan.odometry)
     if not some:
-        raise RecordingError("no scan of the recording can be used: it has no odometry at their times")
+        raise RecordingError(
+            "no scan of the recording can be used: it has no odometry at their times, by which estimators "
+            "know how the robot moved"
+        )
 
 
 def _ranges(scan: Scan, laser: LaserDescription, choice: Choice) -> Array:

@@ -63,3 +63,12 @@ class Trace:
     def residuals(self) -> Array:
         """Readings less the ranges of the map at the estimates, (K, B), m."""
         return np.array([step.residuals for step in self.kept])
+
+    @property
+    def misfits(self) -> Array:
+        """Misfit of the last scans and its threshold, (K, 2); NaN where no reading counts."""
+        none = (np.nan, np.nan)
+        fits = [step.fit for step in self.kept]
+        return np.array(
+            [none if fit is None or not fit.readings else (fit.misfit, fit.threshold) for fit in fits]
+        )

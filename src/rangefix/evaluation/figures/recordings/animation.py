@@ -57,7 +57,7 @@ def animate(name: str, trace: Trace, problem: Problem, path: Path) -> None:
                 marker=".", linestyle="none", color=BEAM, markersize=4,
             )  # fmt: skip
             draw_estimate(axes, believed)
-            axes.set_title(f"{name}, scan {believed.step.scan}")
+            axes.set_title(f"{name}, scan {believed.step.scan}{', lost' * believed.is_lost}")
             writer.grab_frame()
 
 

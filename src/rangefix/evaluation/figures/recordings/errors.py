@@ -48,13 +48,13 @@ def draw_errors(name: str, trace: Trace) -> Figure:
 
 
 def draw_fit(traces: Mapping[str, Trace]) -> Figure:
-    """Innovations: how readings differ from the map at the estimates, and what evidence each scan adds.
+    """Innovations: readings against the map at the estimates, evidence of each scan, and whether one is lost.
 
     Args:
         traces: By the name of the estimator.
     """
-    figure = Figure(figsize=(WIDTH, 2 * PANEL + 1.6), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure = Figure(figsize=(WIDTH, 3 * PANEL + 1.9), layout="constrained")
+    upper, lower, last = figure.subplots(3, 1, sharex=True)
     for place, (name, trace) in enumerate(traces.items()):
         colour = COLOURS[place % len(COLOURS)]
         times = trace.times - trace.times[0]
@@ -65,13 +65,20 @@ def draw_fit(traces: Mapping[str, Trace]) -> Figure:
         beams = np.array([max(int((~np.isnan(step.step.measurement)).sum()), 1) for step in trace.kept])
         gained = np.diff(evidence, prepend=0.0) / trace.every / beams
         lower.plot(times, gained, color=colour, linewidth=0.8)
+        excess = trace.misfits[:, 0] / trace.misfits[:, 1]
+        last.plot(times, excess, color=colour, linewidth=0.8)
+        last.plot(times[excess > 1], excess[excess > 1], ".", color=colour, markersize=3)
     upper.axhline(0.0, color="0.5", linewidth=0.6)
     upper.set_ylabel("reading - map, m")
     upper.set_title("Readings less the map's ranges at the estimate: median of a scan, and middle half")
     upper.legend(loc="upper right", ncols=2)
     lower.set_ylabel("nats per beam")
     lower.set_title("Log evidence that each scan adds")
-    lower.set_xlabel("time, s")
+    last.axhline(1.0, color="0.5", linewidth=0.6)
+    last.set_ylim(bottom=0.0)
+    last.set_ylabel("misfit / threshold")
+    last.set_title("Lost: above 1 the last scans do not fit the map where the robot was believed to be")
+    last.set_xlabel("time, s")
     return figure
 
 
