@@ -31,7 +31,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(collections|pathlib|typing|datetime|types|os)\..*"),
     (
         r"py:.*",
-        r"(NDArray|ArrayLike|Array|BoolArray|Average|Place|BeliefScores|NullDistribution|Builder|Factory|Belief|FieldInfo|MinLen|NoneType|_\w+)",
+        r"(NDArray|ArrayLike|Array|BoolArray|Average|Place|BeliefScores|NullDistribution|Builder|Factory|Belief|FieldInfo|MinLen|NoneType|OneRun|Path|_\w+)",
     ),
     (r"py:.*", r"rangefix\.(maps|filters|evaluation)(\.[a-z_0-9]+)+\.\w+"),
 ]

@@ -10,6 +10,7 @@ from ..arrays import Array, IntArray
 from ..compiled import njit
 
 BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
+TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it, as beams along walls do
 EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
 
 
@@ -61,7 +62,8 @@ def cast_at_segments(
                 side_b = (b1 - x1[ray]) * d2[ray] - (b2 - x2[ray]) * d1[ray]
                 along = v1 * d1[ray] + v2 * d2[ray]
                 distance = (offset - (v1 * x1[ray] + v2 * x2[ray])) / along
-                ahead = (side_a * side_b <= 0.0) & (distance >= 0.0) & (abs(along) > EDGE_ON)
+                meets = (min(side_a, side_b) <= TOUCHING) & (max(side_a, side_b) >= -TOUCHING)
+                ahead = meets & (distance >= 0.0) & (abs(along) > EDGE_ON)
                 nearer = ahead & (distance < best[ray])
                 best[ray] = distance if nearer else best[ray]
                 if wanted:
