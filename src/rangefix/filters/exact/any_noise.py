@@ -22,6 +22,7 @@ FINE_SCALES = 12.0  # half-width of the fine part of a table
 FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
 FARTHEST_SCALES = 1e8  # from a table's centre to its last node
 COARSE_STEP = math.log(FARTHEST_SCALES / FINE_SCALES) / COARSE_NODES  # log of the ratio of coarse nodes
+LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again with another scale
 LEAST_SHARE = 1e-3  # of a cell, within which a table's end may be off
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
@@ -292,10 +293,14 @@ def _sum_pieces(
                     across[x], across[y] = across[y], across[x]
                     level[x], level[y] = level[y], level[x]
                 continue
-            area = _area(one, corners)
-            log_peak = _integrate(
-                one, corners, piece, pieces, tables, prior, bound - math.log(area), rule, nodes, out
+            log_peak, noted = bound - math.log(_area(one, corners)), nodes.total[0]
+            rough = variation[waiting] > 1.0
+            highest = _integrate(
+                one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, out
             )
+            if -np.inf < highest < LOWEST_NATS:  # the bound is so loose that sums would underflow
+                log_peak, nodes.total[0] = log_peak + highest, noted
+                _integrate(one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, out)
             add_part(total, log_peak, out, x1 + one[0, 0], x2 + one[0, 1])
     return finish(total, mean, covariance)
 
@@ -371,10 +376,17 @@ def _variation(tables: Tables, which: int, low: float, high: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
-    rule: Rules, nodes: Nodes, out: Array,
+    rough: bool, rule: Rules, nodes: Nodes, out: Array,
 ) -> float:  # fmt: skip
-    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner."""
-    tabulated = len(tables.centres)
+    """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner.
+
+    Where densities vary too much for the rules (`rough`), each node stands for the box about it, whose spread
+    counts: one node may hold all.
+
+    Returns:
+        The greatest log density at a node, less log_peak.
+    """
+    tabulated, highest = len(tables.centres), -np.inf
     # s runs along the steepest beam's slope, so that chords lie along the ridge
     best, c, d = -1.0, 1.0, 0.0
     for which in range(tabulated):
@@ -430,6 +442,13 @@ def _integrate(
                 m11 += value * y1 * y1
                 m12 += value * y1 * y2
                 m22 += value * y2 * y2
+                highest = max(highest, log_density)
+                if rough:
+                    box_s = value * (width * rule.weights[order, i]) ** 2 / 12
+                    box_t = value * (chord * rule.weights[3, j]) ** 2 / 12
+                    m11 += c * c * box_s + d * d * box_t
+                    m12 += c * d * (box_s - box_t)
+                    m22 += d * d * box_s + c * c * box_t
                 place = nodes.total[0]
                 if len(nodes.places) and value > 0:
                     if place < len(nodes.places):
@@ -447,4 +466,4 @@ def _integrate(
                 before_t += rule.weights[3, j]
             before_s += rule.weights[order, i]
     out[0], out[1], out[2], out[3], out[4], out[5] = m0, m1, m2, m11, m12, m22
-    return log_peak
+    return highest
