@@ -27,6 +27,7 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
+PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 app = typer.Typer(
     name="rangefix",
     help=HELP,

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, say, warn
+from .app import PICTURES, ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, say, warn
 from .studies import Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
     from ..evaluation import Study
     from ..evaluation.bounds.catalogue import Row
 
-PICTURES = (".png", ".svg", ".pdf")
 AT_ONE_STATE = (
     "All truths of this study are one state: bounds are averages over the prior, and not about its G."
 )
@@ -158,24 +157,19 @@ def _draw_curve(study: Study, path: Path, as_json: bool) -> None:
     Raises:
         ValueError: If the file is of another kind, or nothing applies.
     """
-    suffix = path.suffix.lower()
-    if suffix not in PICTURES:
+    if path.suffix.lower() not in PICTURES:
         raise ValueError(f"--curve {path}: name a picture that ends with {', '.join(PICTURES)}")
     from ..evaluation.bounds.beam_subset import with_beams
     from ..evaluation.bounds.threshold import threshold_curve
     from ..evaluation.consistency.formatting import beams_in_words
-    from ..evaluation.figures.files import encoded
+    from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.threshold import draw_threshold
-    from ..evaluation.figures.style import styled
-    from ..evaluation.results import write_bytes
 
     experiment = study.experiment()
     beams = beams_in_words(experiment.beam_labels[-1])
     found = threshold_curve(with_beams(experiment.truth, experiment.beam_sets[-1]), tell=doing)
     doing("")
-    with styled():
-        made = encoded(draw_threshold(found, f"{study.title or study.name}\n{beams}"), [suffix[1:]])
-    write_bytes(path, made[suffix[1:]])
+    write_figure(lambda: draw_threshold(found, f"{study.title or study.name}\n{beams}"), path)
     if as_json:
         variances = {name: values.tolist() for name, values in found.variances.items()}
         document = {"study": study.name, "names": list(found.names), "noise_std_m": found.stds.tolist()}

@@ -57,16 +57,12 @@ def map_accuracy(
         raise ValueError(f"no place in free space is met at steps of {step_m:g} m: take smaller ones")
     files: list[Path] = []
     if out is not None:
-        from ..evaluation.figures.files import encoded
+        from ..evaluation.figures.files import write_figure
         from ..evaluation.figures.planning.accuracy import draw_accuracy
-        from ..evaluation.figures.style import styled
-        from ..evaluation.results import write_bytes
         from ..evaluation.results.npz import write_npz
 
-        with styled():
-            picture = encoded(draw_accuracy(found, np.asarray(sensor.room.segments)), ["png"])["png"]
         files = [out / "accuracy.png", out / "accuracy.npz"]
-        write_bytes(files[0], picture)
+        write_figure(lambda: draw_accuracy(found, np.asarray(sensor.room.segments)), files[0])
         write_npz(
             files[1],
             {

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import Command, Json, named, print_json, say
+from .app import PICTURES, Command, Json, named, print_json, say
 
 if TYPE_CHECKING:
     from ..maps.describe import Description
 
-PICTURES = (".png", ".svg", ".pdf")
 USUAL_HEIGHT = 0.9  # m, as in a study
 BEARINGS = ("--bearings-deg", "-b")
 
@@ -145,15 +144,10 @@ def map(
 def _draw(found: Description, room: Any, title: str, out: Path) -> None:
     import numpy as np
 
-    from ..evaluation.figures.files import encoded
+    from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.one_map import draw_one_map
-    from ..evaluation.figures.style import styled
-    from ..evaluation.results import write_bytes
 
-    suffix = out.suffix.lower()[1:]
-    with styled():
-        figure = draw_one_map(found, np.asarray(room.segments), Path(title).name)
-        write_bytes(out, encoded(figure, [suffix])[suffix])
+    write_figure(lambda: draw_one_map(found, np.asarray(room.segments), Path(title).name), out)
 
 
 def ranges(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import Json, doing, named, names_from, one_of, print_json
+from .app import PICTURES, Json, doing, named, names_from, one_of, print_json
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from ..filters import Problem
 
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
-PICTURES = (".png", ".svg", ".pdf")
 MEASURED = "beams"  # a word for --candidates-deg: those of the study
 
 
@@ -162,21 +161,14 @@ def _times(problem: Problem, sensor: Any, found: Plan, seed: int) -> list[float]
 
 
 def _draw(found: Plan, problem: Problem, centres: Array, out: Path) -> list[Path]:
-    from ..evaluation.figures.files import encoded
+    from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.compass import draw_plan
-    from ..evaluation.figures.style import styled
     from ..evaluation.planning.scene import FloorPlan
-    from ..evaluation.results import write_bytes
 
-    suffixes = [out.suffix.lower()[1:]] if out.suffix.lower() in PICTURES else ["png", "svg"]
-    with styled():
-        floor = FloorPlan.of(problem, centres[:, problem.space.position_indices])
-        made = encoded(draw_plan(found, floor), suffixes)
-    single = out.suffix.lower() in PICTURES
-    paths = {suffix: out if single else out / f"plan.{suffix}" for suffix in made}
-    for suffix, content in made.items():
-        write_bytes(paths[suffix], content)
-    return list(paths.values())
+    paths = [out] if out.suffix.lower() in PICTURES else [out / "plan.png", out / "plan.svg"]
+    floor = FloorPlan.of(problem, centres[:, problem.space.position_indices])
+    write_figure(lambda: draw_plan(found, floor), *paths)
+    return paths
 
 
 def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None:

@@ -43,9 +43,8 @@ def calibrate(
     """Fit the noise of a rangefinder to a recording on a map."""
     import numpy as np
 
-    from ...evaluation.figures.files import encoded
+    from ...evaluation.figures.files import write_figure
     from ...evaluation.figures.recordings.residuals import draw_residuals
-    from ...evaluation.figures.style import styled
     from ...evaluation.recordings.calibrate import calibrate as fit
     from ...evaluation.recordings.open_log import open_log
     from ...evaluation.recordings.options import ReadingOptions
@@ -66,11 +65,9 @@ def calibrate(
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
     doing("fitting")
     found = fit(residuals)
-    with styled():
-        picture = encoded(draw_residuals(found), ["png"])["png"]
     files = [out, out.with_suffix(".png")]
+    write_figure(lambda: draw_residuals(found), files[1])
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
-    write_bytes(files[1], picture)
     fitted = found.fitted
     if as_json:
         print_json(

@@ -347,31 +347,30 @@ def _finish(
 ) -> None:
     """Figures, animations and the table, beside the poses."""
     import json
+    from functools import partial
 
     import numpy as np
 
-    from ...evaluation.figures.files import encoded
+    from ...evaluation.figures.files import write_figure
     from ...evaluation.figures.recordings.errors import draw_errors, draw_fit
     from ...evaluation.figures.recordings.paths import draw_beliefs, draw_paths
     from ...evaluation.figures.style import styled
 
     if traces:
         doing("drawing")
-        with styled():
-            room = problem.sensor.room
-            figures = {"paths": draw_paths(traces, room), "fit": draw_fit(traces)}
-            for contestant in contestants:
-                trace = traces.get(contestant.label)
-                if trace is None:
-                    continue
-                name = contestant.file_name
-                if np.isfinite(trace.truths).any():
-                    figures[f"{name}_errors"] = draw_errors(contestant.label, trace)
-                if trace.images:
-                    figures[f"{name}_beliefs"] = draw_beliefs(contestant.label, trace, room)
-            for name, figure in figures.items():
-                for suffix, content in encoded(figure, ["png", "svg"]).items():
-                    (folder / f"{name}.{suffix}").write_bytes(content)
+        room = problem.sensor.room
+        figures = {"paths": partial(draw_paths, traces, room), "fit": partial(draw_fit, traces)}
+        for contestant in contestants:
+            trace = traces.get(contestant.label)
+            if trace is None:
+                continue
+            name = contestant.file_name
+            if np.isfinite(trace.truths).any():
+                figures[f"{name}_errors"] = partial(draw_errors, contestant.label, trace)
+            if trace.images:
+                figures[f"{name}_beliefs"] = partial(draw_beliefs, contestant.label, trace, room)
+        for name, draw in figures.items():
+            write_figure(draw, folder / f"{name}.png", folder / f"{name}.svg")
         if animation is not None:
             from ...evaluation.figures.recordings.animation import animate
 

@@ -91,18 +91,24 @@ def _bars(axes: Axes, intervals: Sequence[Interval], heights: Sequence[float], *
     axes.errorbar(value, np.array(heights)[finite], xerr=reach, linestyle="none", capsize=2.5, **style)
 
 
-def draw_covariance(data: FigureData, sheet: Sheet) -> None:
-    """Standard deviations: what each estimator claims (root mean P) beside what is true (root G)."""
-    listed = _List(data.drawn_rows, sheet)
-    names, scale = listed.rows[0].names, sheet.layout.scale
+def _panels_of_components(listed: _List, sheet: Sheet) -> list[Axes]:
+    """Panels side by side, one for each component of the state, above the same list of estimators."""
+    count, scale = len(listed.rows[0].names), sheet.layout.scale
     panels = sheet.panels(
-        len(names),
-        columns=sheet.layout.columns(len(names), len(names), 1.6, listed.beside),
-        natural=(1.6 + 3.4 * len(names), 1.7 + PITCH * -listed.heights[-1]),
+        count,
+        columns=sheet.layout.columns(count, count, 1.6, listed.beside),
+        natural=(1.6 + 3.4 * count, 1.7 + PITCH * -listed.heights[-1]),
         beside=listed.beside,
         height=lambda width: scale * (listed.height + 0.5),
         sharey=True,
-    )[:, 0]
+    )
+    return list(panels[:, 0])
+
+
+def draw_covariance(data: FigureData, sheet: Sheet) -> None:
+    """Standard deviations: what each estimator claims (root mean P) beside what is true (root G)."""
+    listed = _List(data.drawn_rows, sheet)
+    names, panels = listed.rows[0].names, _panels_of_components(listed, sheet)
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         claimed, true = (
             [scaled(variance.sqrt(), factor(name)) for variance in of]
@@ -171,15 +177,7 @@ EFFICIENCIES = (  # figures of a row, the first of which is shown that it has
 def draw_efficiency(data: FigureData, sheet: Sheet) -> None:
     """How near each estimator comes to the best that there is, by component."""
     listed = _List(data.bounded_rows, sheet)
-    names, scale = listed.rows[0].names, sheet.layout.scale
-    panels = sheet.panels(
-        len(names),
-        columns=sheet.layout.columns(len(names), len(names), 1.6, listed.beside),
-        natural=(1.6 + 3.4 * len(names), 1.7 + PITCH * -listed.heights[-1]),
-        beside=listed.beside,
-        height=lambda width: scale * (listed.height + 0.5),
-        sharey=True,
-    )[:, 0]
+    names, panels = listed.rows[0].names, _panels_of_components(listed, sheet)
     for axes, name in zip(panels, names, strict=True):
         axes.axvline(100.0, color="black", linewidth=1.0, linestyle="--", label="nobody is better: 100 %")
         for figure, label, marker in EFFICIENCIES:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context, rcParams
@@ -11,7 +12,8 @@ from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..results import ResultsError
+from ..results import ResultsError, write_bytes
+from .style import styled
 
 FORMATS: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
@@ -81,6 +83,23 @@ def encoded(figure: Figure, formats: Iterable[str], dpi: float | None = None) ->
         )
     lay_out(figure)
     return {suffix: _content(figure, suffix, dpi) for suffix in formats}
+
+
+def write_figure(draw: Callable[[], Figure], *paths: Path) -> None:
+    """Draw a figure in our style, and write it to files, each whole or not at all.
+
+    Args:
+        draw: What makes the figure.
+        paths: Where to; their endings, of FORMATS, say in which format.
+
+    Raises:
+        ResultsError: If it would have too many pixels, or a file cannot be written.
+    """
+    formats = {path: path.suffix.lower()[1:] for path in paths}
+    with styled():
+        made = encoded(draw(), formats.values())
+    for path, suffix in formats.items():
+        write_bytes(path, made[suffix])
 
 
 def to_svg(figure: Figure) -> bytes:
