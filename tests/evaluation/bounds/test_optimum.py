@@ -140,7 +140,7 @@ def test_what_is_not_computed_is_refused() -> None:
     with pytest.raises(NoBoundError, match="known heading"):
         known_walls(pose)
     sharp = Rangefinder(room, np.deg2rad([0.0, 90.0]), Gaussian(0.001), space)
-    with pytest.raises(NoBoundError, match="too accurate for 4194304 samples"):
+    with pytest.raises(NoBoundError, match="too accurate for 2097152 samples"):
         optimum(Problem(space, Stationary(space), sharp, Uniform(room, space)))
 
 

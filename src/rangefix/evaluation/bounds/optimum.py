@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import count as numbers
 from typing import Any
 
 import numpy as np
@@ -22,9 +21,8 @@ from .bound import Bound, NoBoundError, require_static
 DRAWS_OF_EXACT, DRAWS_OF_LATTICES = 8192, 512
 DRAWS_OF_SAMPLES = 1024, 4096  # the second where the first leave more than this share open
 ACCURATE_SHARE_OF_SAMPLES = 0.01
-FEW_SAMPLES, MOST_SAMPLES = 2**17, 2**22  # of the prior, over which posteriors are weighed
+FEW_SAMPLES, MOST_SAMPLES = 2**17, 2**21  # of the prior, over which posteriors are weighed
 ENOUGH_SHARE, MOST_SHARE = 1e-3, 0.02  # mean of 1 / effective number: aimed at, and borne
-SETS_PER_SAMPLE = 4  # sets of draws that share the samples
 DRAWS_OF_POSES = 64, 256  # on lattices; the second where the first leave more than ACCURATE_SHARE open
 ACCURATE_SHARE = 0.03
 CHECKED = 4  # one in so many poses is found on another lattice too, which tells the error
@@ -123,14 +121,10 @@ def _over_samples(problem: Problem, samples: int) -> Callable[[Array, Array], Ar
 
     These are 1 / effective number of the samples, and whether the heading has no circular mean.
     """
-    rng, sets = np.random.default_rng([SEED, samples]), numbers()
-    poses, moments = SampledPoses.of(problem, samples, rng), place_moments(problem)
+    poses = SampledPoses.of(problem, samples, np.random.default_rng([SEED, samples]))
+    moments = place_moments(problem)
 
     def answer(_: Array, readings: Array) -> Array:
-        nonlocal poses
-        number = next(sets)
-        if number and number % SETS_PER_SAMPLE == 0:
-            poses = SampledPoses.of(problem, samples, rng)
         found = poses.posteriors(readings)
         shares = 1 / np.maximum(found.effective, 1.0)
         undirected = found.direction < NO_DIRECTION * np.sqrt(shares)

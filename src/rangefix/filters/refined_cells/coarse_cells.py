@@ -28,7 +28,9 @@ from .range_model import (
     prior_model,
 )
 
-CELLS = {2: 10_000, 3: 4_000}  # about how many there are, by the number of components
+CELLS = {2: 10_000, 3: 4_000}  # about how many there are over a small map, by the number of components
+WIDEST_M = 0.12  # of cells without a heading: what a building hides between furniture is no wider
+MOST_CELLS = 160_000  # over the box of a large map; in walls there are none
 PLACES_A_SIDE = {2: 5, 3: 3}  # asked for their ranges in each cell
 CUT_SIDE = 6  # the same in cells of which a part is no free space
 SEARCH_BEAMS = 16  # by which cells are told apart; all beams count when they are refined
@@ -131,7 +133,9 @@ def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:
     lower, upper = problem.prior.support
     extent, size = upper - lower, space.size
     scale = np.where(space.is_angle, 1 / TYPICAL_RANGE, 1.0)
-    width = (np.prod(extent / scale) / CELLS[size]) ** (1 / size)
+    volume = float(np.prod(extent / scale))
+    fine = min(volume / WIDEST_M**2, MOST_CELLS) if size == 2 else 0.0
+    width = (volume / max(CELLS[size], fine)) ** (1 / size)
     counts = np.maximum(1, np.ceil(extent / (width * scale))).astype(int)
     step = extent / counts
     turns = space.is_angle & (np.abs(extent - TWO_PI) < 1e-9)
