@@ -74,7 +74,7 @@ def time_all(
 def _in_turns(
     worker: Worker, timed: dict[str, Timed], advance: Callable[[], None]
 ) -> dict[str, dict[str, Any]]:
-    """The rows of the document of times; passes that would take an estimator beyond its budget are left out."""
+    """The rows of the document of times; passes that would take one beyond its budget are left out."""
     runs = {key: worker.runs_to_time(*each) for key, each in timed.items()}
     passes: dict[str, list[float]] = {key: [] for key in timed}
     held: dict[str, list[str]] = {key: [] for key in timed}
@@ -101,7 +101,7 @@ def _in_turns(
 
 
 def _median(seconds: list[float]) -> dict[str, float | int | None]:
-    """The median of the passes; and, where all were made, the least and the greatest: where the median can be."""
+    """The median of the passes and, where all of them were made, the least and the greatest."""
     known = bool(seconds) and not np.isnan(seconds).any()
     whole = known and len(seconds) == PASSES
     return {

@@ -20,7 +20,7 @@ from .trial import Trial
 
 PASSES = 6  # the median of so many lies between the least and the greatest in 97 of 100 cases
 BUDGET_S = 0.6  # of all passes over one estimator on one set of beams
-LONGEST_S = 1.0  # of them where they take longer than planned, as over a single run of a long drive: then fewer are made
+LONGEST_S = 1.0  # of those over runs that take longer than planned, as long drives do: then fewer are made
 WARM_RUNS, WARM_UPDATES = 4, 2
 UNEVEN_S = 2e-3  # an update: those that take longer may take very different times, which a second look tells
 
@@ -35,8 +35,9 @@ def runs_to_time(
 ) -> int:
     """How many runs are to be timed at once so that all passes fit a budget; 0 if the estimator fails.
 
-    It compiles and fills caches, too. What a run takes is told by the first updates of a few runs; a pass holds at
-    least as many runs, or one where so many would take more than the budget of all passes, as drives may.
+    It compiles and fills caches, too. What a run takes is told by the first updates of a few runs; a pass
+    holds at least as many runs, or one where so many would take more than the budget of all passes, as drives
+    may.
 
     Args:
         trial: The trial.
