@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array, BoolArray, within
 from .base import (
     EDGE_ON,
     Hits,
@@ -69,9 +69,7 @@ class RectangularRoom:
 
     def is_free(self, points: ArrayLike) -> BoolArray:
         """Whether points are in the room; the walls' own lines count as in: (..., 2) -> (...)."""
-        points = check_points(points)
-        lower, upper = self.bounds
-        return np.asarray(((points >= lower) & (points <= upper)).all(-1), dtype=np.bool_)
+        return within(check_points(points), *self.bounds)
 
     def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
         """Distance from each pose to the first wall along each beam.
