@@ -12,6 +12,7 @@ import pytest
 
 from rangefix import compiled
 from rangefix.arrays import Array
+from rangefix.compiled import exp_below_zero, njit
 
 PREDICTED = """
 import numpy as np
@@ -61,3 +62,17 @@ def test_no_folder_for_a_cache_is_no_mistake(tmp_path: Path) -> None:
         [sys.executable, "-c", block + PREDICTED], env=bare, capture_output=True, text=True, check=True
     )
     assert (told.stdout, told.stderr) == ("1.5\n", "")
+
+
+def test_exp_below_zero_is_exact_to_two_units_in_the_last_place() -> None:
+    """In a loop, which takes several at once; what is less than exp(-700) is that, and no denormal number."""
+
+    @njit(error_model="numpy")
+    def fill(powers: Array, weights: Array) -> None:
+        for place in range(powers.size):
+            weights[place] = exp_below_zero(powers[place])
+
+    powers = np.concatenate([-np.geomspace(1e-18, 700.0, 2000), [0.0, -701.0, -1449.3, -1e300, -np.inf]])
+    weights = np.empty_like(powers)
+    fill(powers, weights)
+    assert weights == pytest.approx(np.exp(np.maximum(powers, -700.0)), rel=4.5e-16, abs=0)

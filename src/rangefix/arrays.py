@@ -24,6 +24,17 @@ def wrap(angle: Array) -> Array:
     return (angle + np.pi) % TWO_PI - np.pi
 
 
+def within(points: Array, lower: Array, upper: Array) -> BoolArray:
+    """Whether points lie in a box or on its sides, (..., n), (n,), (n,) -> (...); not if one is NaN.
+
+    Component by component, for numpy is slow on short rows.
+    """
+    inside = np.ones(points.shape[:-1], dtype=np.bool_)
+    for column, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        inside &= (points[..., column] >= low) & (points[..., column] <= high)
+    return inside
+
+
 def sum_terms(terms: Iterable[Array]) -> Array:
     """Sum over the first axis term by term, for numpy's order depends on the shape."""
     return reduce(np.add, terms)

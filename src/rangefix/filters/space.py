@@ -58,7 +58,8 @@ class StateSpace:
         """x1, x2 and heading of each state: (..., n) -> (..., 3)."""
         states = np.asarray(states, dtype=float)
         poses = np.empty((*states.shape[:-1], 3))
-        poses[..., :2] = states[..., self.position_indices]
+        for column, component in enumerate(self.position_indices):  # both at once takes three times as long
+            poses[..., column] = states[..., component]
         poses[..., 2] = states[..., self.names.index("heading")] if self.heading is None else self.heading
         return poses
 

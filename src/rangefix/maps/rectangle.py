@@ -8,8 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray
-from .base import Hits, MapError, beam_vectors, check_bearings, check_points, check_poses, range_gradients
+from ..arrays import Array, BoolArray, within
+from .base import (
+    EDGE_ON,
+    Hits,
+    MapError,
+    beam_vectors,
+    check_bearings,
+    check_points,
+    check_poses,
+    range_gradients,
+)
 
 POSES_PER_BLOCK = 8192  # poses at a time: the work arrays stay in the cache
 
@@ -60,9 +69,7 @@ class RectangularRoom:
 
     def is_free(self, points: ArrayLike) -> BoolArray:
         """Whether points are in the room; the walls' own lines count as in: (..., 2) -> (...)."""
-        points = check_points(points)
-        lower, upper = self.bounds
-        return np.asarray(((points >= lower) & (points <= upper)).all(-1), dtype=np.bool_)
+        return within(check_points(points), *self.bounds)
 
     def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
         """Distance from each pose to the first wall along each beam.
@@ -90,7 +97,7 @@ class RectangularRoom:
     def _fill(self, poses: Array, bearings: Array, out: Array) -> None:
         position = (poses[:, 0] - self.width / 2, poses[:, 1] - self.length / 2)
         halves = (self.width / 2, self.length / 2)
-        inside = all(max(u.max(), -u.min()) <= half for u, half in zip(position, halves, strict=True))
+        inside = _are_inside(position, halves)
         vectors = beam_vectors(poses[:, 2], bearings)
         inverses = (1.0 / vectors[0], 1.0 / vectors[1])
         if not inside:
@@ -111,10 +118,14 @@ class RectangularRoom:
         shape = (*poses.shape[:-1], len(bearings))
         flat = poses.reshape(-1, 3)
         position = (flat[:, :1] - self.width / 2, flat[:, 1:2] - self.length / 2)
+        halves = (self.width / 2, self.length / 2)
         sines, cosines = beam_vectors(flat[:, 2], bearings)
         with np.errstate(divide="ignore", invalid="ignore"):
             inverses = (1.0 / sines, 1.0 / cosines)
-            ranges, across = _first_walls(position, (self.width / 2, self.length / 2), inverses)
+            if _are_inside(position, halves):
+                ranges, normals, gradients = _looks_from_inside(position, halves, (sines, cosines), inverses)
+                return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
+            ranges, across = _first_walls(position, halves, inverses)
         met = np.isfinite(ranges)
         normals = np.stack(
             [np.where(met & across, -np.sign(sines), 0.0), np.where(met & ~across, -np.sign(cosines), 0.0)],
@@ -129,6 +140,11 @@ class RectangularRoom:
 
 
 Pair = tuple[Array, Array]  # along x1 and along x2; of the position, from the room's centre
+
+
+def _are_inside(position: Pair, halves: tuple[float, float]) -> bool:
+    """Whether all positions, one or more, are in the room or on its walls."""
+    return all(u.size and max(u.max(), -u.min()) <= half for u, half in zip(position, halves, strict=True))
 
 
 def _exits(position: Pair, halves: tuple[float, float], inverses: Pair, out: Array) -> None:
@@ -150,3 +166,34 @@ def _first_walls(position: Pair, halves: tuple[float, float], inverses: Pair) ->
     ranges = np.where(outside, entered, left)
     ranges = np.where((entered <= left) & (left >= 0), ranges, np.inf)
     return ranges, np.where(outside, ranges == enter1, ranges == exit1)
+
+
+def _looks_from_inside(
+    position: Pair, halves: tuple[float, float], vectors: Pair, inverses: Pair
+) -> tuple[Array, Array, Array]:
+    """What beams from inside meet: ranges (M, B), normals (M, B, 2) and gradients of the ranges (M, B, 3).
+
+    Across x1 a wall is met at (+-half - u) / s, with s and c the sine and cosine of the beam, so that the
+    range changes by -1 / s with x1 and by -range c / s with the heading; across x2 by -1 / c and range s / c.
+    """
+    many = len(position[0]) >= vectors[0].shape[1]  # numpy is slow on short rows: then all poses of a beam
+    if many:
+        position = (position[0].T, position[1].T)
+        vectors, inverses = (
+            (np.ascontiguousarray(v.T), np.ascontiguousarray(w.T)) for v, w in (vectors, inverses)
+        )
+    across = (np.copysign(halves[0], inverses[0]) - position[0]) * inverses[0]
+    ranges = np.empty_like(across)
+    _exits(position, halves, inverses, ranges)
+    first = across == ranges
+    slopes = [np.where(np.abs(v) > EDGE_ON, -i, 0.0) for v, i in zip(vectors, inverses, strict=True)]
+    turns = (vectors[1] * slopes[0], -vectors[0] * slopes[1])
+    normals, gradients = np.zeros((2, *ranges.shape)), np.zeros((3, *ranges.shape))
+    for axis, met in enumerate((first, ~first)):
+        np.copyto(normals[axis], -np.sign(vectors[axis]), where=met)
+        np.copyto(gradients[axis], slopes[axis], where=met)
+        np.copyto(gradients[2], turns[axis], where=met)
+    gradients[2] *= ranges
+    if many:
+        return ranges.T, normals.transpose(2, 1, 0), gradients.transpose(2, 1, 0)
+    return ranges, normals.transpose(1, 2, 0), gradients.transpose(1, 2, 0)

@@ -240,3 +240,32 @@ def test_bad_sensors_are_refused(change: dict[str, object], match: str) -> None:
     options: dict[str, object] = {"bearings": np.zeros(1), "noise": Gaussian(0.1), **change}
     with pytest.raises(ValueError, match=match):
         Rangefinder(ROOM, space=SPACE, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        Gaussian(np.linspace(0.02, 0.5, 20)),
+        StudentT(0.05, 3.0),
+        StudentT(np.linspace(0.02, 0.5, 20), 7.5),
+        StudentT(1e-6, 0.5),
+        RangeProportional(np.linspace(0.02, 0.5, 20), 0.03),
+        RangeProportional(1e-6, 1e-9),
+    ],
+    ids=str,
+)
+def test_many_scans_weigh_the_sum_of_their_beams(noise: Noise) -> None:
+    """Beams multiplied and one logarithm for several: the same to rounding, up to 1000 km off."""
+    sensor = finder(noise, np.linspace(0.0, 3.0, 20))
+    rng = np.random.default_rng(3)
+    expected = np.asfortranarray(rng.uniform(0.0, 5.0, (700, 20)))
+    expected[:50] *= 2e5
+    measurement = expected[:2, None] + rng.normal(0.0, 0.1, (2, 1, 20))
+    measurement[1, 0, ::3] = np.nan
+    alone = sensor.beam_log_density(measurement, expected).sum(-1)
+    assert sensor.log_density(measurement, expected) == pytest.approx(alone, rel=1e-12, abs=1e-10)
+    expected[5, 2], expected[6, 3] = np.inf, np.inf  # no wall there, of which the second scan says nothing
+    logs = sensor.log_density(measurement, expected)
+    assert (logs[:, 5] == -np.inf).all()
+    assert logs[0, 6] == -np.inf
+    assert logs[1, 6] == pytest.approx(alone[1, 6], rel=1e-12)

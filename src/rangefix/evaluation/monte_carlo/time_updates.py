@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..results import (
     read_world,
     write_json,
 )
-from ..trials.timing import PASSES
+from ..trials.timing import LONGEST_S, PASSES
 from .progress import Tell, passing
 from .worker import Worker
 
@@ -73,15 +74,19 @@ def time_all(
 def _in_turns(
     worker: Worker, timed: dict[str, Timed], advance: Callable[[], None]
 ) -> dict[str, dict[str, Any]]:
-    """The rows of the document of times."""
+    """The rows of the document of times; passes that would take one beyond its budget are left out."""
     runs = {key: worker.runs_to_time(*each) for key, each in timed.items()}
     passes: dict[str, list[float]] = {key: [] for key in timed}
     held: dict[str, list[str]] = {key: [] for key in timed}
+    spent = dict.fromkeys(timed, 0.0)
     for _ in range(PASSES):
         for key, (label, beams, measurement) in timed.items():
-            if runs[key]:
+            made = len(passes[key])
+            if runs[key] and spent[key] * (made + 1) <= LONGEST_S * max(made, 1):
+                start = perf_counter()
                 seconds, held[key] = worker.time(label, beams, measurement[: runs[key]])
                 passes[key].append(seconds)
+                spent[key] += perf_counter() - start
             advance()
     return {
         key: {
@@ -95,14 +100,15 @@ def _in_turns(
     }
 
 
-def _median(seconds: list[float]) -> dict[str, float | None]:
-    """The median of all passes, and the least and the greatest of them: where the median can be."""
-    if not seconds or np.isnan(seconds).any():
-        return {"seconds": None, "seconds_low": None, "seconds_high": None}
+def _median(seconds: list[float]) -> dict[str, float | int | None]:
+    """The median of the passes and, where all of them were made, the least and the greatest."""
+    known = bool(seconds) and not np.isnan(seconds).any()
+    whole = known and len(seconds) == PASSES
     return {
-        "seconds": float(np.median(seconds)),
-        "seconds_low": min(seconds),
-        "seconds_high": max(seconds),
+        "seconds": float(np.median(seconds)) if known else None,
+        "seconds_low": min(seconds) if whole else None,
+        "seconds_high": max(seconds) if whole else None,
+        "passes": len(seconds),
     }
 
 

@@ -20,7 +20,8 @@ from .trial import Trial
 
 PASSES = 6  # the median of so many lies between the least and the greatest in 97 of 100 cases
 BUDGET_S = 0.6  # of all passes over one estimator on one set of beams
-WARM_RUNS = 4
+LONGEST_S = 1.0  # of those over runs that take longer than planned, as long drives do: then fewer are made
+WARM_RUNS, WARM_UPDATES = 4, 2
 UNEVEN_S = 2e-3  # an update: those that take longer may take very different times, which a second look tells
 
 
@@ -34,7 +35,9 @@ def runs_to_time(
 ) -> int:
     """How many runs are to be timed at once so that all passes fit a budget; 0 if the estimator fails.
 
-    It compiles and fills caches, too.
+    It compiles and fills caches, too. What a run takes is told by the first updates of a few runs; a pass
+    holds at least as many runs, or one where so many would take more than the budget of all passes, as drives
+    may.
 
     Args:
         trial: The trial.
@@ -43,17 +46,20 @@ def runs_to_time(
         budget: Seconds for all passes; one of few runs is done anyway.
         clock: What tells the time, s.
     """
-    few = measurement[:WARM_RUNS]
-    seconds_per_update(trial, estimator, few, clock=clock)
+    runs, updates = min(WARM_RUNS, len(measurement)), measurement.shape[1]
+    few = measurement[:runs, :WARM_UPDATES]
+    begun = trial._replace(moves=trial.moves[: len(trial.moves) - updates + few.shape[1]])
+    seconds_per_update(begun, estimator, few, clock=clock)
     start = clock()
-    if np.isnan(seconds_per_update(trial, estimator, few, clock=clock)):
+    if np.isnan(seconds_per_update(begun, estimator, few, clock=clock)):
         return 0
-    each = max(clock() - start, 1e-9) / len(few)
-    count = _that_fit(budget, each, len(measurement), len(few))
-    if each > UNEVEN_S and count > len(few):
+    each = max(clock() - start, 1e-9) / runs * updates / few.shape[1]
+    least = runs if updates <= WARM_UPDATES or runs * each <= budget else 1
+    count = _that_fit(budget, each, len(measurement), least)
+    if each > UNEVEN_S and count > runs:
         start = clock()
         seconds_per_update(trial, estimator, measurement[:count], clock=clock)
-        count = _that_fit(budget, (clock() - start) / count, count, len(few))
+        count = _that_fit(budget, (clock() - start) / count, len(measurement), least)
     return count
 
 

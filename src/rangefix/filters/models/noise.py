@@ -183,16 +183,16 @@ class RangeProportional(ScaledNoise):
     b: ArrayLike
 
     def __post_init__(self) -> None:
-        _ = self._line  # refuses what does not fit
+        _ = self.line  # refuses what does not fit
 
     @cached_property
-    def _line(self) -> tuple[Array, Array]:
+    def line(self) -> tuple[Array, Array]:
         """Both a and b, () or (B,) each."""
         return per_beam("noise std a", self.a), per_beam("growth b of the noise std", self.b, zero=True)
 
     def _scale(self, expected: Array) -> Array:
         """Standard deviations a + b |rho|; a where no wall is expected."""
-        at_zero, growth = self._line
+        at_zero, growth = self.line
         return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
 
 
@@ -224,11 +224,16 @@ class StudentT(ScaledNoise):
 
     def log_density(self, measurement: Array, expected: Array) -> Array:
         """-(dof + 1)/2 log(1 + t^2 / dof) - log(scale sqrt(dof) B(dof / 2, 1 / 2)), elementwise; nats."""
+        t = (measurement - expected) / self.scales
+        return np.asarray(-0.5 * (self.dof + 1) * np.log1p(t * (t / self.dof)) - self.level)
+
+    @cached_property
+    def level(self) -> Array:
+        """Minus the log density at the expected range, nats, () or (B,)."""
         from scipy.special import betaln
 
-        t = (measurement - expected) / self.scales
-        level = np.log(self.scales) + 0.5 * np.log(self.dof) + betaln(0.5 * self.dof, 0.5)
-        return np.asarray(-0.5 * (self.dof + 1) * np.log1p(t * (t / self.dof)) - level)
+        level: Array = np.log(self.scales) + 0.5 * np.log(self.dof) + betaln(0.5 * self.dof, 0.5)
+        return level
 
     def _scale(self, expected: Array) -> Array:
         return self.scales

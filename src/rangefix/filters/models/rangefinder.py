@@ -10,17 +10,16 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, BoolArray, short_repr, wrap
+from ...arrays import TWO_PI, Array, BoolArray, short_repr, wrap
 from ..mount import CENTRED, Mount
 from ..problem import Noise, RangeMap
 from ..space import StateSpace
 from .correlated import Correlated, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
-from .noise_of_beams import noise_of_beams
+from .noise_of_beams import log_density_of_scan, noise_of_beams
 from .wrapped_noise import wider_gaussian
 
 RIGHT_ANGLE = 0.5 * np.pi
-MAX_BEAMS_UNROLLED = 8  # beams
 LIMIT_ROUNDING = 1e-9  # by which a reading at a limit may lie beyond it
 
 
@@ -169,10 +168,9 @@ class Rangefinder:
         measurement, expected = np.asarray(measurement, dtype=float), np.asarray(expected, dtype=float)
         if self.blind.any():
             measurement = np.where(self.blind, np.nan, measurement)
-        if type(self.noise) is Gaussian:
-            total = self._gaussian(self.noise.stds, measurement, expected)
-            if np.isfinite(total).all() and not self._beyond(measurement).any():
-                return total
+        total = log_density_of_scan(self.noise, measurement, expected)
+        if total is not None and np.isfinite(total).all() and not self._beyond(measurement).any():
+            return total
         alone = np.asarray(self.beam_log_density(measurement, expected).sum(-1))
         shared, weight = shared_errors(self.noise)
         return alone if shared is None else alone + weight * self._together(shared, measurement, expected)
@@ -220,21 +218,6 @@ class Rangefinder:
         if self.min_range:
             beyond = beyond | (measurement < self.min_range * (1 - LIMIT_ROUNDING))
         return np.asarray(beyond)
-
-    @staticmethod
-    def _gaussian(stds: Array, measurement: Array, expected: Array) -> Array:
-        """The sum for Gaussian noise, quickly; not finite where a reading or a range is infinite."""
-        measured = ~np.isnan(measurement)
-        reading, weight = np.where(measured, measurement, 0.0), measured / stds
-        level = np.where(measured, 0.5 * LOG_TWO_PI + np.log(stds), 0.0).sum(-1)
-        with np.errstate(invalid="ignore", over="ignore"):
-            if reading.shape[-1] > MAX_BEAMS_UNROLLED:
-                deviates = (expected - reading) * weight
-                return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
-            total = -level  # numpy is slow on short rows: beam by beam
-            for beam in range(reading.shape[-1]):
-                total = total - 0.5 * ((expected[..., beam] - reading[..., beam]) * weight[..., beam]) ** 2
-        return np.asarray(total)
 
     def sample(self, states: Array, rng: Generator) -> Array:
         """One measurement at each state, `read(expected(states), rng)`: (..., n) -> (..., B) m."""

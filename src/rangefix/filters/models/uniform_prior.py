@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, read_only, wrap
+from ...arrays import TWO_PI, Array, read_only, within, wrap
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
@@ -139,7 +139,7 @@ class Uniform:
         states = np.asarray(states, dtype=float)
         positions = states[..., self.space.position_indices]
         lower, upper = (corner[self.space.position_indices] for corner in self.support)
-        inside = ((positions >= lower) & (positions <= upper)).all(-1)
+        inside = within(positions, lower, upper)
         inside &= self.room.is_free(positions)
         level = np.log(self.area)
         for column in np.flatnonzero(self.space.is_angle):

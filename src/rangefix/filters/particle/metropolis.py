@@ -43,11 +43,15 @@ class Posterior:
         fresh = np.zeros(len(states))
         inside = np.flatnonzero(known > -np.inf)
         if len(inside) and (self.fresh is not None or len(self.readings)):
-            expected = self.sensor.expected(states[inside])
+            everywhere = len(inside) == len(states)
+            expected = self.sensor.expected(states if everywhere else states.take(inside, axis=0))
             for reading in self.readings:
                 known[inside] += self.sensor.log_density(reading, expected)
             if self.fresh is not None:
-                fresh[inside] = self.sensor.log_density(self.fresh, expected)
+                logs = self.sensor.log_density(self.fresh, expected)
+                if everywhere:
+                    return known, logs
+                fresh[inside] = logs
         return known, fresh
 
 

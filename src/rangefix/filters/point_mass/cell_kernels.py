@@ -2,7 +2,7 @@
 
 A block is CELLS_PER_BLOCK neighbouring cells. The least and the greatest expected range in a block bound the
 likelihood of all its cells, so most blocks are passed over after a few comparisons. A cell is left out only
-where its weight is below exp(-NEGLIGIBLE_NATS) of the heaviest one; a million of them hold less than 1e-20
+where its weight is below exp(-NEGLIGIBLE_NATS) of the heaviest one; a million of them hold less than 1e-11
 of the probability. Ranges are kept beam by beam: a block is weighed in straight sweeps over its cells.
 """
 
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...compiled import njit
+from ...compiled import exp_below_zero, njit
 from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
 
@@ -54,17 +54,19 @@ def _weigh_block(
 ) -> float:
     """Log weights of a block's cells, written in place; gives the greatest."""
     count = min(CELLS_PER_BLOCK, log_mass.shape[1] - first)
+    masses = log_mass[row, first : first + count]
     for cell in range(count):
-        weighed[cell] = log_mass[row, first + cell]
+        weighed[cell] = masses[cell]
     for beam in range(table.low.shape[0]):
         weight, reading = 0.5 * readings.precisions[run, beam], readings.values[run, beam]
+        expected = table.ranges[beam, first : first + count]
         if weight > 0.0 and math.isinf(reading):
             for cell in range(count):
-                if not math.isinf(table.ranges[beam, first + cell]):
+                if not math.isinf(expected[cell]):
                     weighed[cell] = -math.inf
         elif weight > 0.0:
             for cell in range(count):
-                off = reading - table.ranges[beam, first + cell]
+                off = reading - expected[cell]
                 weighed[cell] -= weight * off * off
     for cell in range(count, CELLS_PER_BLOCK):
         weighed[cell] = -math.inf
@@ -81,7 +83,10 @@ def _weigh_block(
 def _select(
     readings: Readings, run: int, table: CellTable, mass: CellMass, chosen: IntArray, logs: Array
 ) -> tuple[int, float]:
-    """Find the cells that matter and their log weights; returns their number and the greatest log weight."""
+    """Find the cells that matter and their log weights; returns their number and the greatest log weight.
+
+    There is room for one more than there are cells.
+    """
     row, cells, blocks = run % mass.logs.shape[0], mass.logs.shape[1], table.low.shape[1]
     bounds, weighed = np.empty(blocks), np.empty(CELLS_PER_BLOCK)
     for block in range(blocks):
@@ -95,10 +100,11 @@ def _select(
             first = block * CELLS_PER_BLOCK
             most = _weigh_block(readings, run, table, mass.logs, row, first, weighed)
             best = most if most > best else best
-            for cell in range(min(CELLS_PER_BLOCK, cells - first)):
-                if weighed[cell] > best - NEGLIGIBLE_NATS:
-                    chosen[count], logs[count] = first + cell, weighed[cell]
-                    count += 1
+            bar = best - NEGLIGIBLE_NATS
+            last = min(CELLS_PER_BLOCK, cells - first) if most > bar else 0
+            for cell in range(last):  # each is written, and kept or not
+                chosen[count], logs[count] = first + cell, weighed[cell]
+                count += 1 if weighed[cell] > bar else 0
     return count, best
 
 
@@ -174,17 +180,20 @@ def gaussian_moments(
     The log weights of docs/theory.md, "Point masses". Where no cell is possible only the log sum is written.
     """
     cells, size = table.centres.shape[1], table.centres.shape[0]
-    chosen, logs, origin = np.empty(cells, np.int64), np.empty(cells), np.empty(size)
+    chosen, logs, origin = np.empty(cells + 1, np.int64), np.empty(cells + 1), np.empty(size)
     for run in range(first_run, last_run):
         count, best = _select(readings, run, table, mass, chosen, logs)
         out.log_sums[run] = -math.inf
         if count > 0:
-            total = 0.0
+            heaviest, total = 0, 0.0
             for k in range(count):
                 if logs[k] == best:
-                    for i in range(size):
-                        origin[i] = table.centres[i, chosen[k]]
-                logs[k] = math.exp(logs[k] - best)
+                    heaviest = k
+            for i in range(size):
+                origin[i] = table.centres[i, chosen[heaviest]]
+            for k in range(count):
+                logs[k] = exp_below_zero(logs[k] - best)
+            for k in range(count):
                 total += logs[k]
             _mean_angles(chosen, logs, count, table, origin)
             _sum_up(chosen, logs, count, table, run, origin, out)

@@ -50,7 +50,7 @@ class RangesByCell:
 
     def expected(self, first: int, last: int) -> Array:
         """Ranges in cells first to last, (last - first, B), m."""
-        return np.ascontiguousarray(self.ranges[first:last])
+        return self.ranges[first:last]
 
     def top(self, log_mass: Array) -> Array:
         """Greatest log mass of each block of cells, (M, G) -> (M, ...)."""

@@ -28,7 +28,7 @@ SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted against these
 SURE_APART = 0.005  # deviations: where one shifted lattice is no further off no other is asked
 ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
-DENSITIES_AT_ONCE = 1 << 20  # log densities, where noise is not Gaussian
+DENSITIES_AT_ONCE = 1 << 18  # log densities, where noise is not Gaussian: they stay in the cache
 
 
 @dataclass(frozen=True, repr=False)

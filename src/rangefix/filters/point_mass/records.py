@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 
-NEGLIGIBLE_NATS = 60.0  # below the heaviest cell's log weight: lighter cells are left out
+NEGLIGIBLE_NATS = 40.0  # below the heaviest cell's log weight: lighter cells are left out
 PROBE_CELLS = 16  # cells of each belief that are asked for the posterior's shape
 
 

@@ -3,7 +3,7 @@
 A block is PLACES_PER_BLOCK neighbouring places and HEADINGS_PER_BLOCK neighbouring headings. The least and
 the greatest range in it bound the likelihood of all its cells, and most blocks are passed over after a few
 beams (docs/decisions/0003-full-scans.md). Only cells whose weight is below exp(-NEGLIGIBLE_NATS) of the
-heaviest one are left out: ten million of them hold less than 1e-19 of the probability.
+heaviest one are left out: ten million of them hold less than 1e-10 of the probability.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...compiled import njit
+from ...compiled import exp_below_zero, njit
 from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, Moments, Readings, SharedRanges
 
@@ -241,8 +241,9 @@ def sum_up(
     xx, xy, yy = 0.0, 0.0, 0.0
     first = cells[0] // headings.size
     for k in range(cells.size):
-        weight = math.exp(logs[k] - best)
-        logs[k] = weight
+        logs[k] = exp_below_zero(logs[k] - best)
+    for k in range(cells.size):
+        weight = logs[k]
         place, heading = cells[k] // headings.size, cells[k] % headings.size
         x, y = places[place, 0] - places[first, 0], places[place, 1] - places[first, 1]
         sums[heading, 0] += weight
