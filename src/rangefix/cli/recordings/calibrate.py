@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..app import Json, doing, print_json, say
+from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 
 if TYPE_CHECKING:
     from ...evaluation.recordings.calibrate import Calibration
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 DEFAULT_BEAMS = 24
 
 
+@takes_map_options
 def calibrate(
     map_name: Annotated[str, typer.Option("--map", metavar="MAP", help="A map file, or a room.")],
     log_path: Annotated[Path, typer.Option("--log", metavar="LOG", help="A recording.")],
@@ -35,6 +37,7 @@ def calibrate(
     no_return_m: Annotated[
         float | None, typer.Option(help="Readings from there on mean that nothing returned.")
     ] = None,
+    map_options: MapOptions = AS_FILES_SAY,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="The sections; a picture goes beside it.")
     ] = Path("calibrated.toml"),
@@ -52,14 +55,13 @@ def calibrate(
     from ...evaluation.recordings.sensor_text import sensor_text
     from ...evaluation.recordings.steps import Choice
     from ...evaluation.results.files import write_bytes
-    from ...maps import open_map
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     options = ReadingOptions(forward_m=forward_m, left_m=left_m, yaw_deg=yaw_deg, no_return_m=no_return_m)
-    room, log = open_map(map_name), open_log(log_path, options)
+    room, log = map_options.opened(map_name), open_log(log_path, options)
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
     doing("comparing readings with the map")
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..app import ExitCode, Json, doing, named, names_in, one_of, print_json
+from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 
 if TYPE_CHECKING:
     from ...evaluation.recordings.replays import Contestant, Replays
@@ -30,6 +31,7 @@ Estimators = Annotated[
 ]
 
 
+@takes_map_options
 def replay(
     map_name: Annotated[
         str,
@@ -113,9 +115,7 @@ def replay(
     base_frame: Annotated[
         str | None, typer.Option(metavar="NAME", help="Frame of a bag: the robot's reference point.")
     ] = None,
-    sensor_height: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Height z of the beams: for a mesh.")
-    ] = None,
+    map_options: MapOptions = AS_FILES_SAY,
     motion_correction: Annotated[
         bool, typer.Option(help="Correct scans that take time for the robot's motion in it.")
     ] = True,
@@ -148,7 +148,6 @@ def replay(
     from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
-    from ...maps import open_map
     from .contestants import read_contestants
     from .replay_table import document, notes_of, show
     from .sensor_file import SensorFile, read_sensor
@@ -165,8 +164,7 @@ def replay(
         base_frame=base_frame,
     )
     told = SensorFile(options=options) if sensor is None else read_sensor(sensor, options)
-    height: dict[str, Any] = {} if sensor_height is None else {"sensor_height": sensor_height}
-    room = open_map(map_name, **height)
+    room = map_options.opened(map_name)
     choice = Choice(beams, least_move_m, float(np.deg2rad(least_turn_deg)), motion_correction)
     recording = open_log(log, told.options)
     doing(f"reading {log}")
