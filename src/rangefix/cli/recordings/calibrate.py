@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from ..app import Json, doing, print_json, say
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 
 if TYPE_CHECKING:
+    from ...arrays import Array
     from ...evaluation.recordings.calibrate import Calibration
 
 DEFAULT_BEAMS = 24
@@ -78,6 +80,7 @@ def calibrate(
                 "beams": len(residuals.beams),
                 "from_truth": residuals.from_truth,
                 "independent_beams": found.independent_beams,
+                "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),
                 "intervals": found.intervals,
                 "places": [{"share": p.share, "length_m": p.length} for p in fitted.correlated.places],
@@ -101,10 +104,22 @@ def _tell(found: Calibration) -> None:
         say(f"  {text:<52} {fitted.figures()[name]:8.4g}   [{low:.4g}, {high:.4g}]")
     for place in fitted.correlated.places:
         say(f"  share that is an error of the map, alike over {place.length:g} m {place.share:12.3f}")
+    if found.offset is not None:
+        off = _offset(found.offset)
+        say(
+            f"The readings fit the map best at the true poses moved by {off['x1_m']:.3f}, {off['x2_m']:.3f} m "
+            f"and {off['heading_deg']:.2f} deg: so much of a filter's error is the frame of the map, no noise."
+        )
     say(
         f"A scan of {beams} beams is worth {found.independent_beams:.1f} independent ones to a filter, "
         f"and {fitted.weight_of_one_scan * beams:.1f} if it is the only scan."
     )
+
+
+def _offset(offset: Array) -> dict[str, float]:
+    """An offset by the names of its components."""
+    x1, x2, heading = offset.tolist()
+    return {"x1_m": x1, "x2_m": x2, "heading_deg": math.degrees(heading)}
 
 
 WORDS = {
