@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from rangefix.arrays import Array
 from rangefix.evaluation import load_study
 from rangefix.evaluation.planning import accuracy_map as module
 from rangefix.evaluation.planning.accuracy_map import AccuracyMap, accuracy_map
@@ -87,13 +88,15 @@ def test_so_many_places_are_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("beams", [8, 40])
-def test_in_a_building_it_goes_with_the_exact_filter(
-    beams: int, avz: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("beams", "scans"), [(8, 10), (40, 2)])
+def test_in_a_building_edges_of_near_objects_explain_where_posteriors_are_better(
+    beams: int, scans: int, avz: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """50 places: the map's deviation against the exact posterior's, averaged over 20 scans each.
+    """200 places: the exact posterior's deviation, averaged over scans, against what gradients say.
 
-    Most agree; where near objects end a range jumps, and the posterior is better or worse than gradients say.
+    Where no range jumps and no wall stands within two deviations of a place they agree within some per cent:
+    found 0.98 to 1.02 for 8 in 10 places, correlation of logs 0.99. Beside an edge the posterior knows on
+    which side of it the beam passed: median 0.90 with 8 beams and 0.84 with 40, down to 0.3.
     """
     problem = load_study("mesh", map_path=avz).problem()
     assert isinstance(problem.sensor, Rangefinder)
@@ -105,21 +108,46 @@ def test_in_a_building_it_goes_with_the_exact_filter(
     rows, columns = np.nonzero(np.isfinite(found.position_std))
     places = np.stack([found.x1[columns], found.x2[rows]], axis=1)
     within = np.flatnonzero(((places > lower) & (places < upper)).all(axis=1))
-    some = rng.choice(within, 50, replace=False)
+    some = rng.choice(within, 200, replace=False)
     said = found.position_std[rows[some], columns[some]]
-    truths = np.repeat(places[some], 20, axis=0)
+    truths = np.repeat(places[some], scans, axis=0)
     rngs = [np.random.default_rng(run) for run in range(len(truths))]
     filter_ = build("adaptive-point-mass", problem)
     belief = filter_.update(filter_.init(problem.prior, rngs), problem.sensor.sample(truths, rng), rngs)
     covariances = np.asarray(filter_.estimate(belief).covariance)
-    traces = np.trace(covariances[:, :2, :2], axis1=1, axis2=2).reshape(50, 20)
-    true = np.sqrt(traces.mean(axis=1))
-    ratio, together = true / said, float(np.corrcoef(np.log(true), np.log(said))[0, 1])
-    low, middle, high = np.quantile(ratio, [0.1, 0.5, 0.9])
+    true = np.sqrt(np.trace(covariances[:, :2, :2], axis1=1, axis2=2).reshape(200, scans).mean(axis=1))
+    ratio = true / said
+    jumps = np.array(
+        [
+            beside_an_edge(problem.sensor, places[place], found.covariance[rows[place], columns[place]])
+            for place in some
+        ]
+    )
+    smooth = float(np.corrcoef(np.log(true[~jumps]), np.log(said[~jumps]))[0, 1])
+    low, middle, high = np.quantile(ratio[~jumps], [0.1, 0.5, 0.9])
     with capsys.disabled():
         print(
-            f"\n{beams} beams, 50 places: exact / map: median {middle:.2f}, 10 to 90 % {low:.2f} to "
-            f"{high:.2f}, least {ratio.min():.2f}, greatest {ratio.max():.2f}; correlation of logs "
-            f"{together:.2f}"
+            f"\n{beams} beams, {(~jumps).sum()} places without an edge nearby: exact / map {low:.2f} to "
+            f"{high:.2f}, correlation of logs {smooth:.3f}; {jumps.sum()} beside one: median "
+            f"{np.median(ratio[jumps]):.2f}, least {ratio.min():.2f}"
         )
-    assert 0.8 < middle < 1.2
+    assert low > 0.93
+    assert abs(middle - 1) < 0.02
+    assert high < 1.05
+    assert smooth > 0.95
+    assert np.median(ratio[jumps]) < 0.95
+    assert (ratio < 0.8).sum() == (ratio[jumps] < 0.8).sum()  # every place that is much better has an edge
+
+
+def beside_an_edge(sensor: Rangefinder, place: Array, covariance: Array) -> bool:
+    """Whether within two deviations of a place a range jumps or bends, or a wall stands."""
+    angles = np.arange(24) * 2 * np.pi / 24
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ np.linalg.cholesky(covariance).T
+    away = np.concatenate([radius * ring for radius in (0.5, 1.0, 1.5, 2.0)])
+    if not sensor.room.is_free(place + away).all():
+        return True
+    [here], [slopes] = sensor.look(place[None])
+    ranges, _ = sensor.look(place + away)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(ranges - here - away @ slopes.T)
+    return bool(np.nan_to_num(off, nan=0.0).max() > STD)

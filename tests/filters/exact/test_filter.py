@@ -412,6 +412,37 @@ def test_readings_far_from_every_wall_press_the_place_against_one():
     assert estimator.error(belief)[0] < 1e-3
 
 
+@pytest.mark.parametrize("far", [1e4, 1e8])
+def test_a_strip_along_a_wall_across_the_axes_of_the_readings_is_integrated(far):
+    """One beam reads far too much, another is oblique: exp(-G x1) times a Gaussian along the wall behind.
+
+    G = (far - 4) / var: places are pressed to 1 / G from the wall behind, and x2 is told by the oblique beam
+    that meets x2 = 6 at 20 deg. What x1 adds to x2 there is of the order of 1 / G. Corners are rounded by
+    1e-15 m, a share of 1 / G that is in the tolerance.
+    """
+    std, angle = 0.05, np.deg2rad(20.0)
+    problem = pose(RectangularRoom(4.0, 6.0), np.array([np.pi / 2, angle]), Gaussian(std))
+    e = ExactPositionFilter(problem)
+    mean, covariance, _ = e.estimate(fixed(e, np.array([[far, 3.0 / np.cos(angle)]])))
+    decay = std**2 / (far - 4.0)
+    rtol = 1e-6 + 20 * decay + 4e-15 / decay
+    np.testing.assert_allclose(mean[0], [decay, 3.0], rtol=rtol)
+    np.testing.assert_allclose(
+        np.diagonal(covariance[0]), [decay**2, (std * np.cos(angle)) ** 2], rtol=4 * rtol
+    )
+
+
+@pytest.mark.parametrize("far", [1e155, 1e300])
+def test_readings_beyond_all_reason_are_impossible_and_take_no_time(far):
+    """Two beams, two measurements each, one of them beyond what squares or rounding bear."""
+    problem = pose(RectangularRoom(4.0, 6.0), np.deg2rad([10.0, 190.0]), Gaussian(0.05), heading=1.4)
+    e = ExactPositionFilter(problem)
+    belief = fixed(e, np.array([[far, 1.08]]))
+    mean, covariance, _ = e.estimate(e.update(belief, np.array([[2.8, far]]), [np.random.default_rng(0)]))
+    assert np.isfinite(mean).all()
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+
+
 def test_what_nothing_explains_is_flagged():
     """A wall where none can be: log evidence -inf, and the estimate from before, in that run alone."""
     problem = pose(RectangularRoom(4.0, 6.0), [0.0, 1.0], Gaussian(0.05))

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count as numbers
 from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, BoolArray
 from ...filters.estimate import Estimate
 from ...filters.exact import ExactPositionFilter
 from ...filters.problem import Problem
 from ...filters.refined_cells.filter import RefinedBelief
 from ...filters.registry import build
-from .averages.draws import SETS, place_moments, set_means
+from .averages.draws import SEED, SETS, place_moments, set_means
 from .averages.reading_grid import expected_covariance
+from .averages.sampled_poses import SampledPoses
 from .bound import Bound, NoBoundError, require_static
 
 DRAWS_OF_EXACT, DRAWS_OF_LATTICES = 8192, 512
-DRAWS_OF_POSES = 64, 256  # the second where the first leave more than ACCURATE_SHARE open
+DRAWS_OF_SAMPLES = 1024, 4096  # the second where the first leave more than this share open
+ACCURATE_SHARE_OF_SAMPLES = 0.01
+FEW_SAMPLES, MOST_SAMPLES = 2**17, 2**22  # of the prior, over which posteriors are weighed
+ENOUGH_SHARE, MOST_SHARE = 1e-3, 0.02  # mean of 1 / effective number: aimed at, and borne
+SETS_PER_SAMPLE = 4  # sets of draws that share the samples
+DRAWS_OF_POSES = 64, 256  # on lattices; the second where the first leave more than ACCURATE_SHARE open
 ACCURATE_SHARE = 0.03
 CHECKED = 4  # one in so many poses is found on another lattice too, which tells the error
-MIN_BEAMS_OF_POSES = 3  # posteriors of fewer fill the room, and take seconds each
+MIN_BEAMS_OF_POSES = 3  # posteriors of fewer fill the room, and take seconds each on a lattice
+NO_DIRECTION = 4.0  # a mean direction of less than so many standard errors of the samples is none
 MAX_ERROR = 0.1  # deviations; of a heading without a mean none is known
 ACCURACY = 0.005  # asked of lattices, in deviations of the posterior
 ACCURACY_OF_POSES = 0.1  # the same; what it errs by is in the error, and averages out
@@ -36,22 +44,26 @@ def optimum(problem: Problem) -> Bound:
     """G of the conditional mean: E[P] over truths and readings, P the covariance of the exact posterior.
 
     Of one or two beams with Gaussian noise at a known heading by a sum over readings; else an average over
-    truths and readings (Rao-Blackwell: of P, not of squared errors), with its standard error. It is no bound,
-    but what bounds are below. Of a heading it is the mean square of the wrapped error of the circular mean.
+    truths and readings (Rao-Blackwell: of P, not of squared errors), with its standard error. At an unknown
+    heading posteriors are over samples of the prior where enough of these count, else on lattices. It is no
+    bound, but what bounds are below. Of a heading it is the mean square of the wrapped error of the circular
+    mean.
 
     Raises:
         NoBoundError: If the object moves, the state has more than three components, or the heading is unknown
-            and there are fewer than three beams.
+            and there are fewer than three beams, too accurate for samples of all poses.
     """
     check_static(problem)
     unknown_heading = bool(problem.space.is_angle.any())
     measured = int((~problem.sensor.blind).sum())
-    if unknown_heading and measured < MIN_BEAMS_OF_POSES:
-        raise NoBoundError(
-            f"at an unknown heading it takes {MIN_BEAMS_OF_POSES} beams: what fewer leave of the prior is "
-            "spread over the whole map and all headings, and takes seconds to integrate for each of many "
-            "draws"
-        )
+    if unknown_heading:
+        if (sampled := _of_samples(problem)) is not None:
+            return sampled
+        if measured < MIN_BEAMS_OF_POSES:
+            raise NoBoundError(
+                f"the readings are too accurate for {MOST_SAMPLES} samples of all places and headings, and "
+                f"what fewer than {MIN_BEAMS_OF_POSES} beams leave of these is too much for a lattice"
+            )
     estimator: Any = (
         build("point-mass", problem, accuracy=ACCURACY_OF_POSES)
         if unknown_heading
@@ -77,6 +89,59 @@ def optimum(problem: Problem) -> Bound:
     return Bound("optimum", matrix, error + sums[:, 1].mean(axis=0), told)
 
 
+def _of_samples(problem: Problem) -> Bound | None:
+    """The same by posteriors over samples of the prior; None where most of these would weigh nothing."""
+    samples = FEW_SAMPLES
+    share = float(set_means(problem, SETS, _over_samples(problem, samples))[:, 1].mean(axis=0).max())
+    if share > ENOUGH_SHARE:
+        samples = int(min(MOST_SAMPLES, samples * 2 ** np.ceil(np.log2(share / ENOUGH_SHARE))))
+    if share * FEW_SAMPLES / samples > MOST_SHARE:
+        return None
+    for count in DRAWS_OF_SAMPLES:
+        sums = set_means(problem, count, _over_samples(problem, samples))
+        share = float(sums[:, 1].mean(axis=0).max())
+        if share > MOST_SHARE:
+            return None
+        matrix, error = _with_control(problem, sums)
+        if (np.diagonal(error) <= ACCURATE_SHARE_OF_SAMPLES * np.diagonal(matrix)).all():
+            break
+    told: tuple[str, ...] = (
+        f"averaged over {count} truths and readings; posteriors over {samples} samples of the prior, worth "
+        f"{1 / share:.0f} of equal weight",
+        CIRCULAR,
+    )
+    if lost := float(sums[:, 2].mean(axis=0).max()):
+        told += (
+            f"the heading has no circular mean for {100 * lost:.0f} % of readings: its entry is of an "
+            "arbitrary direction there",
+        )
+    return Bound("optimum", matrix, error + share * np.abs(matrix), told)
+
+
+def _over_samples(problem: Problem, samples: int) -> Callable[[Array, Array], Array]:
+    """What is averaged over truths and readings, as of `_posteriors` but for the second and third.
+
+    These are 1 / effective number of the samples, and whether the heading has no circular mean.
+    """
+    rng, sets = np.random.default_rng([SEED, samples]), numbers()
+    poses, moments = SampledPoses.of(problem, samples, rng), place_moments(problem)
+
+    def answer(_: Array, readings: Array) -> Array:
+        nonlocal poses
+        number = next(sets)
+        if number and number % SETS_PER_SAMPLE == 0:
+            poses = SampledPoses.of(problem, samples, rng)
+        found = poses.posteriors(readings)
+        shares = 1 / np.maximum(found.effective, 1.0)
+        undirected = found.direction < NO_DIRECTION * np.sqrt(shares)
+        covariance = np.where((found.effective > 0)[:, None, None], found.covariance, 0.0)
+        mean = np.where((found.effective > 0)[:, None], found.mean, np.asarray(problem.prior.mean))
+        told = (_filled(values, covariance) for values in (shares, undirected))
+        return _parts(problem, moments, mean, covariance, *told)
+
+    return answer
+
+
 def _posteriors(problem: Problem, estimator: Any, size: int) -> Callable[[Array, Array], Array]:
     """What is averaged over truths and readings: of each, matrices in this order.
 
@@ -98,16 +163,26 @@ def _posteriors(problem: Problem, estimator: Any, size: int) -> Callable[[Array,
         unknown = ~(off <= MAX_ERROR)
         stds = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         wrong = np.where(unknown, 0.0, off)[:, None, None] * stds[:, :, None] * stds[:, None, :]
-        spread = np.zeros_like(covariance)
-        if moments is not None:
-            where = np.ix_(range(len(states)), problem.space.position_indices, problem.space.position_indices)
-            away = mean[:, problem.space.position_indices] - moments[0]
-            spread[where] = covariance[where] + away[:, :, None] * away[:, None, :]
-        unknowns = np.broadcast_to(unknown[:, None, None], wrong.shape)
-        parts = [covariance, wrong, unknowns, spread, covariance * spread, spread**2]
-        return np.stack(parts, axis=1)
+        return _parts(problem, moments, mean, covariance, wrong, _filled(unknown, covariance))
 
     return answer
+
+
+def _parts(problem: Problem, moments: tuple[Array, Array] | None, mean: Array, *averaged: Array) -> Array:
+    """What is averaged, (N, 6, n, n): three matrices, P first, and what `_with_control` takes off."""
+    covariance = averaged[0]
+    spread = np.zeros_like(covariance)
+    if moments is not None:
+        places = problem.space.position_indices
+        where = np.ix_(range(len(mean)), places, places)
+        away = mean[:, places] - moments[0]
+        spread[where] = covariance[where] + away[:, :, None] * away[:, None, :]
+    return np.stack([*averaged, spread, covariance * spread, spread**2], axis=1)
+
+
+def _filled(values: Array | BoolArray, like: Array) -> Array:
+    """A value of each draw, as matrices."""
+    return np.broadcast_to(np.asarray(values, dtype=float)[:, None, None], like.shape)
 
 
 def _first(belief: RefinedBelief, count: int) -> RefinedBelief:

@@ -17,6 +17,8 @@ from ...compiled import njit
 from .partition import copy_corners, cut_by
 
 MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts
+STEEP_NATS = 200.0  # along the greater curvature; beyond that axes follow the gradient
+MOST_INTERVALS = 1000.0  # of a panel
 LONGEST_INTERVAL = 5.0  # e-folds or deviations to an interval of a Gauss-Legendre rule
 NODES_OF_RULES = (4, 6, 9, 13)  # nodes for intervals of up to LONGEST_OF_RULES
 LONGEST_OF_RULES = (0.4, 1.2, 2.6, LONGEST_INTERVAL)
@@ -123,6 +125,22 @@ def finish(total: Array, mean: Array, covariance: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _intervals(length: float) -> int:
+    """Into how many intervals a panel of such a length is cut; never so many that nobody waits for them."""
+    return int(min(length / LONGEST_INTERVAL, MOST_INTERVALS)) + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _extent(corners: Array, count: int, c: float, d: float) -> float:
+    """How far a polygon reaches along (c, d)."""
+    low, high = np.inf, -np.inf
+    for corner in range(count):
+        place = c * corners[corner, 0] + d * corners[corner, 1]
+        low, high = min(low, place), max(high, place)
+    return high - low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def integrate_quadratic(
     corners: Array,
     count: int,
@@ -150,14 +168,20 @@ def integrate_quadratic(
     radius = math.sqrt(half * half + h12 * h12)
     angle = 0.5 * math.atan2(h12, half)
     c, d = math.cos(angle), math.sin(angle)
-    big, small = mean + radius, max(mean - radius, 0.0)
+    big, small, cross = mean + radius, max(mean - radius, 0.0), 0.0
+    if _extent(corners, count, c, d) * abs(c * g1 + d * g2) > STEEP_NATS:  # a strip across the axes
+        size = math.hypot(g1, g2)
+        c, d = g1 / size, g2 / size
+        big, small = (c * h11 + 2 * d * h12) * c + d * d * h22, (d * h11 - 2 * c * h12) * d + c * c * h22
+        cross = c * d * (h22 - h11) + (c * c - d * d) * h12
     gs, gt = c * g1 + d * g2, c * g2 - d * g1
     s, t = np.empty(count), np.empty(count)
     for corner in range(count):
         s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
         t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
     edges = rising(s)
-    root_big, root_small = math.sqrt(big), math.sqrt(small)
+    root_big, root_small = math.sqrt(big), math.sqrt(max(small, 0.0))
+    twist = abs(cross) * max(abs(edges[0]), abs(edges[count - 1]))
     m0 = m1 = m2 = m11 = m12 = m22 = 0.0
     for panel in range(count - 1):
         left, right = edges[panel], edges[panel + 1]
@@ -171,9 +195,9 @@ def integrate_quadratic(
             continue
         width = right - left
         tilt = max(abs(low_slope), abs(high_slope)) * width
-        rate_t = max(root_small, abs(gt))
+        rate_t = max(root_small, abs(gt) + twist)
         length_s = width * max(root_big, abs(gs)) + tilt * rate_t
-        parts = int(length_s / LONGEST_INTERVAL) + 1
+        parts = _intervals(length_s)
         outer = _rule_for(length_s / parts)
         for part in range(parts):
             for i in range(rule.counts[outer]):
@@ -184,16 +208,16 @@ def integrate_quadratic(
                 if chord <= 0:
                     continue
                 length_t = chord * rate_t
-                pieces = int(length_t / LONGEST_INTERVAL) + 1
+                pieces = _intervals(length_t)
                 inner = _rule_for(length_t / pieces)
                 scale = width / parts * rule.weights[outer, i] * chord / pieces
-                base = -gs * at_s - 0.5 * big * at_s * at_s
+                base, along = -gs * at_s - 0.5 * big * at_s * at_s, gt + cross * at_s
                 i0 = i1 = i2 = 0.0
                 for fraction in range(pieces):
                     for j in range(rule.counts[inner]):
                         at_t = low + chord * (fraction + rule.nodes[inner, j]) / pieces
                         value = rule.weights[inner, j] * math.exp(
-                            base - gt * at_t - 0.5 * small * at_t * at_t
+                            base - along * at_t - 0.5 * small * at_t * at_t
                         )
                         i0 += value
                         i1 += value * at_t
@@ -337,6 +361,8 @@ def moments(
             work[corner, 0] = pieces.corners[piece, corner, 0] - x1
             work[corner, 1] = pieces.corners[piece, corner, 1] - x2
         least = q0 + lowest(work, corners, h11, h12, h22, g1, g2, at)
+        if not least < np.inf:  # readings whose squares overflow
+            continue
         if pieces.log_areas[piece] - least < running - MARGIN_NATS:
             continue
         # about the best point, where the gradient points into the piece

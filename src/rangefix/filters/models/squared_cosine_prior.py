@@ -43,8 +43,14 @@ class SquaredCosine:
         if low.shape != (2,) or high.shape != (2,) or not (high > low).all():
             raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {low} and {high}")
         raster = Raster.over(low, high, LATTICE)
-        if not np.asarray(room.is_free(raster.centres)).all():
-            raise ValueError("a squared-cosine prior needs a box that is all free: give lower and upper")
+        blocked = ~np.asarray(room.is_free(raster.centres)).ravel()
+        if blocked.any():
+            first = raster.centres.reshape(-1, 2)[blocked.argmax()]
+            raise ValueError(
+                f"a squared-cosine prior needs a box that is all free: {100 * blocked.mean():.2g} % of that "
+                f"from ({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m is not, such as "
+                f"({first[0]:.2f}, {first[1]:.2f})"
+            )
         self.room, self.space = room, space
         self.support = read_only(low), read_only(high)
 

@@ -35,6 +35,7 @@ MAX_ROUNDS = 40
 NEGLIGIBLE_SHARE = 1e-7  # of a belief: cells that may err by less are not halved
 LEFT_SHARE = 0.5  # of what is allowed: what cells that are not halved in a round may err by
 UNSEEN_NATS = 20.0  # by which a cell may be likelier than was thought where something was not seen in it
+MOST_COUNTED = 1e100  # times its mass that a cell counts, of a belief that is all but a point
 CUT_NODES = 4  # along each axis of a cell in which the prior ends
 
 
@@ -215,7 +216,7 @@ class Refinement:
         away = space.difference(pool.centre, mean[pool.run])
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             apart = np.nan_to_num((away**2 / variance).max(axis=1), nan=1.0, posinf=1.0)
-        return np.maximum(1.0, apart), share
+        return np.clip(apart, 1.0, MOST_COUNTED), share
 
     def _look(self, likelihood: Likelihood, pool: Pool, share: Array) -> BoolArray:
         """Cast ranges where the mass of cells is that seem whole; what does not fit there is broken."""

@@ -1,1 +1,1 @@
-"""Averages over truths and readings: sums over a grid of readings, or over draws with their error."""
+"""Averages over truths and readings: on a grid of readings or by draws, over exact or sampled posteriors."""

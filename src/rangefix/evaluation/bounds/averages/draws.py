@@ -71,12 +71,31 @@ def _sets(problem: Problem, count: int) -> Iterator[tuple[Array, Array]]:
             yield states, problem.sensor.read(problem.sensor.expected(states), rng)
 
 
+def prior_states(problem: Problem, count: int, rng: np.random.Generator) -> Array:
+    """States of the prior, (N, n): of a uniform one points of a scrambled Sobol sequence, else at random."""
+    if type(problem.prior) is not Uniform:
+        return problem.prior.sample(count, rng)
+    return _free_points(problem, problem.space.size, count, rng)[0]
+
+
 def _quasi_random(problem: Problem, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Points of a scrambled Sobol sequence as truths of a uniform prior and Gaussian readings."""
     space, sensor = problem.space, problem.sensor
+    states, kept = _free_points(problem, space.size + len(sensor.bearings), count, rng)
+    stds = sensor.gaussian_stds
+    assert stds is not None
+    expected = sensor.expected(states) + stds * ndtri(np.clip(kept[:, space.size :], 1e-15, 1 - 1e-15))
+    return states, np.where(sensor.blind, np.nan, expected)
+
+
+def _free_points(
+    problem: Problem, dimensions: int, count: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """States of a uniform prior (N, n), and the points of the unit cube (N, dimensions) that they are."""
+    space = problem.space
     lower, upper = problem.prior.support
-    points = qmc.Sobol(space.size + len(sensor.bearings), rng=rng)
-    kept = np.empty((0, points.d))
+    points = qmc.Sobol(dimensions, rng=rng)
+    kept = np.empty((0, dimensions))
     for _ in range(MAX_ATTEMPTS):
         with warnings.catch_warnings():  # it asks for powers of two
             warnings.simplefilter("ignore", UserWarning)
@@ -88,8 +107,4 @@ def _quasi_random(problem: Problem, count: int, rng: np.random.Generator) -> tup
     else:
         raise ValueError("too little of the prior's box is free space")
     kept = kept[:count]
-    states = space.wrap(lower + (upper - lower) * kept[:, : space.size])
-    stds = sensor.gaussian_stds
-    assert stds is not None
-    expected = sensor.expected(states) + stds * ndtri(np.clip(kept[:, space.size :], 1e-15, 1 - 1e-15))
-    return states, np.where(sensor.blind, np.nan, expected)
+    return space.wrap(lower + (upper - lower) * kept[:, : space.size]), kept
