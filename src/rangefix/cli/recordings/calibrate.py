@@ -107,8 +107,9 @@ def _tell(found: Calibration) -> None:
     if found.offset is not None:
         off = _offset(found.offset)
         say(
-            f"The readings fit the map best at the true poses moved by {off['x1_m']:.3f}, {off['x2_m']:.3f} m "
-            f"and {off['heading_deg']:.2f} deg: so much of a filter's error is the frame of the map, no noise."
+            f"The readings fit the map best at the true poses moved by {off['x1_m']:.3f}, "
+            f"{off['x2_m']:.3f} m and {off['heading_deg']:.2f} deg: so much of a filter's error is the "
+            "frame of the map, no noise."
         )
     say(
         f"A scan of {beams} beams is worth {found.independent_beams:.1f} independent ones to a filter, "
