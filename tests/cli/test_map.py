@@ -137,3 +137,31 @@ def test_a_mesh_in_a_study(rangefix: Callable[..., Said], tmp_path: Path) -> Non
     said = rangefix("validate", "study.toml")
     assert said.code == 2
     assert "map.outline_m: stands in the file that outline_path names" in said.err
+
+
+def test_studies_take_the_unit_and_the_axis_of_a_mesh(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """The same words as `rangefix map` has: --unit and --up stand for keys of [map]."""
+    numbers = [line.split() for line in OBJ.splitlines()]
+    inches = [f"{word} {1 / 0.0254 * float(x)} {1 / 0.0254 * float(z)} {-1 / 0.0254 * float(y)}"
+              for word, x, y, z in (row[:4] for row in numbers) if word == "v"]  # fmt: skip
+    faces = [" ".join(row) for row in numbers if row[0] == "f"]
+    (tmp_path / "room.obj").write_text("\n".join([*inches, *faces]) + "\n")
+    (tmp_path / "s.toml").write_text(STUDY.replace('path = "map.yaml"\nunknown = "wall"', 'path = "no.obj"'))
+    asked = rangefix("validate", "s.toml", "--map", "room.obj", "--up", "y")
+    assert (asked.code, "give its unit" in asked.err) == (2, True)
+    said = rangefix("validate", "s.toml", "--map", "room.obj", "--up", "y", "--unit", "inch")
+    assert said.code == 0
+    wrong = rangefix("validate", "s.toml", "--map", "room.obj", "--unit", "furlong")
+    assert wrong.code == 2
+    assert wrong.err.startswith("rangefix: --unit: must be 'm', 'cm'")
+
+
+def test_a_replay_takes_what_a_map_needs(rangefix: Callable[..., Said], ros_map: Path) -> None:
+    """--unknown and the rest are read as by `rangefix map`: what is no word of theirs is one line."""
+    for command in ("replay", "calibrate"):
+        said = rangefix(command, "--map", "map.yaml", "--log", "none.npz", "--unknown", "lava")
+        assert said.code == 2
+        assert "lava" in said.err
+        assert (
+            "no effect on room:4x6" in rangefix(command, "--map", "room:4x6", "--log", "a", "--up", "y").err
+        )

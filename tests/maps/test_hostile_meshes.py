@@ -65,6 +65,13 @@ BOMB = "<?xml version='1.0'?><!DOCTYPE x [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
 )
 BOMB += "]><COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema' version='1.4.1'>"
 BOMB += "<asset>&k;</asset></COLLADA>"
+ENTITY = "<?xml version='1.0'?><!DOCTYPE x [<!ENTITY a SYSTEM 'file:///etc/hostname'>]>"
+ENTITY += "<COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema' version='1.4.1'>"
+ENTITY += "<asset><up_axis>&a;</up_axis></asset></COLLADA>"
+REFERENCE = "<COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema' version='1.4.1'><asset/>"
+REFERENCE += "<library_visual_scenes><visual_scene id='s'><node>"
+REFERENCE += "<instance_geometry url='file:///etc/other.dae#walls'/></node></visual_scene>"
+REFERENCE += "</library_visual_scenes><scene><instance_visual_scene url='#s'/></scene></COLLADA>"
 EXTERNAL = json.dumps(
     {
         "asset": {"version": "2.0"},
@@ -108,6 +115,13 @@ EXTERNAL = json.dumps(
         ("infinite.ply", ply("ascii").replace(b"4.0 6.0", b"inf 6.0"), "not finite"),
         ("bomb.dae", BOMB, "not a mesh that can be read"),
         ("words.dae", "<COLLADA>", "not a mesh that can be read"),
+        ("entity.dae", ENTITY, "not a mesh that can be read"),
+        ("reference.dae", REFERENCE, "not a mesh that can be read"),
+        ("nan.ply", ply("ascii").replace(b"4.0 6.0", b"nan 6.0"), "not finite"),
+        ("nan.obj", obj().replace("v 4.0", "v nan", 1), "not finite"),
+        ("empty.obj", "# nothing\n", "no "),
+        ("empty.stl", "solid a\nendsolid a\n", "no "),
+        ("zero.ply", b"", "the file is empty"),
         ("other.gltf", EXTERNAL, "not a mesh that can be read"),
         ("total.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff" + bytes(60), "4294967295 bytes are announced"),
     ],

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import ExitCode, Json, Stopped, named, names_from, print_json, warn
+from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -91,6 +92,8 @@ def run(
         bool, typer.Option(help="Take parts that are there and whole.", rich_help_panel=KEPT_PANEL)
     ] = True,
     map_path: Map = None,
+    unit: Unit = None,
+    up: Up = None,
     no_plugins: NoPlugins = False,
     gate: Annotated[
         list[str] | None,
@@ -144,7 +147,7 @@ def run(
         raise ValueError("--workers has no effect with --cluster: its workers are those of the cluster")
     if memory_gb is not None and not memory_gb > 0:
         raise ValueError(f"--memory-gb must be above 0, got {memory_gb:g}")
-    described = read_study(study, runs, seed, map_path, not no_plugins)
+    described = read_study(study, runs, seed, map_path, not no_plugins, unit=unit, up=up)
     experiment = described.experiment()
     drawn = any(file.suffix.lower() in DRAWINGS for file in described.map.files(described.folder))
     if drawn or described.map.kind in FOUND:
@@ -157,7 +160,9 @@ def run(
 
         others = workers, cluster, memory_gb, *(gates or ())
         if any(other is not None for other in others) or force or bounds or not resume:
-            raise ValueError("--only-run goes with --runs, --seed, --out, --map, --no-plugins, --json alone")
+            raise ValueError(
+                "--only-run goes with --runs, --seed, --out, --map, --unit, --up, --no-plugins, --json alone"
+            )
         answered = show_run(described, only_run, folder, as_json)
         raise typer.Exit(ExitCode.FINE if answered else ExitCode.SOME_FAILED)
     try:

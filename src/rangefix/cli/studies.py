@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import Json, named, names_from, one_of, print_json, say
+from .map_options import Unit, Up
 
 if TYPE_CHECKING:
     from ..evaluation import Study
 
 EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 SHIPPED = tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
-GIVEN_AS = {"runs": "--runs", "seed": "--seed", "map": "--map"}
+GIVEN_AS = {"runs": "--runs", "seed": "--seed", "map": "--map", "unit": "--unit", "up": "--up"}
 
 
 def studies_here() -> Iterator[str]:
@@ -48,15 +49,36 @@ NoPlugins = Annotated[
 ]
 
 
-def read_study(study: str, runs: int | None, seed: int | None, map_name: str | None, plugins: bool) -> Study:
+def read_study(
+    study: str,
+    runs: int | None,
+    seed: int | None,
+    map_name: str | None,
+    plugins: bool,
+    **map_keys: str | None,
+) -> Study:
     """A study with what options say instead; its mistakes name the options.
+
+    Args:
+        study: A file, or the name of one that comes along.
+        runs, seed, map_name: Instead of the study's, unless None.
+        plugins: Whether it may name estimators that are not built in.
+        map_keys: Keys of [map] instead of the study's, unless None.
 
     Raises:
         StudyError: With every mistake, one line each.
     """
     from ..evaluation import load_study
 
-    return load_study(study, runs=runs, seed=seed, map_path=map_name, plugins=plugins, given_as=GIVEN_AS)
+    return load_study(
+        study,
+        runs=runs,
+        seed=seed,
+        map_path=map_name,
+        map_keys=map_keys,
+        plugins=plugins,
+        given_as=GIVEN_AS,
+    )
 
 
 def studies(
@@ -150,6 +172,8 @@ def validate(
     runs: Runs = None,
     seed: Seed = None,
     map_path: Map = None,
+    unit: Unit = None,
+    up: Up = None,
     no_plugins: NoPlugins = False,
     as_json: Json = False,
 ) -> None:
@@ -157,7 +181,7 @@ def validate(
     from ..evaluation.monte_carlo.cost import check_memory
     from ..evaluation.study.outline import outline
 
-    told = outline(read_study(study, runs, seed, map_path, not no_plugins))
+    told = outline(read_study(study, runs, seed, map_path, not no_plugins, unit=unit, up=up))
     check_memory(told.experiment)
     if as_json:
         print_json(told.as_json())

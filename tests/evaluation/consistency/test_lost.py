@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import Array
-from rangefix.evaluation.consistency.lost import CAP, Fit, LostTest, predictive_scores
+from rangefix.evaluation.consistency.lost import Fit, LostTest, Watch
+from rangefix.evaluation.consistency.misfits.cut_squares import CAP
+from rangefix.evaluation.consistency.misfits.misfits_of_scan import ScanOnMap, scores_of
 from rangefix.filters import (
     BeamMixture,
     Biased,
@@ -42,17 +44,28 @@ def drive(seed: int, scans: int) -> Array:
 
 
 def fits(
-    test: LostTest, drives: int, scans: int, wrong: Callable[[Array], Array] = lambda poses: poses
+    test: LostTest,
+    drives: int,
+    scans: int,
+    wrong: Callable[[Array], Array] = lambda poses: poses,
+    both: bool = False,
 ) -> list[list[Fit]]:
-    """Fits of simulated drives, each with a map error of its own, at the poses that are said to be theirs."""
+    """Fits of simulated drives, each with a map error of its own, at the poses that are said to be theirs.
+
+    As predicted at these poses; or by both misfits, where what is believed after a scan is known, too.
+    """
     found = []
     for seed in range(drives):
         poses = drive(seed, scans)
         expected = test.sensor.expected(poses)[None]
         sensor = rangefinder(SHARED)
         readings = sensor.read_each(expected, [np.random.default_rng([1, seed])], poses[None])[0]
-        steps = ((reading, pose[None]) for reading, pose in zip(readings, wrong(poses), strict=True))
-        found.append(list(test.follow(steps)))
+        steps = zip(readings, wrong(poses)[:, None], strict=True)
+        if both:
+            watch = Watch(test)
+            found.append([watch.take(reading, pose, pose, pose[0]) for reading, pose in steps])
+        else:
+            found.append(list(test.follow(steps)))
     return found
 
 
@@ -72,12 +85,36 @@ def test_false_alarms_are_no_more_than_stated() -> None:
     assert share < 0.05 + 3.7 * error
 
 
+def test_false_alarms_by_both_misfits_are_no_more_than_stated() -> None:
+    """The same for 16 drives of 5 scans, whose common errors follow from the way that the robot went."""
+    share, error = share_of_alarms(fits(LostTest(rangefinder(SHARED), 0.05), 16, 5, both=True))
+    assert share < 0.05 + 3.7 * error
+
+
+def test_a_robot_that_stands_repeats_its_errors() -> None:
+    """The same scan from the same place again is hardly news: the threshold falls by its white fifth.
+
+    On a way of 0.5 m to a scan errors over 0.1 and 1 m are new, and the threshold falls by a fifth at least.
+    """
+    sensor, pose = rangefinder(SHARED), np.array([3.0, 4.0, 0.5])
+    reading = sensor.sample(pose, np.random.default_rng(3))
+    thresholds = []
+    for step in (0.0, 0.5):
+        watch = Watch(LostTest(sensor))
+        places = [pose + np.array([step * scan, 0.0, 0.0]) for scan in range(6)]
+        thresholds.append([watch.take(reading, pose[None], pose[None], place).threshold for place in places])
+    standing, moving = np.array(thresholds)
+    assert 0.87 * standing[0] < standing[-1] < standing[0]
+    assert moving[-1] < 0.8 * moving[0]
+
+
 @pytest.mark.study
+@pytest.mark.parametrize("both", [False, True], ids=["predicted", "both"])
 @pytest.mark.parametrize("window", [1, 5])
 @pytest.mark.parametrize("stated", [0.05, 0.01, 0.001])
-def test_false_alarms_of_200_drives_are_no_more_than_stated(window: int, stated: float) -> None:
+def test_false_alarms_of_200_drives_are_no_more_than_stated(window: int, stated: float, both: bool) -> None:
     """The same for 200 drives of 30 scans; at 1 in 1000 a handful of scans decides, so an error is set."""
-    share, error = share_of_alarms(fits(LostTest(rangefinder(SHARED), stated, window), 200, 30))
+    share, error = share_of_alarms(fits(LostTest(rangefinder(SHARED), stated, window), 200, 30, both=both))
     assert share < stated + 3.7 * max(error, stated / np.sqrt(200 * stated * 30) if stated < 0.01 else error)
 
 
@@ -123,10 +160,30 @@ def test_scores_are_standard_normal_whatever_the_belief() -> None:
     for _ in range(100):
         states = np.array([3.0, 4.0, 0.5]) + np.array([0.1, 0.1, 0.02]) * rng.standard_normal((200, 3))
         reading = sensor.read(sensor.expected(states[0]), rng)
-        scores.append(predictive_scores(sensor, reading, states[1:])[rng.integers(24)])
+        tails = ScanOnMap(sensor, reading, sensor.noise).tails(states[1:])
+        scores.append(scores_of(tails.mean(axis=1))[rng.integers(24)])
     found = np.array(scores)
     assert abs(found.mean()) < 4.5 / np.sqrt(100)
     assert np.minimum(found**2, CAP).mean() == pytest.approx(0.995, abs=4.5 * 1.38 / np.sqrt(100))
+
+
+def test_a_belief_over_the_whole_room_is_told_by_the_best_place() -> None:
+    """Draws from anywhere exclude no reading of a larger room; but its scans have no place in this one.
+
+    What is believed after a scan are those 50 of 20 000 draws where the most readings lie within 0.2 m.
+    """
+    sensor, larger = rangefinder(SHARED), RectangularRoom(14.0, 14.0)
+    rng = np.random.default_rng(4)
+    anywhere = rng.uniform([0.1, 0.1, -np.pi], [5.9, 8.9, np.pi], (20_000, 3))
+    ranges = sensor.expected(anywhere)
+    for room, lost in ((ROOM, False), (larger, True)):
+        true = Rangefinder(room, sensor.bearings, SHARED, pose_space(), max_range=8.0)
+        poses, watch = drive(1, 3), Watch(LostTest(sensor))
+        for pose, reading in zip(poses, true.sample(poses, rng), strict=True):
+            near = (np.abs(ranges - np.where(np.isinf(reading), 8.0, reading)) < 0.2).sum(axis=1)
+            fit = watch.take(reading, anywhere[:200], anywhere[np.argsort(-near)[:50]], pose)
+            assert not LostTest(sensor).one_scan(reading, anywhere[:200]).lost
+        assert fit.lost == lost
 
 
 def test_weights_raise_the_threshold() -> None:

@@ -202,6 +202,31 @@ def test_turtlebot_is_called_lost(wrong: str, calibrated: bool) -> None:
     assert (row.lost_at > 200) == (wrong == "kidnapped")
 
 
+BUILDINGS = {"turtlebot3": "turtlebot3/map.yaml", "malaga": "malaga/localization_demo_map.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("recording", "building", "particles"),
+    [
+        ("turtlebot3", "malaga", 2000),
+        *(
+            pytest.param(recording, building, 20_000, marks=pytest.mark.study)
+            for recording in BUILDINGS
+            for building in BUILDINGS
+        ),
+    ],
+)
+def test_another_building_is_told_from_a_start_anywhere(
+    recording: str, building: str, particles: int
+) -> None:
+    """Within 10 scans, by the law that is assumed of any laser; and no alarm in the right building."""
+    log = turtlebot()[1] if recording == "turtlebot3" else open_log(data("malaga/localization_demo.log"))
+    room = open_map(data(BUILDINGS[building]))
+    row = followed(room, log, "particle", Start(None), change=first_ten, particles=particles)
+    assert row.scans == 10
+    assert (row.lost_at is not None) == (recording != building)
+
+
 @pytest.mark.study
 def test_turtlebot_is_judged_fairly_by_the_calibrated_law() -> None:
     """What `rangefix calibrate` fits: ANEES / 3 between 0.5 and 2 within 5 cm, and no alarm in 457 scans."""

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import wrap
-from rangefix.evaluation.recordings.log import RecordingError
+from rangefix.evaluation.recordings.log import Log, RecordingError, motion_between
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.options import ReadingOptions
+from rangefix.evaluation.recordings.readers.clock import JUMPS
 from rangefix.evaluation.recordings.readers.rosbag import RosbagLog
-from rangefix.filters import Mount
+from rangefix.evaluation.recordings.steps import Choice, steps
+from rangefix.filters import Gaussian, Mount, Rangefinder, pose_space
 
-from .conftest import ANGLES, MOUNT, Bag, drive, in_ros, ranges_at
+from .conftest import ANGLES, MOUNT, ROOM, Bag, drive, in_ros, ranges_at
 
 NewBag = Callable[[Path, str], Bag]
 PLACE = (MOUNT.forward, MOUNT.left, MOUNT.yaw)
@@ -118,6 +120,50 @@ def test_a_laser_upside_down(tmp_path: Path, new_bag: NewBag) -> None:
     np.testing.assert_allclose(log.sensor.bearings_rad, ANGLES, atol=1e-6)
     assert log.sensor.yaw_rad == pytest.approx(0.2)
     assert any("upside down" in note for note in log.notes)
+
+
+def told_by(log: Log, poses: np.ndarray) -> np.ndarray:
+    """What a laser as a recording describes it reads in the room, (T, B), m."""
+    laser = log.sensor
+    mount = Mount(laser.forward_m, laser.left_m, laser.yaw_rad)
+    return Rangefinder(ROOM, laser.bearings_rad, Gaussian(0.01), pose_space(), mount=mount).expected(poses)
+
+
+@pytest.mark.parametrize("way", ["turned about", "backwards", "backwards and turned about"])
+def test_a_laser_that_is_mounted_or_counts_otherwise(tmp_path: Path, new_bag: NewBag, way: str) -> None:
+    """Turned by 180 deg in tf, or with a negative angle_increment: readings are where they were made."""
+    mount = Mount(0.1, 0.0, np.pi if "turned" in way else 0.0)
+    times, poses = drive(4)
+    scans, told = ranges_at(poses, 0.0, mount), {}
+    if "backwards" in way:
+        step = float(ANGLES[0] - ANGLES[1])
+        told = {"angle_min": float(ANGLES[-1]), "angle_max": float(ANGLES[0]), "angle_increment": step}
+        scans = scans[:, ::-1]
+    bag = new_bag(tmp_path / "a", "mcap")
+    bag.transform(99.0, "base_link", "laser", (mount.forward, mount.left, mount.yaw), static=True)
+    for time, pose, scan in zip(times, in_ros(poses), scans, strict=True):
+        bag.odometry(time, pose)
+        bag.scan(time, scan, **told)
+    bag.close()
+    log = open_log(tmp_path / "a")
+    found = np.array([scan.ranges_m for scan in log.scans()])
+    np.testing.assert_allclose(found, told_by(log, poses), atol=1e-5)
+
+
+def test_gaps_in_time(tmp_path: Path, new_bag: NewBag) -> None:
+    """A pause of 20 s is told; scans on both sides have odometry, and the control leads across it."""
+    times, poses = drive(20)
+    times[10:] += 20.0
+    bag = new_bag(tmp_path / "a", "mcap")
+    for time, pose, scan in zip(times, in_ros(poses), ranges_at(poses), strict=True):
+        bag.odometry(time, pose)
+        bag.scan(time, scan)
+    bag.close()
+    tally: Counter[str] = Counter()
+    taken = list(steps(open_log(tmp_path / "a"), Choice(), tally))
+    assert len(taken) == 20
+    assert tally[JUMPS] == 1
+    np.testing.assert_allclose(taken[10].control, motion_between(poses[9], poses[10]), atol=1e-6)
 
 
 def test_stamps_that_are_missing_or_begin_anew(tmp_path: Path, new_bag: NewBag) -> None:

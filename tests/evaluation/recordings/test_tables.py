@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,17 @@ def test_bad_arrays(tmp_path: Path, change: dict[str, Any], said: str) -> None:
     np.savez(tmp_path / "a.npz", **told)
     with pytest.raises(RecordingError, match=said):
         list(open_log(tmp_path / "a.npz").scans())
+
+
+def test_archives_that_unpack_to_more_than_a_laser_has(tmp_path: Path) -> None:
+    """A bomb: 40 MB of bearings in 40 kB are refused by their header, before they are unpacked."""
+    told = arrays() | {"bearings_deg": np.zeros(5_000_000)}
+    np.savez_compressed(tmp_path / "a.npz", **told)
+    assert (tmp_path / "a.npz").stat().st_size < 1e5
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    with pytest.raises(RecordingError, match="bearings_deg"):
+        open_log(tmp_path / "a.npz")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - before < 0.5
 
 
 def test_cut_off_archive(tmp_path: Path) -> None:

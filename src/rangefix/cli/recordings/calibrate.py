@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..app import Json, doing, print_json, say
+from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 
 if TYPE_CHECKING:
+    from ...arrays import Array
     from ...evaluation.recordings.calibrate import Calibration
 
 DEFAULT_BEAMS = 24
 
 
+@takes_map_options
 def calibrate(
     map_name: Annotated[str, typer.Option("--map", metavar="MAP", help="A map file, or a room.")],
     log_path: Annotated[Path, typer.Option("--log", metavar="LOG", help="A recording.")],
@@ -35,6 +39,7 @@ def calibrate(
     no_return_m: Annotated[
         float | None, typer.Option(help="Readings from there on mean that nothing returned.")
     ] = None,
+    map_options: MapOptions = AS_FILES_SAY,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="The sections; a picture goes beside it.")
     ] = Path("calibrated.toml"),
@@ -52,14 +57,13 @@ def calibrate(
     from ...evaluation.recordings.sensor_text import sensor_text
     from ...evaluation.recordings.steps import Choice
     from ...evaluation.results.files import write_bytes
-    from ...maps import open_map
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     options = ReadingOptions(forward_m=forward_m, left_m=left_m, yaw_deg=yaw_deg, no_return_m=no_return_m)
-    room, log = open_map(map_name), open_log(log_path, options)
+    room, log = map_options.opened(map_name), open_log(log_path, options)
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
     doing("comparing readings with the map")
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
@@ -76,6 +80,7 @@ def calibrate(
                 "beams": len(residuals.beams),
                 "from_truth": residuals.from_truth,
                 "independent_beams": found.independent_beams,
+                "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),
                 "intervals": found.intervals,
                 "places": [{"share": p.share, "length_m": p.length} for p in fitted.correlated.places],
@@ -99,10 +104,23 @@ def _tell(found: Calibration) -> None:
         say(f"  {text:<52} {fitted.figures()[name]:8.4g}   [{low:.4g}, {high:.4g}]")
     for place in fitted.correlated.places:
         say(f"  share that is an error of the map, alike over {place.length:g} m {place.share:12.3f}")
+    if found.offset is not None:
+        off = _offset(found.offset)
+        say(
+            f"The readings fit the map best at the true poses moved by {off['x1_m']:.3f}, "
+            f"{off['x2_m']:.3f} m and {off['heading_deg']:.2f} deg: so much of a filter's error is the "
+            "frame of the map, no noise."
+        )
     say(
         f"A scan of {beams} beams is worth {found.independent_beams:.1f} independent ones to a filter, "
         f"and {fitted.weight_of_one_scan * beams:.1f} if it is the only scan."
     )
+
+
+def _offset(offset: Array) -> dict[str, float]:
+    """An offset by the names of its components."""
+    x1, x2, heading = offset.tolist()
+    return {"x1_m": x1, "x2_m": x2, "heading_deg": math.degrees(heading)}
 
 
 WORDS = {

@@ -1,40 +1,41 @@
-"""Am I lost? Whether a scan fits the map from where it is said to have been taken.
+"""Am I lost? Whether a scan fits the map where the robot is believed to be.
 
-Every reading becomes a normal score by its predictive law: the sensor's, averaged over states drawn from what
-is believed of the pose (Dawid, 1984). Under the right map and an honest belief the scores are N(0, 1),
-whatever the noise. The misfit of a scan is the mean of their squares, each cut off at `CAP`, so that a few
-people in the way do not count as a wrong map. What it comes to under the right map follows from the errors
-that beams share: its mean is fixed, its variance is that of the cut squares of correlated normal numbers
-(Mehler's formula), and its law is taken to be gamma.
+Every reading becomes a normal score by the sensor's law. Under the right map the scores at the true state are
+N(0, 1), whatever the noise. The misfit of a scan is the mean of their squares, each cut off, so that a few
+people in the way do not count as a wrong map. What it comes to at the true state follows from the errors that
+readings share: its mean is fixed, its variance is that of cut squares of correlated normal numbers.
 
-Errors of a map outlast scans, so a mean over several scans is held to the law of one: the stated share of
-false alarms then holds however the scans hang together.
+Nobody knows the true state. Two misfits stand for it, and each may raise half of the false alarms:
+
+- as predicted: scores by the law of a reading averaged over what was believed before the scan (Dawid, 1984).
+  It tells a sharp belief that is wrong at once; a belief that is spread over a map excludes no reading;
+- at best: the least misfit among draws from what is believed before the scan and after it. If a belief is
+  honest the truth is one more draw from it, after a scan as before (Johnson, 2007), so it exceeds a threshold
+  no more often than the misfit at the truth. It tells a map that has no place for the scans, from a start
+  anywhere, too.
+
+The last scans are averaged. Their errors hang together where beams meet the same places of the map, which is
+known where it is known how the robot moved. Where it is not, the mean is held to the law of one scan; so is
+what was predicted, since an error of the belief lasts.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import factorial
 
 import numpy as np
-from numpy.polynomial import hermite_e
-from scipy.special import gammainccinv, ndtr, ndtri
 
 from ...arrays import Array, IntArray
 from ...filters import Noise, Sensor
-from ...filters.models.correlated import shared_errors
-from ...filters.models.noise import log_below
+from ...filters.models.correlated import Correlated, shared_errors
 from ...filters.models.wrapped_noise import Tempered
+from .misfits import cut_squares
+from .misfits.misfits_of_scan import ScanOnMap
 
-CAP = 9.0  # of a squared score: 3 deviations, which 0.3 % of right readings exceed
 FALSE_ALARMS = 1e-3  # share of the scans
 WINDOW = 5  # scans
-LEAST_TAIL = 1e-12  # of a probability, beyond which scores are cut off anyhow
-ORDERS = 20  # of the Hermite series of a cut square, whose rest is below 1 % of its variance
-NODES = 4001  # of its integrals over +-10
 FAR_M = 100.0  # where beams end that do not return, if there is no maximum range
 
 
@@ -43,7 +44,8 @@ class Fit:
     """How well a scan, or the last few, fit the map.
 
     Attributes:
-        misfit: Mean cut square of the readings' scores, over the last scans; about 1 under the right map.
+        misfit: Mean cut square of the readings' scores, over the last scans; about 1 at the true state. Of
+            the two, as predicted and at best, the one that is nearer to its threshold, or farther above.
         threshold: What it exceeds with the stated probability under the right map.
         readings: How many readings of this scan count.
     """
@@ -86,13 +88,22 @@ class LostTest:
         if self.window < 1:
             raise ValueError(f"the window must be at least one scan, got {self.window!r}")
 
+    @property
+    def noise(self) -> Noise:
+        """How readings scatter: the law, or else the sensor's noise."""
+        return self.sensor.noise if self.law is None else self.law
+
+    @cached_property
+    def shared(self) -> Correlated | None:
+        """The errors that readings share; None where only a weight, or nothing, stands for them."""
+        return shared_errors(self.noise)[0]
+
     def follow(self, steps: Iterable[tuple[Array, Array]]) -> Iterator[Fit]:
-        """The fit after each scan of a drive.
+        """The fit after each scan of a drive, as predicted.
 
         Args:
-            steps: Readings (B,), m, and states drawn from the belief about where they were taken, (K, n),
-                before they were taken in or after. For a pose from elsewhere: draws from its covariance, or
-                the pose alone.
+            steps: Readings (B,), m, and states drawn from what was believed before they were taken in,
+                (K, n). For a pose from elsewhere: draws from its covariance, or the pose alone.
 
         Yields:
             The misfit over the last `window` scans, and its threshold.
@@ -101,113 +112,110 @@ class LostTest:
         yield from (watch.take(reading, states) for reading, states in steps)
 
     def one_scan(self, reading: Array, states: Array) -> Fit:
-        """The fit of one scan by itself: readings (B,), states (K, n)."""
-        reading = np.asarray(reading, dtype=float)
-        scores = predictive_scores(self.sensor, reading, states, self.law)
-        counted = np.flatnonzero(np.isfinite(scores))
-        if not counted.size:
-            return Fit(np.nan, np.inf, 0)
-        misfit = float(np.minimum(scores[counted] ** 2, CAP).mean())
-        return Fit(misfit, self._threshold(self._variance(reading, counted)), int(counted.size))
+        """The fit of one scan by itself, as predicted: readings (B,), states (K, n)."""
+        return Watch(self).take(reading, states)
 
-    def _threshold(self, variance: float) -> float:
-        """The quantile of the gamma law of that variance, and of the mean of cut squares."""
-        mean = _SQUARE.mean
-        return float(gammainccinv(mean**2 / variance, self.false_alarms) * variance / mean)
+    def variance(self, scan: Taken) -> float:
+        """Variance of the misfit of a scan at its true state."""
+        if self.shared is not None:
+            return float(cut_squares.covariance(self.shared.correlation(scan.beams, scan.ends)).mean())
+        beams = len(scan.beams)
+        weight = self.noise.weight if isinstance(self.noise, Tempered) else 1.0
+        alike = np.array(min(1.0, (1 / weight - 1) / max(1, beams - 1)))
+        return (cut_squares.variance() + (beams - 1) * float(cut_squares.covariance(alike))) / beams
 
-    def _variance(self, reading: Array, counted: IntArray) -> float:
-        """Variance of the misfit of one scan under the right map."""
-        noise, beams = self.sensor.noise if self.law is None else self.law, len(counted)
-        shared, _ = shared_errors(noise)
-        if shared is None:
-            weight = noise.weight if isinstance(noise, Tempered) else 1.0
-            alike = np.array(min(1.0, (1 / weight - 1) / max(1, beams - 1)))
-            return (_SQUARE.variance + (beams - 1) * float(_SQUARE.covariance(alike))) / beams
-        length = np.where(np.isfinite(reading), reading, min(self.sensor.max_range, FAR_M))[counted, None]
-        bearings = self.sensor.bearings[counted]
-        ends = length * np.column_stack([np.sin(bearings), np.cos(bearings)])
-        return float(_SQUARE.covariance(shared.correlation(counted, ends)).mean())
+    def covariance(self, scan: Taken, later: Taken) -> float | None:
+        """Covariance of the misfits of two scans at their true states; None where nobody can know it."""
+        if self.shared is None or not (scan.is_placed and later.is_placed):
+            return None
+        scans = later.number - scan.number
+        alike = self.shared.correlation_across(scan.beams, scan.ends, later.beams, later.ends, scans)
+        return float(cut_squares.covariance(alike).mean())
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A scan that a watch has taken.
+
+    Attributes:
+        number: Of the scan.
+        predicted: The misfit by the law averaged over what was believed before.
+        least: The misfit where the scan fits best; NaN where that was not asked.
+        beams: Numbers of the beams that count, from 0, (K,).
+        ends: Where they end, in a frame that is the same for all scans, or else in the laser's, m, (K, 2).
+        is_placed: Whether the frame is the same for all scans.
+    """
+
+    number: int
+    predicted: float
+    least: float
+    beams: IntArray
+    ends: Array
+    is_placed: bool
 
 
 class Watch:
     """A lost test that is told scan by scan, as they come."""
 
     def __init__(self, test: LostTest) -> None:
-        self._test = test
-        self._last: deque[tuple[float, float]] = deque(maxlen=test.window)
+        self._test, self._number = test, 0
+        self._last: list[Taken] = []
+        self._covariances = np.empty((0, 0))  # of the last scans' misfits at the true states
 
-    def take(self, reading: Array, states: Array) -> Fit:
-        """The fit after one more scan: readings (B,), m, and states (K, n), as in `LostTest.follow`."""
-        here = self._test.one_scan(reading, states)
-        if here.readings:
-            self._last.append((here.misfit, here.threshold))
+    def take(
+        self, reading: Array, before: Array, after: Array | None = None, pose: Array | None = None
+    ) -> Fit:
+        """The fit after one more scan.
+
+        Args:
+            reading: (B,), m.
+            before: Draws from what was believed before it was taken in, (K, n).
+            after: Draws from what is believed then; None = only what was predicted is judged.
+            pose: x1, x2 (m) and heading (rad) of the robot in any frame that is the same for all scans, as
+                odometry has one, (3,): it tells which beams of two scans meet the same places. None = that is
+                not known.
+        """
+        test, self._number = self._test, self._number + 1
+        scan = ScanOnMap(test.sensor, np.asarray(reading, dtype=float), test.noise)
+        if scan.beams.size:
+            misfits = scan.misfits(np.atleast_2d(before), after)
+            self._keep(Taken(self._number, *misfits, scan.beams, self._ends(scan, pose), pose is not None))
         if not self._last:
-            return here
-        misfit, threshold = np.mean(self._last, axis=0)
-        return Fit(float(misfit), float(threshold), here.readings)
+            return Fit(np.nan, np.inf, 0)
+        share = test.false_alarms if after is None else 0.5 * test.false_alarms
+        one_scan = float(np.sqrt(np.diagonal(self._covariances)).mean()) ** 2
+        predicted = self._fit([taken.predicted for taken in self._last], one_scan, share, scan)
+        if after is None:
+            return predicted
+        best = self._fit([taken.least for taken in self._last], self._covariances.mean(), share, scan)
+        return max(predicted, best, key=lambda fit: fit.misfit / fit.threshold)
 
+    def _fit(self, misfits: list[float], variance: float, share: float, scan: ScanOnMap) -> Fit:
+        """The mean of misfits, and what it exceeds with a probability if it has that variance."""
+        threshold = cut_squares.quantile_of_mean(float(variance), share)
+        return Fit(float(np.mean(misfits)), threshold, len(scan.beams))
 
-def predictive_scores(sensor: Sensor, reading: Array, states: Array, law: Noise | None = None) -> Array:
-    """Normal scores of readings by their predictive law, the mean over states.
+    def _ends(self, scan: ScanOnMap, pose: Array | None) -> Array:
+        """Where beams end in the frame of the pose, or else in the laser's, (K, 2), m."""
+        sensor, reading = scan.sensor, scan.reading[scan.beams]
+        laser = sensor.mount.laser_poses(np.zeros(3) if pose is None else pose)
+        length = np.where(np.isfinite(reading), reading, min(sensor.max_range, FAR_M))[:, None]
+        angles = laser[2] + sensor.bearings[scan.beams]
+        return np.asarray(laser[:2] + length * np.column_stack([np.sin(angles), np.cos(angles)]))
 
-    Args:
-        sensor: The rangefinder.
-        reading: (B,), m; NaN = not measured, inf = no return, -inf = too close.
-        states: Draws from what is believed, (K, n).
-        law: How readings scatter; the sensor's noise, without its weight, unless given.
-
-    Returns:
-        (B,); NaN where nothing was measured. A missing return has the score in the middle of its probability.
-    """
-    noise = sensor.noise if law is None else law
-    noise = noise.noise if isinstance(noise, Tempered) else noise
-    expected = np.asarray(sensor.expected(np.atleast_2d(np.asarray(states, dtype=float))))
-    silent, close = np.isposinf(reading), np.isneginf(reading)
-    limit = np.where(silent, sensor.max_range, np.where(close, sensor.min_range, reading))
-    limit = np.broadcast_to(np.where(np.isnan(limit), 0.0, limit), expected.shape)
-    with np.errstate(over="ignore"):
-        below = np.exp(log_below(noise, limit, expected)).mean(0)
-        above = np.exp(noise.log_above(limit, expected)).mean(0)
-    below, above = np.where(silent, 1 - 0.5 * above, below), np.where(silent, 0.5 * above, above)
-    below, above = np.where(close, 0.5 * below, below), np.where(close, 1 - 0.5 * below, above)
-    scores = np.where(
-        below < above, ndtri(np.maximum(below, LEAST_TAIL)), -ndtri(np.maximum(above, LEAST_TAIL))
-    )
-    unknown = np.isnan(reading) | sensor.blind | (close & (not sensor.min_range))
-    return np.where(unknown, np.nan, scores)
-
-
-class _CutSquare:
-    """min(z^2, CAP) of a standard normal z: its mean, and its covariance at two correlated z."""
-
-    @cached_property
-    def _coefficients(self) -> Array:
-        """E[f(z) He_k(z)] / sqrt(k!), k from 0 to `ORDERS`."""
-        nodes = np.linspace(-10, 10, NODES)
-        weights = np.exp(-0.5 * nodes**2) / np.sqrt(2 * np.pi) * (nodes[1] - nodes[0])
-        values = np.minimum(nodes**2, CAP) * weights
-        rows = [
-            hermite_e.hermeval(nodes, np.eye(ORDERS + 1)[k]) @ values / np.sqrt(factorial(k))
-            for k in range(ORDERS + 1)
-        ]
-        return np.array(rows)
-
-    @cached_property
-    def mean(self) -> float:
-        """E[min(z^2, CAP)]: 1 but for the tails."""
-        edge = np.sqrt(CAP)
-        density = np.exp(-0.5 * CAP) / np.sqrt(2 * np.pi)
-        return float(1 - 2 * ndtr(-edge) - 2 * edge * density + 2 * CAP * ndtr(-edge))
-
-    def covariance(self, correlation: Array) -> Array:
-        """Covariance of the cut squares of two standard normal numbers (Mehler, 1866)."""
-        powers = correlation[..., None] ** np.arange(1, ORDERS + 1)
-        return np.asarray(powers @ self._coefficients[1:] ** 2)
-
-    @cached_property
-    def variance(self) -> float:
-        """Variance of min(z^2, CAP)."""
-        return float(self.covariance(np.ones(1))[0])
-
-
-_SQUARE = _CutSquare()
+    def _keep(self, scan: Taken) -> None:
+        """Take a scan among the last, and work out what its misfit has in common with theirs."""
+        self._last.append(scan)
+        size = len(self._last)
+        covariances = np.empty((size, size))
+        covariances[:-1, :-1] = self._covariances
+        covariances[-1, -1] = variance = self._test.variance(scan)
+        for place, before in enumerate(self._last[:-1]):
+            common = self._test.covariance(before, scan)
+            if common is None:
+                common = float(np.sqrt(variance * covariances[place, place]))
+            covariances[-1, place] = covariances[place, -1] = common
+        if size > self._test.window:
+            del self._last[0]
+            covariances = covariances[1:, 1:]
+        self._covariances = covariances

@@ -10,6 +10,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters import BeamMixture, Biased, Correlated, LostBeams, Rangefinder
 from .fit_noise import CorrelationCurve, correlation_curve, fit_correlation, fit_law, scores_of
+from .frame_offset import frame_offset
 from .residuals import Residuals
 
 BLOCKS = 10  # of consecutive scans, left out one at a time for intervals
@@ -80,11 +81,14 @@ class Calibration:
         residuals: What it was fitted to.
         fitted: To all of them.
         leaving_out: To all but a block of consecutive scans, for each block.
+        offset: By how much the map lies off the frame of the true poses, x1, x2 (m) and heading (rad), (3,):
+            it is told, and not taken out. None where a filter followed the poses on the map itself.
     """
 
     residuals: Residuals
     fitted: Fitted
     leaving_out: tuple[Fitted, ...]
+    offset: Array | None = None
 
     @property
     def independent_beams(self) -> float:
@@ -123,7 +127,8 @@ def calibrate(residuals: Residuals) -> Calibration:
     fitted = fit_noise(arrays, residuals.from_truth)
     blocks = np.array_split(np.arange(scans), BLOCKS)
     others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
-    return Calibration(residuals, fitted, others)
+    offset = frame_offset(residuals, fitted.law) if residuals.from_truth else None
+    return Calibration(residuals, fitted, others, offset)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from .steps import Step
 
 PURPOSE = "replay"  # of the random numbers that an estimator draws
 LOOKOUT = "lost"  # of those that draw from what it believes, which must not change it
-DRAWS_OF_BELIEF = 50  # from a belief, over which the law of a reading is averaged
+DRAWS_OF_BELIEF = 100  # from a belief before a scan and after it, among which it is to fit somewhere
 LONGEST_GAP_S = 1.0  # between two true poses, across which no truth is interpolated
 
 
@@ -93,7 +93,7 @@ def unknown(step: Step) -> Array | None:
 
 
 class Lookout:
-    """Holds every scan against where the robot was believed to be before the scan was taken in.
+    """Holds every scan against where the robot is believed to be, before the scan is taken in and after it.
 
     Draws from the belief after the last scan are moved by odometry and its noise, so that no estimator needs
     to hold its belief in between.
@@ -103,20 +103,22 @@ class Lookout:
         self._problem, self._watch, self._rng = problem, watch, rng
         self._states = problem.prior.sample(DRAWS_OF_BELIEF, rng)
 
-    def take(self, step: Step) -> Fit:
-        """Whether this scan and the last few fit the map."""
+    def take(self, step: Step, estimator: Estimator[Any], belief: Any) -> Fit:
+        """Whether this scan, which the belief has taken in, and the last few fit the map."""
+        before = self._states
         if step.control is not None:
-            self._states = self._problem.motion.sample(self._states, step.control, self._rng)
-        return self._watch.take(step.measurement, self._states)
+            before = self._problem.motion.sample(before, step.control, self._rng)
+        self._states = self._drawn(estimator, belief)
+        return self._watch.take(step.measurement, before, self._states, step.odometry)
 
-    def draw(self, estimator: Estimator[Any], belief: Any) -> None:
-        """Draw from what is believed after the scan: from the Gaussian that it claims where it cannot."""
+    def _drawn(self, estimator: Estimator[Any], belief: Any) -> Array:
+        """Draws from what is believed: from the Gaussian that is claimed where it cannot be drawn from."""
         draws = sample_belief(estimator, belief, DRAWS_OF_BELIEF, [self._rng])
         if draws is None:
             claimed = estimator.estimate(belief)
             moments = np.asarray(claimed.mean, dtype=float), np.asarray(claimed.covariance, dtype=float)
             draws = gaussian_draws(*moments, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
-        self._states = draws[0]
+        return np.asarray(draws[0], dtype=float)
 
 
 def replay(
@@ -166,6 +168,7 @@ def replay(
         seconds = process_time() - began - reading_s
         step = taken.pop()
         mean = np.asarray(estimate.mean[0], dtype=float)
+        sound = np.isfinite(mean).all() and np.isfinite(np.asarray(estimate.covariance[0])).all()
         believed = Believed(
             step,
             mean,
@@ -175,13 +178,11 @@ def replay(
             residuals(problem, mean, step.measurement),
             seconds,
             show_belief(estimator, belief, 0) if number in shown else None,
-            None if lookout is None else lookout.take(step),
+            lookout.take(step, estimator, belief) if lookout is not None and sound else None,
         )
         yield believed
         if not believed.is_sound:
             return
-        if lookout is not None:
-            lookout.draw(estimator, belief)
         began, reading_s = process_time(), 0.0
 
 

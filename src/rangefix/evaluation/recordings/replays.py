@@ -34,7 +34,8 @@ LONGEST_GAP_S = 1.0  # between two true poses, across which none is interpolated
 PICTURES = 4  # of beliefs, from the first step to the last
 TRUTH_IS_ODOMETRY = "odometry"
 TOPIC = "topic:"
-PARTICLES_ANYWHERE = 20_000
+PARTICLES, PARTICLES_ANYWHERE = 2000, 20_000  # at first: from a start that is known, or anywhere
+LEAST_PARTICLES = 1000  # once the belief needs no more
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,14 @@ class Replays:
         law = usual_law(problem.sensor.max_range, self.room) if law is None else law
         return LostTest(problem.sensor, self.false_alarms, law=law)
 
+    def assumed_options(self, contestant: Contestant) -> dict[str, Any]:
+        """Options that an estimator has here unless it is told others: how many particles."""
+        if contestant.name != "particle" or {"particles", "least_particles"} & set(contestant.options):
+            return {}
+        anywhere = self.start.pose is None and not self.start_at_truth
+        most = PARTICLES_ANYWHERE if anywhere else PARTICLES
+        return {"particles": most, "least_particles": LEAST_PARTICLES}
+
     def run(
         self,
         contestant: Contestant,
@@ -150,9 +159,7 @@ class Replays:
             files: Where its poses are written.
             advance: Told after each step how many are done.
         """
-        options = dict(contestant.options)
-        if contestant.name == "particle" and self.start.pose is None and not self.start_at_truth:
-            options.setdefault("particles", PARTICLES_ANYWHERE)
+        options = {**self.assumed_options(contestant), **contestant.options}
         lost = self.lost_test(problem)
         trace, score = Trace(), Score(problem.space)
         shown = set(np.linspace(0, first.used - 1, PICTURES).round().astype(int).tolist())

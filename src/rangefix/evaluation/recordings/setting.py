@@ -35,6 +35,7 @@ UNLIMITED_M = 100.0  # the longest reading of a laser of which nobody says it
 DRIFT = (0.02, 0.02, 0.02, 0.02)  # alphas of `Odometry`: 14 % of a move, 14 % of a turn
 WIDE_STD_M = 0.1
 WEIGHT_OF_BEAMS = 0.25
+USUAL_MAP_ERRORS = (PlaceError(0.5, 0.06), PlaceError(0.3, 0.5))  # of a cell, and of a piece of wall
 DRIFT_FLOOR = (0.01, 0.01, 0.01)  # m, m, rad to a step: also how fast a filter forgets a map's errors
 
 
@@ -117,7 +118,7 @@ def usual_law(longest_m: float, room: RangeMap) -> Correlated:
     """
     reach = longest_m if np.isfinite(longest_m) else UNLIMITED_M
     mixture = BeamMixture(0.97, 0.01, 0.0, 0.02, WIDE_STD_M, 1.0, reach)
-    return Correlated(LostBeams(Biased(mixture, bias_of(room)), 0.02), places=(PlaceError(0.5, 0.5),))
+    return Correlated(LostBeams(Biased(mixture, bias_of(room)), 0.02), places=USUAL_MAP_ERRORS)
 
 
 def bias_of(room: RangeMap) -> float:

@@ -42,6 +42,7 @@ def load_study(
     runs: int | None = None,
     seed: int | None = None,
     map_path: str | Path | None = None,
+    map_keys: Mapping[str, Any] | None = None,
     plugins: bool = True,
     given_as: Mapping[str, str] | None = None,
 ) -> Study:
@@ -52,6 +53,7 @@ def load_study(
         runs, seed: Instead of the file's.
         map_path: A map file, or a room as "room:WIDTHxLENGTH", instead of the file's [map]; its keys that fit
             the new map are kept. A path counts from the current folder.
+        map_keys: Keys of [map] instead of the file's, such as unit = "inch"; None as a value changes nothing.
         plugins: Whether it may name estimators that are not built in.
         given_as: What mistakes call `runs`, `seed` and `map`, such as "--runs"; these names unless given.
 
@@ -75,7 +77,13 @@ def load_study(
         raise StudyError([f"{target}: cannot be read: {one_line(error)}"]) from None
     changes = {"runs": runs, "seed": seed, "map": map_path and str(map_path)}
     return parse_study(
-        text, source=path.name, folder=path.parent, changes=changes, plugins=plugins, given_as=given_as
+        text,
+        source=path.name,
+        folder=path.parent,
+        changes=changes,
+        map_keys=map_keys,
+        plugins=plugins,
+        given_as=given_as,
     )
 
 
@@ -94,6 +102,7 @@ def parse_study(
     source: str = "study",
     folder: Path = Path(),
     changes: Mapping[str, Any] | None = None,
+    map_keys: Mapping[str, Any] | None = None,
     plugins: bool = True,
     given_as: Mapping[str, str] | None = None,
 ) -> Study:
@@ -105,6 +114,7 @@ def parse_study(
         folder: Where relative paths count from.
         changes: Key -> value instead of the file's; None changes nothing. A map is named by its path or as
             "room:WIDTHxLENGTH"; keys of [map] that fit the new map are kept.
+        map_keys: Keys of [map] instead of the file's; None as a value changes nothing.
         plugins: Whether it may name estimators that are not built in.
         given_as: What mistakes call the keys of `changes`; as they are called unless given.
 
@@ -129,6 +139,11 @@ def parse_study(
             told["path"] = str(Path(told["path"]).absolute())
         typed |= {("map", key): typed["map",] for key in told}
         changed["map"] = _inherited("map", raw.get("map"), told)
+    keys = {key: value for key, value in (map_keys or {}).items() if value is not None}
+    if keys:
+        typed |= {("map", key): (given_as or {}).get(key, key) for key in keys}
+        section = changed.get("map", _with_kind("map", raw.get("map", {})))
+        changed["map"] = section | keys if isinstance(section, dict) else section
     study = _validated(_filled(raw | changed, mistakes), mistakes)
     study._folder, study._places = folder, mistakes
     if not plugins:

@@ -115,10 +115,26 @@ class Correlated:
         Returns:
             (K, K), with ones on the diagonal.
         """
-        apart = np.abs(beams[:, None] - beams)
-        total = self.scan + self.beams * self.along**apart + self.white * (apart == 0)
+        own = self.white * (beams[:, None] == beams)
+        return np.asarray(self.scan + own + self.correlation_across(beams, ends, beams, ends, 0))
+
+    def correlation_across(
+        self, beams: IntArray, ends: Array, later_beams: IntArray, later_ends: Array, scans: int
+    ) -> Array:
+        """Correlation of the normal scores of some beams of one scan with those of some of another.
+
+        Args:
+            beams, later_beams: Their numbers, (K,) and (L,).
+            ends, later_ends: Where they end, m, in one frame, (K, 2) and (L, 2).
+            scans: How many scans later the other is.
+
+        Returns:
+            (K, L): of what outlasts a scan.
+        """
+        apart = np.abs(beams[:, None] - later_beams)
+        total = self.beams * self.over_time**scans * self.along**apart
         if self.places:
-            distance = np.hypot(*(ends[:, None] - ends).T)
+            distance = np.hypot(*np.moveaxis(ends[:, None] - later_ends, -1, 0))
             total = total + sum(place.share * np.exp(-distance / place.length) for place in self.places)
         return np.asarray(total)
 

@@ -44,6 +44,7 @@ from .metropolis import (
     reject_crossings,
     separate_copies,
 )
+from .number import resized
 from .resampling import SCHEMES
 from .weights import effective_number, effective_places, equal, exp_of, longest_stage, weighted
 
@@ -72,6 +73,8 @@ class ParticleFilter(BriefRepr):
         temper: Take in a measurement in as many stages as keep the effective number up, with Metropolis steps
             in between (Neal, 2001; Del Moral, Doucet and Jasra, 2006). None = wherever there are such steps,
             which is the default; False = every measurement in whole, as the plain particle filter does.
+        least_particles: Before a move take as few particles as the belief needs (KLD-sampling: Fox, 2003), no
+            fewer than these and no more than `particles`, which there are at first. None = always as many.
 
     Raises:
         ValueError: If an option is out of its range, or would do nothing beside the others.
@@ -85,6 +88,7 @@ class ParticleFilter(BriefRepr):
     bandwidth: float | None = None
     moves: int = DEFAULT_MOVES
     temper: bool | None = None
+    least_particles: int | None = None
 
     def __post_init__(self) -> None:
         if self.particles != int(self.particles) or self.particles < 2:
@@ -100,6 +104,10 @@ class ParticleFilter(BriefRepr):
         if self.temper not in (None, False, True) or self.regularise not in (False, True):
             raise ValueError(
                 f"regularise and temper must be true or false, got {self.regularise!r}, {self.temper!r}"
+            )
+        if self.least_particles is not None and not 2 <= self.least_particles <= self.particles:
+            raise ValueError(
+                f"least_particles must be from 2 to particles = {self.particles}, got {self.least_particles}"
             )
         self._check_effect()
         self._check_size()
@@ -123,6 +131,8 @@ class ParticleFilter(BriefRepr):
             if self.bandwidth is not None
             else (),
         }
+        if self.least_particles is not None and isinstance(self.problem.motion, Stationary):
+            raise ValueError("least_particles does nothing for an object that does not move: leave it out")
         for beside, names in idle.items():
             for name in names:
                 if given[name]:
@@ -161,17 +171,20 @@ class ParticleFilter(BriefRepr):
             return belief
         control = np.asarray(control, dtype=float)
         controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        pairs = zip(belief.states[:, 0], controls, strict=True)
+        noisy = [bool(motion.noise_covariance(state, move).any()) for state, move in pairs]
+        if self.least_particles is not None and all(noisy):
+            belief = resized(belief, self.problem.space, self.least_particles, self.particles, rngs)
         clouds, starts = [], []
         moves = np.zeros(len(rngs), dtype=np.bool_)
         for run, rng in enumerate(rngs):
             states, log_weights = belief.states[run], belief.log_weights[run]
-            noisy = motion.noise_covariance(states[0], controls[run]).any()
-            if noisy and effective_number(log_weights) < self.resample_below * self.particles:
+            if noisy[run] and effective_number(log_weights) < self.resample_below * len(states):
                 target = self._target(belief, run) if belief.standing[run] else None
                 states, _, _ = self._resampled(states, log_weights, None, target, None, 0.0, rng)
-                log_weights = equal(self.particles)
+                log_weights = equal(len(states))
             moved = motion.sample(states, controls[run], rng)
-            moves[run] = noisy or not np.array_equal(moved, states)
+            moves[run] = noisy[run] or not np.array_equal(moved, states)
             if moves[run] and self.regularise:
                 weights = exp_of(log_weights)
                 moved, states = separate_copies(moved, states, weights, self.problem, rng)
@@ -256,17 +269,17 @@ class ParticleFilter(BriefRepr):
         unchanged = states, log_weights, None if belief.starts is None else belief.starts[run]
         if np.isnan(reading).all():
             return *unchanged, 0.0
-        enough = self.resample_below * self.particles
+        enough = self.resample_below * len(states)
         target = self._target(belief, run, reading)
         if effective_number(log_weights) < enough:
             states, log_density, target = self._resampled(
                 states, log_weights, None, target, reading, 0.0, rng
             )
-            log_weights = equal(self.particles)
+            log_weights = equal(len(states))
         else:
             log_density = self._log_density(reading, states)
         gains, power, stages = 0.0, 0.0, MAX_STAGES if self.temper is not False and target is not None else 0
-        kept = min(enough, MAX_KEPT * self.particles)
+        kept = min(enough, MAX_KEPT * len(states))
         for _ in range(stages if log_density.max() > -np.inf else 0):
             stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
             if power + stage >= 1.0 or stage < MIN_STAGE:
@@ -276,7 +289,7 @@ class ParticleFilter(BriefRepr):
             states, log_density, target = self._resampled(
                 states, log_weights, log_density, target, reading, power, rng
             )
-            log_weights = equal(self.particles)
+            log_weights = equal(len(states))
         log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
         if gain == -np.inf:
             return *unchanged, gain
@@ -340,14 +353,14 @@ class ParticleFilter(BriefRepr):
                 moved = any_moves(copies, propose, self.moves, rng)
                 log_density = target.log_densities(moved)[1]
             else:
-                logs = np.zeros(self.particles), np.zeros(self.particles)
+                logs = np.zeros(len(states)), np.zeros(len(states))
                 if log_density is not None and not target.readings:
                     logs = logs[0], log_density[ancestors]
                 else:
                     known, fresh = target.log_densities(copies[first])
                     logs = np.repeat(known, counts), np.repeat(fresh, counts)
                 moved, log_density = metropolis_steps(copies, logs, target, propose, power, self.moves, rng)
-            weights = exp_of(equal(self.particles))
+            weights = exp_of(equal(len(states)))
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
             if spread is not moved:
                 target = replace(target, starts=starts)
@@ -361,5 +374,5 @@ class ParticleFilter(BriefRepr):
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""
-        _, cloud = self.problem.space.moments(states, np.full(self.particles, 1.0 / self.particles))
-        return np.asarray(cloud * self.particles ** (-2.0 / self.problem.space.size))
+        _, cloud = self.problem.space.moments(states, np.full(len(states), 1.0 / len(states)))
+        return np.asarray(cloud * len(states) ** (-2.0 / self.problem.space.size))

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import IO, NamedTuple, cast
 
 import numpy as np
@@ -24,8 +23,7 @@ from ..log import (
     motion_between,
     pose_from_ros,
 )
-from ..options import SAYS_ALL, ReadingOptions
-from .clock import checked_times
+from .file_log import FileLog
 
 LASERS = ("FLASER", "ROBOTLASER1")
 OFFSET = ("robot_frontlaser_offset", "robot_front_laser_offset")
@@ -61,16 +59,13 @@ class Line(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CarmenLog:
+class CarmenLog(FileLog):
     """A log of CARMEN; plain, or packed by gzip.
 
     Attributes:
         path: The file.
         options: What it does not say.
     """
-
-    path: Path
-    options: ReadingOptions = SAYS_ALL
 
     @cached_property
     def _beginning(self) -> tuple[list[Line], dict[str, float]]:
@@ -142,11 +137,6 @@ class CarmenLog:
         if not self.sensor.is_placed:
             notes.append(UNPLACED)
         return tuple(notes)
-
-    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
-        """The scans, in the order of the lines; see `Log`."""
-        counts: Counter[str] = Counter() if tally is None else tally
-        yield from checked_times(self._scans(counts), counts)
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
         beams, clock = len(self._beginning[0][0].ranges), self._clock

@@ -7,15 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....arrays import Array
 from ..log import UNPLACED, LaserDescription, RecordingError, Scan, pose_from_ros
-from ..options import SAYS_ALL, ReadingOptions
-from .clock import checked_times
+from .file_log import FileLog
 from .rosbag_file import Messages, Topic, time_of
 from .sweeps import onto_beams
 from .track import Track
@@ -41,16 +39,13 @@ class Source(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RosbagLog:
+class RosbagLog(FileLog):
     """A bag of ROS 1 (.bag) or ROS 2 (a folder, .db3 or .mcap).
 
     Attributes:
         path: The file, or the folder.
         options: Which topics and frames are meant, where there are several.
     """
-
-    path: Path
-    options: ReadingOptions = SAYS_ALL
 
     @cached_property
     def messages(self) -> Messages:
@@ -192,11 +187,6 @@ class RosbagLog:
         if not self.sensor.seconds_per_beam and float(self._first.scan_time) > 0:
             notes.append("time_increment is 0: all beams of a scan are taken to be measured at once")
         return tuple(notes)
-
-    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
-        """The scans, in the order in which they were recorded; see `Log`."""
-        counts: Counter[str] = Counter() if tally is None else tally
-        yield from checked_times(self._scans(counts), counts)
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
         laser, wanted = self.sensor, self.sensor.bearings_rad

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from pathlib import Path
 from typing import IO, Any
 from zipfile import BadZipFile, ZipFile
 
@@ -22,8 +21,8 @@ from numpy.lib import format as npy
 
 from ....arrays import Array, wrap
 from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan
-from ..options import SAYS_ALL, ReadingOptions
-from .clock import checked_times
+from ..options import ReadingOptions
+from .file_log import FileLog
 
 POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
 LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")
@@ -68,16 +67,13 @@ def pose_of(values: Array) -> Array | None:
 
 
 @dataclass(frozen=True)
-class TableLog:
+class TableLog(FileLog):
     """A CSV: `time_s`, odometry in three columns, `range_m@BEARING` of each beam, and the laser.
 
     Attributes:
         path: The file.
         options: What it does not say.
     """
-
-    path: Path
-    options: ReadingOptions = SAYS_ALL
 
     @cached_property
     def _columns(self) -> list[str]:
@@ -120,12 +116,7 @@ class TableLog:
         notes = () if self.sensor.is_placed else (UNPLACED,)
         return notes if POSE[0] in self._columns else (*notes, "no odometry: no columns " + ", ".join(POSE))
 
-    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
-        """The scans, line by line; see `Log`."""
-        counts: Counter[str] = Counter() if tally is None else tally
-        yield from checked_times(self._scans(), counts)
-
-    def _scans(self) -> Iterator[Scan]:
+    def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
         laser = self.sensor
         places = [name for name in self._columns if name.startswith(RANGE)]
         has_odometry = all(name in self._columns for name in POSE)
@@ -173,16 +164,13 @@ class TableLog:
 
 
 @dataclass(frozen=True)
-class ArrayLog:
+class ArrayLog(FileLog):
     """Arrays of numpy: time_s (T,), ranges_m (T, B), bearings_deg (B,), odometry (T, 3), read row by row.
 
     Attributes:
         path: The file.
         options: What it does not say.
     """
-
-    path: Path
-    options: ReadingOptions = SAYS_ALL
 
     @cached_property
     def _small(self) -> dict[str, Array]:
@@ -209,7 +197,7 @@ class ArrayLog:
             laser = described(small["bearings_deg"], told, self.options)
         except RecordingError as error:
             raise RecordingError(f"{self.path}: {error}") from None
-        if next(self._scans(laser), None) is None:
+        if next(self._read(laser), None) is None:
             raise RecordingError(f"{self.path}: no scans")
         return laser
 
@@ -221,12 +209,11 @@ class ArrayLog:
             odometry = "odometry.npy" in archive.namelist()
         return notes if odometry else (*notes, "no odometry: no array odometry (T, 3)")
 
-    def scans(self, tally: Counter[str] | None = None) -> Iterator[Scan]:
-        """The scans, row by row; see `Log`."""
-        counts: Counter[str] = Counter() if tally is None else tally
-        yield from checked_times(self._scans(self.sensor), counts)
+    def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
+        yield from self._read(self.sensor)
 
-    def _scans(self, laser: LaserDescription) -> Iterator[Scan]:
+    def _read(self, laser: LaserDescription) -> Iterator[Scan]:
+        """The scans row by row, as a laser gives them."""
         beams = len(laser.bearings_rad)
         with self._opened() as archive:
             names = {"time_s": (), "ranges_m": (beams,), "odometry": (3,)}

@@ -1,0 +1,38 @@
+"""The estimators that a recording is put to, with their options, as they are written on the command line."""
+
+from __future__ import annotations
+
+from ...evaluation.recordings.replays import Contestant
+from ..app import one_of
+from ..check import read_options
+from ..estimators import inspect_estimator, names
+
+
+def read_contestants(given: list[str], options: list[str] | None) -> list[Contestant]:
+    """Estimators with their options.
+
+    Args:
+        given: Their names.
+        options: ESTIMATOR:NAME=VALUE each.
+
+    Raises:
+        ValueError: If a name is not known, stands twice, or an option is none of its estimator's.
+    """
+    for name in given:
+        if ":" not in name:
+            one_of(name, names(), "estimator")
+    if len(set(given)) < len(given):
+        raise ValueError("--estimators: one stands there twice")
+    own: dict[str, list[str]] = {name: [] for name in given}
+    for text in options or ():
+        name, colon, rest = text.partition(":") if "=" in text else ("", "", "")
+        while colon and name not in own and ":" in rest:  # a plug-in's name has a colon of its own
+            more, _, rest = rest.partition(":")
+            name = f"{name}:{more}"
+        if name not in own:
+            raise ValueError(f"--option {text!r}: write ESTIMATOR:NAME=VALUE for one of {', '.join(given)}")
+        own[name].append(rest)
+    return [
+        Contestant(name, read_options(texts, inspect_estimator(name)) if texts else {})
+        for name, texts in own.items()
+    ]
