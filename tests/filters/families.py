@@ -7,6 +7,7 @@ Unknown headings: "circle", "arc". Moving against walls: "walls" (pose), "walk" 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,12 +125,13 @@ def draw_mesh(rng: Generator) -> MeshRoom:
     return mesh_of(draw_plan(rng))
 
 
-def mesh_of(plan: FloorPlan) -> MeshRoom:
-    """A plan's walls and its floor as triangles, cut halfway up."""
+def mesh_of(plan: FloorPlan, more: Sequence[Sequence[tuple[float, float, float]]] = ()) -> MeshRoom:
+    """A plan's walls and its floor as triangles, cut halfway up, and more faces of four corners."""
     vertices, triangles = [], []
     (left, low), (right, high) = plan.bounds
     quads = [[(a, b, 0.0), (c, d, 0.0), (c, d, HEIGHT_M), (a, b, HEIGHT_M)] for a, b, c, d in plan.segments]
     quads.append([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
+    quads += [list(quad) for quad in more]
     for quad in quads:
         first = len(vertices)
         vertices += quad

@@ -26,6 +26,8 @@ from rangefix.filters import (
 from rangefix.filters.exact import ExactPositionFilter
 from rangefix.maps import FloorPlan, RectangularRoom
 
+from ..families import mesh_of
+
 ROOMS = FloorPlan(
     [[0, 0], [10, 0], [10, 8], [0, 8]],
     holes=[[[7.2, 1.2], [7.8, 1.2], [7.8, 1.8], [7.2, 1.8]]],
@@ -410,6 +412,28 @@ def test_readings_far_from_every_wall_press_the_place_against_one():
     peak = -0.5 * ((noise - 4.0) / std) ** 2 - np.log(std * np.sqrt(2 * np.pi))
     assert log_evidence == pytest.approx(peak + np.log(decay / 24.0), abs=0.02)
     assert estimator.error(belief)[0] < 1e-3
+
+
+def test_what_stands_below_the_beams_is_no_free_space():
+    """A table of 0.3 x 0.5 m in a mesh, lower than the laser: midpoint sums beside it and on it.
+
+    No beam meets it, so that no wall cuts a piece there. Its edge is followed where pieces of 2 cm are cut.
+    """
+    turn = np.array([[np.cos(0.35), -np.sin(0.35)], [np.sin(0.35), np.cos(0.35)]])
+    foot = np.array([[-0.15, -0.25], [0.15, -0.25], [0.15, 0.25], [-0.15, 0.25]]) @ turn.T + [2.1, 3.3]
+    low, high = ([(*corner, z) for corner in foot] for z in (0.0, 0.7))
+    sides = [[low[k], low[k - 1], high[k - 1], high[k]] for k in range(4)]
+    table = mesh_of(FloorPlan([[0, 0], [4, 0], [4, 6], [0, 6]]), [*sides, high])
+    assert not table.is_free([2.1, 3.3])
+    problem = pose(table, np.deg2rad([0.0, 90.0]), Gaussian(0.1))
+    estimator = ExactPositionFilter(problem)
+    readings = problem.sensor.expected(np.array([[2.1, 3.3], [2.0, 3.6], [1.0, 1.0]]))
+    mean, covariance, _ = estimator.estimate(fixed(estimator, readings))
+    for run, reading in enumerate(readings):
+        center, spread = brute(problem, reading)
+        std = np.sqrt(np.diag(spread))
+        assert np.abs(mean[run] - center).max() < 2.5e-3
+        assert (np.abs(covariance[run] - spread) / np.outer(std, std)).max() < 3e-2
 
 
 @pytest.mark.parametrize("far", [1e4, 1e8])

@@ -1,5 +1,7 @@
 """The particle filter against brute force, its own promises, and the ways it can fail."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -304,6 +306,19 @@ def test_a_stage_leaves_as_many_effective_particles_as_asked():
     logs = power * (log_density - log_density.max())
     assert effective_number(logs) == pytest.approx(2500, rel=1e-3)
     assert longest_stage(equal(5000), 1e-6 * log_density, 0.7, 2500) == 0.7
+
+
+def test_copies_at_two_places_claim_no_direction_for_certain():
+    """All particles at two places: their covariance is of rank one; what lies between is added across it."""
+    problem = PAPER
+    estimator = ParticleFilter(problem, particles=300)
+    belief = estimator.init(problem.prior, [np.random.default_rng(0)])
+    for apart in ([5.7e-6, -3.1e-7], [1e-3, 0.0]):
+        states = np.repeat([[[2.0, 3.0], [2.0 + apart[0], 3.0 + apart[1]]]], 150, axis=1)
+        covariance = estimator.estimate(replace(belief, states=states)).covariance[0]
+        std = np.sqrt(np.diag(covariance))
+        assert np.linalg.eigvalsh(covariance / np.outer(std, std))[0] > 1e-6
+        assert std.max() < np.linalg.norm(apart)
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,14 @@ def test_random_problems(family: str) -> None:
     assert (off <= 3 * np.maximum(stated, LEAST_ERROR)).all()
 
 
+def test_cells_of_a_large_building_are_no_wider_than_what_it_hides() -> None:
+    """40 x 30 m: cells of 0.12 m; a room of the paper's size is covered by 10 000, as before."""
+    for width, length, widest in ((40.0, 30.0, 0.1201), (4.0, 6.0, 0.05)):
+        room = RectangularRoom(width, length)
+        problem = still(room, np.array([0.0]), 0.05)
+        assert RefinedPointMassFilter(problem).coarse.steps.max() <= widest
+
+
 def test_a_long_ridge_keeps_its_width() -> None:
     """One beam square to a wall: x2 ~ N(6 - y, std^2), x1 even along 12 m, in closed form."""
     problem = still(RectangularRoom(12.0, 6.0), np.zeros(1), 0.01)

@@ -225,12 +225,19 @@ class ParticleFilter(BriefRepr):
         """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,).
 
         Where so few particles have all the weight that they lie on a line, what is between particles is
-        added: the posterior is narrower than that, and how narrow they cannot tell.
+        added: the posterior is narrower than that, and how narrow they cannot tell. Where all lie on one, as
+        copies at two places do, as much is added across it.
         """
         space, weights = self.problem.space, exp_of(belief.log_weights)
         mean, covariance = space.moments(belief.states, weights)
         for run in np.flatnonzero(~is_definite(covariance, SUM_ROUNDING)):
-            covariance[run] += self._spacing(belief.states[run])
+            spacing = self._spacing(belief.states[run])
+            covariance[run] += spacing
+            if not is_definite(covariance[run], SUM_ROUNDING):
+                across = np.diagonal(spacing)
+                covariance[run] += np.diag(
+                    np.where(across > SUM_ROUNDING * across.max(), across, across.max())
+                )
         return Estimate(mean, covariance, belief.log_evidence)
 
     def sample(self, belief: ParticleBelief, size: int, rngs: Sequence[Generator]) -> Array:
