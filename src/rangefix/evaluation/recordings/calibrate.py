@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, BoolArray, IntArray
 from ...filters import BeamMixture, Biased, Correlated, LostBeams, Rangefinder
 from .fit_noise import CorrelationCurve, correlation_curve, fit_correlation, fit_law, scores_of
 from .frame_offset import frame_offset
 from .residuals import Residuals
 
-BLOCKS = 10  # of consecutive scans, left out one at a time for intervals
+BLOCKS = 10  # of consecutive scans, and of places on walls, left out one at a time for intervals
 LEAST_SCANS = 20
 STEP_M = 1e-4  # of numerical derivatives by a range
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
-STANDARD_ERRORS = 1.96  # to each side of an interval of 95 %
+STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with BLOCKS - 1 degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,7 @@ class Calibration:
         residuals: What it was fitted to.
         fitted: To all of them.
         leaving_out: To all but a block of consecutive scans, for each block.
+        leaving_out_places: To all but the readings of a block of places, for each block.
         offset: By how much the map lies off the frame of the true poses, x1, x2 (m) and heading (rad), (3,):
             it is told, and not taken out. None where a filter followed the poses on the map itself.
     """
@@ -88,6 +89,7 @@ class Calibration:
     residuals: Residuals
     fitted: Fitted
     leaving_out: tuple[Fitted, ...]
+    leaving_out_places: tuple[Fitted, ...]
     offset: Array | None = None
 
     @property
@@ -99,14 +101,17 @@ class Calibration:
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Intervals of 95 % of `Fitted.figures`, by the jackknife over blocks (Kuensch, 1989).
 
-        Blocks keep what hangs together over time, as long as it does not outlast them.
+        Blocks of consecutive scans keep together what hangs together over time; blocks of places the errors
+        of the map, which a robot meets again whenever it passes. The greater of the two errors counts.
         """
-        values, parts = self.fitted.figures(), [fitted.figures() for fitted in self.leaving_out]
-        count = len(parts)
         found = {}
-        for name, value in values.items():
-            others = np.array([part[name] for part in parts])
-            error = np.sqrt((count - 1) * others.var())
+        blocks = [
+            [fitted.figures() for fitted in left] for left in (self.leaving_out, self.leaving_out_places)
+        ]
+        for name, value in self.fitted.figures().items():
+            error = max(
+                np.sqrt((len(parts) - 1) * np.var([part[name] for part in parts])) for parts in blocks
+            )
             low, high = value - STANDARD_ERRORS * error, value + STANDARD_ERRORS * error
             found[name] = (low, high) if name == "bias_m" else (max(low, 0.0), high)
             if name not in ("bias_m", "std_m", "rate_per_m"):  # a share
@@ -127,8 +132,11 @@ def calibrate(residuals: Residuals) -> Calibration:
     fitted = fit_noise(arrays, residuals.from_truth)
     blocks = np.array_split(np.arange(scans), BLOCKS)
     others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
+    elsewhere = tuple(
+        fit_noise(arrays.unmeasured(block), residuals.from_truth) for block in blocks_of_places(arrays.ends)
+    )
     offset = frame_offset(residuals, fitted.law) if residuals.from_truth else None
-    return Calibration(residuals, fitted, others, offset)
+    return Calibration(residuals, fitted, others, elsewhere, offset)
 
 
 @dataclass(frozen=True)
@@ -162,6 +170,20 @@ class Arrays:
         """The same without some scans."""
         parts = (self.poses, self.readings, self.expected, self.ends, self.slopes)
         return Arrays(self.sensor, *(np.delete(part, block, axis=0) for part in parts))
+
+    def unmeasured(self, beams: BoolArray) -> Arrays:
+        """The same without some readings, (T, B)."""
+        return replace(self, readings=np.where(beams, np.nan, self.readings))
+
+
+def blocks_of_places(ends: Array) -> list[BoolArray]:
+    """Which beams (T, B) end in each block of places: sectors about the middle with as many ends in each."""
+    middle = np.nanmean(np.where(np.isfinite(ends), ends, np.nan), axis=(0, 1))
+    angles = np.arctan2(*np.moveaxis(ends - middle, -1, 0))
+    known = np.isfinite(angles)
+    edges = np.quantile(angles[known], np.linspace(0, 1, BLOCKS + 1)[1:-1])
+    sectors = np.searchsorted(edges, angles)
+    return [known & (sectors == block) for block in range(BLOCKS)]
 
 
 def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
