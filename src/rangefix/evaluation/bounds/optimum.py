@@ -22,7 +22,8 @@ DRAWS_OF_EXACT, DRAWS_OF_LATTICES = 8192, 512
 DRAWS_OF_SAMPLES = 1024, 4096  # the second where the first leave more than this share open
 ACCURATE_SHARE_OF_SAMPLES = 0.01
 FEW_SAMPLES, MOST_SAMPLES = 2**17, 2**21  # of the prior, over which posteriors are weighed
-ENOUGH_SHARE, MOST_SHARE = 1e-3, 0.02  # mean of 1 / effective number: aimed at, and borne
+MOST_RANGES = 2**23  # of all of them: of many beams there are fewer samples
+ENOUGH_SHARE, MOST_SHARE = 1e-3, 0.04  # mean of 1 / effective number: aimed at, and borne
 DRAWS_OF_POSES = 64, 256  # on lattices; the second where the first leave more than ACCURATE_SHARE open
 ACCURATE_SHARE = 0.03
 CHECKED = 4  # one in so many poses is found on another lattice too, which tells the error
@@ -92,7 +93,8 @@ def _of_samples(problem: Problem) -> Bound | None:
     samples = FEW_SAMPLES
     share = float(set_means(problem, SETS, _over_samples(problem, samples))[:, 1].mean(axis=0).max())
     if share > ENOUGH_SHARE:
-        samples = int(min(MOST_SAMPLES, samples * 2 ** np.ceil(np.log2(share / ENOUGH_SHARE))))
+        most = min(MOST_SAMPLES, 2 ** int(np.log2(MOST_RANGES / len(problem.sensor.bearings))))
+        samples = int(min(most, samples * 2 ** np.ceil(np.log2(share / ENOUGH_SHARE))))
     if share * FEW_SAMPLES / samples > MOST_SHARE:
         return None
     for count in DRAWS_OF_SAMPLES:

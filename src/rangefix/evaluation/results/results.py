@@ -28,6 +28,7 @@ from .schema import SCENE_FORMS, check_manifest, check_timing
 from .trials import InFolder, InMemory, Source, Trials
 
 MAX_RUNS_IN_MEMORY = 10_000  # whose trials are held at once; of more, nothing is read until asked for
+FAR_OUTSIDE_M = 100.0  # from the middle of a map, or as far as it is wide: no pose of its scene lies further
 
 
 @dataclass(frozen=True)
@@ -199,4 +200,15 @@ def _scene(path: Path, beams: int) -> dict[str, NDArray[Any]]:
         possible = (np.abs(array) <= LARGEST) | (np.isinf(array) if name == "ranges" else False)
         if not possible.all() or (name in ("bearings", "ranges") and len(array) != beams):
             raise ResultsError(f"{path} is damaged ({name} holds what cannot be): run the study again")
+    lower, upper = arrays["extent"][::2], arrays["extent"][1::2]
+    boxes = {"extent": upper - lower, "prior_upper": arrays["prior_upper"] - arrays["prior_lower"]}
+    empty = [name for name, sides in boxes.items() if not (sides > 0).all()]
+    reach = np.maximum(upper - lower, FAR_OUTSIDE_M)
+    away = [
+        name
+        for name in ("truth", "laser")
+        if name in arrays and not (np.abs(arrays[name][:2] - 0.5 * (lower + upper)) <= reach).all()
+    ]
+    if wrong := empty + away:
+        raise ResultsError(f"{path} is damaged ({wrong[0]} holds what cannot be): run the study again")
     return arrays
