@@ -7,9 +7,11 @@ costs nothing; everything else is in `rangefix.maps`, `rangefix.filters` and `ra
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as in `typing`, which takes time to load: Ctrl-C meanwhile would show a traceback
 if TYPE_CHECKING:
+    from typing import Any
+
     from .evaluation import credibility, load, load_study, run, summarise, write_report
     from .filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, available, build
     from .filters.space import pose_space, position_space

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,8 +12,23 @@ import pytest
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, mean_interval, run, summarise
 from rangefix.evaluation.consistency.intervals import Moments
 from rangefix.evaluation.results import dataframes, results
+from rangefix.filters import Estimate
 
 from ..conftest import PriorOnly, make_problem
+
+
+@dataclass(frozen=True)
+class Vast(PriorOnly):
+    """Says a number beyond sense in the fourth of the runs that it is given."""
+
+    name: str = ""
+    size: float = 0.0
+
+    def estimate(self, belief):
+        estimate = super().estimate(belief)
+        told = np.array(getattr(estimate, self.name))
+        told[3] = self.size
+        return estimate._replace(**{self.name: told})
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +41,18 @@ def study(tmp_path_factory):
     made = Experiment(make_problem(), estimators, runs=95, beam_sets=[[1], [1, 2, 3]], block=10)
     run(made, folder, timing=False)
     return folder
+
+
+@pytest.mark.parametrize("name", Estimate._fields)
+@pytest.mark.parametrize("size", [1e101, -1e308])
+def test_numbers_beyond_sense_are_a_failed_run_that_can_be_read(tmp_path, name, size):
+    """An estimate beyond 1e100 in run 3 of 10 costs that run alone, in its own words; folders hold inf."""
+    made = Experiment(make_problem(), {"wild": lambda p: Vast(p, 0.5, 0.1, 1.0, name, size)}, runs=10)
+    run(made, tmp_path, timing=False)
+    trials = load(tmp_path).get("wild")
+    assert np.flatnonzero(trials.status).tolist() == [3]
+    assert "an estimate is beyond 1e+100 at measurement 1" in trials.reasons[3]
+    assert np.isinf(getattr(trials, name)[3]).any()
 
 
 def test_moments_of_chunks_are_those_of_all():

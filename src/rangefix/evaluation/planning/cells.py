@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from ...arrays import Array, BoolArray
+from ...arrays import TWO_PI, Array, BoolArray
 from ...filters import Problem, Rangefinder, StateSpace
 from ...filters.models.correlated import refuse_shared_errors
 from ...filters.models.motion import Stationary
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.point_mass.grid import build_grid
-from ...filters.refined_cells.filter import RefinedPointMassFilter
+from ...filters.refined_cells.coarse_cells import CoarseCells, cover
+from ...filters.refined_cells.filter import boxes_of_each
 
 PRIOR_CELLS = 15_000  # of a prior, about so many
 MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
@@ -20,6 +23,7 @@ ACCURACY = 0.1  # deviations by which the cells of a posterior may be off: plans
 MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
+COARSE_SEED = 0  # of the places that are asked in coarse cells
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
 
@@ -170,12 +174,40 @@ def posterior_cells(problem: Problem, readings: Array, pitch: Array | None = Non
     Raises:
         ValueError: If measurements cannot be planned for the problem.
     """
+    return cells_of(problem, coarse_cells(problem), readings, pitch)
+
+
+def coarse_cells(problem: Problem, before: Cells | None = None) -> CoarseCells:
+    """Coarse cells over a problem's prior, or over what earlier readings left of it.
+
+    Raises:
+        ValueError: If measurements cannot be planned for the problem.
+    """
     check_plannable(problem)
     still = replace(problem, motion=Stationary(problem.space))
-    estimator = RefinedPointMassFilter(still, accuracy=ACCURACY, most_cells=MOST_CELLS)
+    where = None if before is None else partial(_near, before)
+    return cover(still, np.zeros(problem.space.size), COARSE_SEED, where)
+
+
+def cells_of(
+    problem: Problem, coarse: CoarseCells, readings: Array, pitch: Array | None = None
+) -> list[Cells]:
+    """What readings leave of coarse cells, run by run; see `posterior_cells`."""
+    still = replace(problem, motion=Stationary(problem.space))
     found = (
         Cells.of(problem.space, centres[held], np.exp(logs[held] - logs.max()), widths[held])
-        for centres, widths, logs in estimator.boxes_of_each(readings[:, None])
+        for centres, widths, logs in boxes_of_each(still, coarse, readings[:, None], ACCURACY, MOST_CELLS)
         for held in [logs > logs.max() - NOTHING_NATS]
     )
     return [(cells if pitch is None else cells.merged(pitch)).heavy() for cells in found]
+
+
+def _near(cells: Cells, centres: Array, sizes: Array) -> BoolArray:
+    """Which boxes lie on some cells or beside them: centres and sizes (G, n), of one size but at edges."""
+    reach = sizes.max(axis=0) + 0.5 * cells.widths.max(axis=0)
+    places = cells.centres
+    for axis in np.flatnonzero(cells.space.is_angle):
+        turn = TWO_PI * np.eye(len(reach))[axis]
+        places = np.concatenate([places - turn, places, places + turn])
+    distances, _ = cKDTree(places / reach).query(centres / reach, p=np.inf, distance_upper_bound=1.0)
+    return np.isfinite(distances)

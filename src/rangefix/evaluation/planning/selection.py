@@ -20,8 +20,9 @@ from numpy.random import Generator
 from ...arrays import Array, IntArray
 from ...filters import Problem, Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.refined_cells.coarse_cells import CoarseCells
 from ..seeds import stream
-from .cells import Cells, check_plannable, posterior_cells, prior_cells, turned
+from .cells import Cells, cells_of, check_plannable, coarse_cells, posterior_cells, prior_cells, turned
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
 from .one_beam import noise_width
 from .reading_table import SharedTables
@@ -359,11 +360,12 @@ class Planner:
         states = self.problem.prior.sample(self.truths, rng)
         chosen = [list(first) for _ in states]
         readings = [self._read_at(state, first[0], rng) for state in states]
+        beliefs: list[Cells | None] = [None] * len(states)
         for count in range(1, beams):
             self.tell(f"choosing beam {count + 1} of {beams}, after the readings before it")
             covariances, values, shown = [], [], np.zeros(len(self.candidates))
             for place, (state, mine) in enumerate(zip(states, chosen, strict=True)):
-                belief = self.belief_after(mine, readings[place])
+                beliefs[place] = belief = self.belief_after(mine, readings[place], beliefs[place])
                 best, covariance, objective = self.next_beam(belief)
                 covariances.append(covariance)
                 values.append(float(objective[best]))
@@ -375,16 +377,32 @@ class Planner:
             steps.append(Step(None, np.mean(covariances, axis=0), value, error, shown))
         return steps
 
-    def belief_after(self, chosen: Sequence[int], readings: Array) -> Cells:
+    def belief_after(self, chosen: Sequence[int], readings: Array, before: Cells | None = None) -> Cells:
         """What is believed after readings of some candidates.
 
         Args:
             chosen: Their places among the candidates, b of them; one may stand several times.
             readings: m, (b,).
+            before: What was believed after the earlier ones of them: places that it rules out are not looked
+                at again, which saves most of the work.
         """
         problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
-        [belief] = posterior_cells(problem, np.asarray(readings)[None], self._pitch)
+        key = tuple(chosen)
+        if before is not None:
+            coarse = coarse_cells(problem, before)
+        elif key in self._covered:
+            coarse = self._covered[key]
+        else:
+            coarse = coarse_cells(problem)
+            self._covered.clear()
+            self._covered[key] = coarse
+        [belief] = cells_of(problem, coarse, np.asarray(readings)[None], self._pitch)
         return belief
+
+    @cached_property
+    def _covered(self) -> dict[tuple[int, ...], CoarseCells]:
+        """The coarse cells of the beams that `belief_after` was asked for last."""
+        return {}
 
     def next_beam(self, belief: Cells) -> tuple[int, Array, Array]:
         """The candidate that brings most to a belief.

@@ -81,7 +81,8 @@ def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     A covariance with a negative eigenvalue, or one that is not symmetric, is none: "error". A singular one
     claims certainty, which a collapsed filter does in earnest: it stays, and its NEES is infinite.
     """
-    finite = is_finite(mean, covariance) & (log_evidence != np.inf)
+    finite = is_finite(mean, covariance) & ~(log_evidence > LARGEST)
+    finite &= (log_evidence >= -LARGEST) | (log_evidence == -np.inf) | np.isnan(log_evidence)
     sound = np.where(finite[..., None, None], covariance, np.eye(covariance.shape[-1]))
     status = np.zeros(len(mean), dtype=np.int8)
     reasons: dict[int, str] = {}

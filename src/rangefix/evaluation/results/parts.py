@@ -35,9 +35,9 @@ PAIR_BYTES = 1 << 10  # that an estimator on a set of beams takes, whatever it h
 
 
 def part_arrays(outcome: Outcome, floor: Array) -> Part:
-    """The arrays of a part of trials."""
+    """The arrays of a part of trials; numbers larger than estimates may be count as infinite."""
     failed = sorted(outcome.reasons)
-    return {
+    arrays: Part = {
         "mean": np.asarray(outcome.mean, dtype=np.float64),
         "covariance": np.asarray(outcome.covariance, dtype=np.float64),
         "log_evidence": np.asarray(outcome.log_evidence, dtype=np.float64),
@@ -49,6 +49,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         **outcome.diagnostics,
         **({} if outcome.draws is None else {"draws": outcome.draws}),
     }
+    return {name: _bounded(array) if array.dtype == np.float64 else array for name, array in arrays.items()}
 
 
 def outcome_of(part: Part) -> Outcome:
@@ -152,6 +153,11 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
         "draws": Form((*each, KEPT_DRAWS, size), "<f2", optional=True),
         **{PREFIX + name: Form((*each, *ends[name]), optional=True) for name in BeliefScores._fields},
     }
+
+
+def _bounded(values: Array) -> Array:
+    """The same, but infinite where `_is_beyond` finds a number too large."""
+    return np.where(np.abs(values) > LARGEST, np.copysign(np.inf, values), values)
 
 
 def _is_beyond(values: Array) -> bool:

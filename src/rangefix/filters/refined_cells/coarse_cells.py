@@ -7,13 +7,14 @@ reading in the gap fits neither.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import TWO_PI, Array, IntArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ..models.noise import Gaussian
 from ..models.rangefinder import Rangefinder
 from ..problem import Problem
@@ -75,19 +76,26 @@ class CoarseCells:
         return float(ends[np.isfinite(ends)].max(initial=1.0)) * 1.01
 
 
-def cover(problem: Problem, shift: Array, seed: int) -> CoarseCells:
+def cover(
+    problem: Problem, shift: Array, seed: int, where: Callable[[Array, Array], BoolArray] | None = None
+) -> CoarseCells:
     """Cover a prior's support with coarse cells and ask for the ranges in them.
 
     Args:
         problem: The problem, with two components or three, of which the last is the heading.
         shift: By how much of a cell the lattice begins before the support, 0 to 1, (n,).
         seed: Of the places that are asked.
+        where: Of which cells, by centres and sizes, each (G, n), anything is left after earlier readings; of
+            all, unless given. `log_integral` is that of these.
 
     Raises:
         ValueError: If the prior allows no place that was asked.
     """
     sensor, size = problem.sensor, problem.space.size
     centres, steps = _lattice(problem, shift)
+    if where is not None:
+        left = where(centres, steps)
+        centres, steps = centres[left], steps[left]
     beams = np.unique(np.linspace(0, len(sensor.bearings) - 1, SEARCH_BEAMS).round().astype(np.int64))
     rng = np.random.default_rng(seed)
     searched, beams_cast = _cast_only(problem, beams)
@@ -190,12 +198,11 @@ def _places(centres: Array, steps: Array, side: int, rng: Generator) -> Array:
 def _whole_bands(ranges: Array, slopes: Array, seen: Array, steps: Array) -> Array:
     """Intervals of ranges of one wall each: those at the corners, less what turning bends, (G, B, 4)."""
     low, high = np.minimum(seen.min(axis=1), ranges), np.maximum(seen.max(axis=1), ranges)
-    slack = INSET_SHARE * (high - low)
-    if steps.shape[1] == 3:
-        with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slack = INSET_SHARE * (high - low)
+        if steps.shape[1] == 3:
             turn = np.where(ranges > 0, slopes[..., 2] / ranges, 0.0)
             slack = slack + 0.25 * steps[:, 2:] ** 2 * high * (1 + 2 * turn**2)
-    with np.errstate(invalid="ignore"):
         low, high = np.where(np.isinf(low), low, low - slack), np.where(np.isinf(high), high, high + slack)
     return np.stack([low, high, low, high], axis=-1)
 

@@ -197,20 +197,6 @@ class RefinedPointMassFilter(BriefRepr):
         refinement = self._refinement(self.coarse)
         return refinement.boxes(likelihood, refinement.answer(likelihood))
 
-    def boxes_of_each(self, readings: Array) -> Iterator[tuple[Array, Array, Array]]:
-        """The same of each of many runs, which takes less time than one by one.
-
-        Args:
-            readings: (M, T, B), m.
-        """
-        at_once = runs_at_once(self.problem)
-        for start in range(0, len(readings), at_once):
-            likelihood = self._likelihood(self.coarse, readings[start : start + at_once])
-            refinement = self._refinement(self.coarse)
-            found = refinement.answer(likelihood)
-            for run in range(len(likelihood.readings)):
-                yield refinement.boxes(likelihood.rows(np.array([run])), found.of_run(run))
-
     def _likelihood(self, coarse: CoarseCells, readings: Array) -> Likelihood:
         return Likelihood(self.problem.sensor, readings, coarse.farthest)
 
@@ -223,6 +209,25 @@ class RefinedPointMassFilter(BriefRepr):
         flat = (found.log_integral > -np.inf) & ~is_definite(found.covariance, SUM_ROUNDING)
         found.covariance[flat] += np.diag(coarse.steps[0] ** 2 / 12)
         return found
+
+
+def boxes_of_each(
+    problem: Problem, coarse: CoarseCells, readings: Array, accuracy: float, most_cells: int
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Boxes about the nodes of the cells of each of many runs: as `RefinedPointMassFilter.boxes` of one.
+
+    Args:
+        problem: The problem.
+        coarse: Coarse cells over its prior.
+        readings: (M, T, B), m.
+        accuracy, most_cells: As of the filter.
+    """
+    refinement, at_once = Refinement(problem, coarse, accuracy, most_cells), runs_at_once(problem)
+    for start in range(0, len(readings), at_once):
+        likelihood = Likelihood(problem.sensor, readings[start : start + at_once], coarse.farthest)
+        found = refinement.answer(likelihood)
+        for run in range(len(likelihood.readings)):
+            yield refinement.boxes(likelihood.rows(np.array([run])), found.of_run(run))
 
 
 def run_bytes(size: int, beams: int) -> float:
