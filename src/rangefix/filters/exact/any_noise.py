@@ -16,7 +16,7 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import njit
 from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass, lowest, rising
-from .partition import copy_corners, cut_by
+from .polygons import copy_corners, cut_by
 
 FINE_SCALES = 12.0  # half-width of the fine part of a table
 FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import njit
-from .partition import copy_corners, cut_by
+from .polygons import copy_corners, cut_by
 
 MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts
 STEEP_NATS = 200.0  # along the greater curvature; beyond that axes follow the gradient
