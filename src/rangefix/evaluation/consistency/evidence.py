@@ -70,7 +70,7 @@ class Evidence:
         value = self.row.anees.value
         if self.row.null is None or not self.drawn or not math.isfinite(value):
             return self.factor
-        _, _, least, most = self.row.null.scatter["anees"]
+        least, most = self.row.null.least, self.row.null.most
         return Interval(value, value / most if most else 0.0, value / least if least else math.inf)
 
     @property
