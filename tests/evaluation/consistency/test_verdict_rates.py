@@ -135,8 +135,10 @@ def test_faults_are_seen_no_less_than_before(name):
 @pytest.mark.study
 @pytest.mark.parametrize("name", EXACT)
 def test_the_range_by_which_claims_may_be_off_holds_1(name):
-    """200 studies of 1000 runs: of exact filters it leaves 1 out in 5 % (7 % allowed, as 39 draws stand for
-    each belief); more by chance for fewer than 1 seed in 10 000."""
+    """200 studies of 1000 runs: exact filters' leave it out in 5 %.
+
+    7 % are allowed, as 39 draws stand for each belief; more by chance for fewer than 1 seed in 10 000.
+    """
     case, rng, left_out = EXACT[name], np.random.default_rng(7), 0
     for _ in range(200):
         draws = case.belief(rng, (1000, KEPT_DRAWS))

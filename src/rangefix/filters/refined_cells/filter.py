@@ -29,6 +29,7 @@ CELLS_GB = 1.0  # of the usual cells of the runs that are worked on at once; one
 FLOAT, COPIES = 8, 3  # bytes, and of each cell while some are halved
 SUM_ROUNDING = 1e-10  # of a covariance summed over cells
 OTHER_SEED = 1  # of the places of the second lattice, by which the error is told
+SAFETY = 3.0  # as grid convergence indices have it where two grids are compared (Roache, 1994)
 FIRST_SEED = 0
 
 
@@ -155,7 +156,8 @@ class RefinedPointMassFilter(BriefRepr):
         """How far mean and covariance may be off, in posterior deviations, (M,).
 
         The greater of what the cells say themselves (rules of fewer nodes, jumps that cross cells, cells that
-        are still wide) and of the difference to what a second lattice answers, shifted against the first.
+        are still wide) and of the difference to what a second lattice answers, shifted against the first;
+        SAFETY times that where the noise is not Gaussian, for both meet the same steps of its density.
         """
         mean, covariance, log_evidence = belief.estimate
         errors = belief.error.copy()
@@ -168,7 +170,7 @@ class RefinedPointMassFilter(BriefRepr):
             differs = deviations_apart(self.problem.space, mine, theirs)
             differs = np.where(other.log_integral > -np.inf, differs, np.inf)
             errors[part] = np.maximum(errors[part], differs)
-        return errors
+        return errors if self.problem.sensor.gaussian_stds is not None else SAFETY * errors
 
     def sample(self, belief: RefinedBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Draws from the cells, with the claimed mean and covariance, (M, size, n).
