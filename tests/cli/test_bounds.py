@@ -128,7 +128,7 @@ def test_bounds_are_saved_only_where_they_belong(rangefix: Callable[..., Said], 
     other.write_text(STUDY.replace("4.0", "5.0"))
     for arguments, reason in (
         ((other, "--out", folder), "holds no finished results of this study as it is now"),
-        ((folder, "--map", "room:4x6"), "--out and --map go with a study"),
+        ((folder, "--map", "room:4x6"), "--out, --map, --unit and --up go with a study"),
         ((study, "--only", "optimum", "--out", folder), "--only goes without --out"),
         ((study, "--curve", tmp_path / "a.txt"), "name a picture that ends with .png"),
     ):

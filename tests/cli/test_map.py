@@ -165,3 +165,15 @@ def test_a_replay_takes_what_a_map_needs(rangefix: Callable[..., Said], ros_map:
         assert (
             "no effect on room:4x6" in rangefix(command, "--map", "room:4x6", "--log", "a", "--up", "y").err
         )
+
+
+@pytest.mark.parametrize("command", ["run", "validate", "plan", "bounds", "map-accuracy"])
+def test_unit_and_axis_of_a_map_given_to_a_command(
+    rangefix: Callable[..., Said], tmp_path: Path, command: str
+) -> None:
+    """What is no unit, or has none, is told in the words that were typed."""
+    (tmp_path / "study.toml").write_text(STUDY)
+    said = rangefix(command, "study.toml", "--map", "room:4x6", "--unit", "foot", "--up", "y")
+    assert (said.code, said.out) == (2, "")
+    assert "--unit: unknown key" in said.err
+    assert "--up: unknown key" in said.err

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import PICTURES, ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, say, warn
+from .map_options import Unit, Up
 from .studies import Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ def bounds(
         ),
     ] = None,
     map_path: Map = None,
+    unit: Unit = None,
+    up: Up = None,
     no_plugins: NoPlugins = False,
     as_json: Json = False,
 ) -> None:
@@ -79,11 +82,13 @@ def bounds(
     if curve is not None:
         if only is not None or out is not None:
             raise ValueError("--curve goes without --only and --out")
-        _draw_curve(_study_and_folder(study, None, map_path, not no_plugins)[0], curve, as_json)
+        _draw_curve(
+            _study_and_folder(study, None, map_path, not no_plugins, unit=unit, up=up)[0], curve, as_json
+        )
         return
     asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
-    described, folder = _study_and_folder(study, out, map_path, not no_plugins)
+    described, folder = _study_and_folder(study, out, map_path, not no_plugins, unit=unit, up=up)
     experiment = described.experiment()
     if asked and out is not None:
         raise ValueError("--only goes without --out: what is saved is all there is")
@@ -123,7 +128,7 @@ def bounds(
 
 
 def _study_and_folder(
-    target: str, out: Path | None, map_name: str | None, plugins: bool
+    target: str, out: Path | None, map_name: str | None, plugins: bool, **map_keys: str | None
 ) -> tuple[Study, Path]:
     """The study that is asked about, and where its results may be.
 
@@ -135,10 +140,10 @@ def _study_and_folder(
 
     folder = Path(target)
     if not folder.is_dir() or not (folder / "manifest.json").exists():
-        study = read_study(target, None, None, map_name, plugins)
+        study = read_study(target, None, None, map_name, plugins, **map_keys)
         return study, Path("results") / study.name if out is None else out
-    if out is not None or map_name is not None:
-        raise ValueError("--out and --map go with a study, not with a folder of results")
+    if out is not None or map_name is not None or any(map_keys.values()):
+        raise ValueError("--out, --map, --unit and --up go with a study, not with a folder of results")
     manifest = load(folder).manifest
     if not manifest["config"]:
         raise ValueError(f"{folder} is of an experiment from Python: run it once more, with bounds=True")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .app import Json, named, print_json
+from .map_options import Unit, Up
 from .plan import read_candidates
 from .studies import Map, NoPlugins, StudyFile, read_study
 
@@ -29,6 +30,8 @@ def map_accuracy(
         ),
     ] = None,
     map_path: Map = None,
+    unit: Unit = None,
+    up: Up = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -39,7 +42,7 @@ def map_accuracy(
     as_json: Json = False,
 ) -> None:
     """How accurate a position is going to be at each place of a map, from gradients of the ranges."""
-    world = read_study(study, None, None, map_path, not no_plugins).world()
+    world = read_study(study, None, None, map_path, not no_plugins, unit=unit, up=up).world()
 
     import numpy as np
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .app import PICTURES, Json, doing, named, names_from, one_of, print_json
+from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ def plan(
     ] = 64,
     seed: Seed = None,
     map_path: Map = None,
+    unit: Unit = None,
+    up: Up = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -88,7 +91,7 @@ def plan(
     """Which beams to measure: the expected accuracy of a position before anything is measured."""
     criterion = one_of(criterion, criteria(), "criterion is called")
     method = one_of(method, methods(), "method is called")
-    given = read_study(study, None, seed, map_path, not no_plugins)
+    given = read_study(study, None, seed, map_path, not no_plugins, unit=unit, up=up)
     world = given.world()
 
     from ..evaluation.planning.selection import Planner
