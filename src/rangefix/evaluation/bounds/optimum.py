@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ MAX_ERROR = 0.1  # deviations; of a heading without a mean none is known
 ACCURACY = 0.005  # asked of lattices, in deviations of the posterior
 ACCURACY_OF_POSES = 0.1  # the same; what it errs by is in the error, and averages out
 MAX_COMPONENTS = 3
+Answer = Callable[[Array, Array], Array]  # what is averaged, of truths (N, n) and readings (N, B)
 CIRCULAR = (
     "heading: mean square of the wrapped error e of the circular mean, which is the best estimate for "
     "E[2 - 2 cos e], and not always for e squared"
@@ -73,11 +74,9 @@ def optimum(problem: Problem) -> Bound:
         return Bound("optimum", *summed, ("summed over readings",))
 
     counts = (DRAWS_OF_EXACT,) if exact else DRAWS_OF_POSES if unknown_heading else (DRAWS_OF_LATTICES,)
-    for count in counts:
-        sums = set_means(problem, count, _posteriors(problem, estimator, count // SETS))
-        matrix, error = _with_control(problem, sums)
-        if (np.diagonal(error) <= ACCURATE_SHARE * np.diagonal(matrix)).all():
-            break
+    count, sums, matrix, error = _averaged(
+        problem, counts, ACCURATE_SHARE, lambda count: _posteriors(problem, estimator, count // SETS)
+    )
     told: tuple[str, ...] = (f"averaged over {count} truths and readings",)
     if unknown_heading:
         told += (CIRCULAR,)
@@ -97,14 +96,12 @@ def _of_samples(problem: Problem) -> Bound | None:
         samples = int(min(most, samples * 2 ** np.ceil(np.log2(share / ENOUGH_SHARE))))
     if share * FEW_SAMPLES / samples > MOST_SHARE:
         return None
-    for count in DRAWS_OF_SAMPLES:
-        sums = set_means(problem, count, _over_samples(problem, samples))
-        share = float(sums[:, 1].mean(axis=0).max())
-        if share > MOST_SHARE:
-            return None
-        matrix, error = _with_control(problem, sums)
-        if (np.diagonal(error) <= ACCURATE_SHARE_OF_SAMPLES * np.diagonal(matrix)).all():
-            break
+    count, sums, matrix, error = _averaged(
+        problem, DRAWS_OF_SAMPLES, ACCURATE_SHARE_OF_SAMPLES, lambda _: _over_samples(problem, samples)
+    )
+    share = float(sums[:, 1].mean(axis=0).max())
+    if share > MOST_SHARE:
+        return None
     told: tuple[str, ...] = (
         f"averaged over {count} truths and readings; posteriors over {samples} samples of the prior, worth "
         f"{1 / share:.0f} of equal weight",
@@ -118,7 +115,7 @@ def _of_samples(problem: Problem) -> Bound | None:
     return Bound("optimum", matrix, error + share * np.abs(matrix), told)
 
 
-def _over_samples(problem: Problem, samples: int) -> Callable[[Array, Array], Array]:
+def _over_samples(problem: Problem, samples: int) -> Answer:
     """What is averaged over truths and readings, as of `_posteriors` but for the second and third.
 
     These are 1 / effective number of the samples, and whether the heading has no circular mean.
@@ -138,7 +135,7 @@ def _over_samples(problem: Problem, samples: int) -> Callable[[Array, Array], Ar
     return answer
 
 
-def _posteriors(problem: Problem, estimator: Any, size: int) -> Callable[[Array, Array], Array]:
+def _posteriors(problem: Problem, estimator: Any, size: int) -> Answer:
     """What is averaged over truths and readings: of each, matrices in this order.
 
     P; how far it may be off; whether that is not known; P plus the square of how far the posterior's mean
@@ -185,6 +182,22 @@ def _first(belief: RefinedBelief, count: int) -> RefinedBelief:
     """The first runs of a belief."""
     estimate = Estimate(*(np.asarray(part)[:count] for part in belief.estimate))
     return RefinedBelief(belief.readings[:count], estimate, belief.error[:count])
+
+
+def _averaged(
+    problem: Problem, counts: Sequence[int], enough: float, answer: Callable[[int], Answer]
+) -> tuple[int, Array, Array, Array]:
+    """Averages over one number of draws after the other, until the error of E[P] is a small share of it.
+
+    Returns:
+        How many draws; the averages of sets of them, (SETS, 6, n, n); E[P] and its standard error, (n, n).
+    """
+    for count in counts:
+        sums = set_means(problem, count, answer(count))
+        matrix, error = _with_control(problem, sums)
+        if (np.diagonal(error) <= enough * np.diagonal(matrix)).all():
+            break
+    return count, sums, matrix, error
 
 
 def _with_control(problem: Problem, sums: Array) -> tuple[Array, Array]:
