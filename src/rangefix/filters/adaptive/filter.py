@@ -22,7 +22,7 @@ from ..space import StateSpace, is_definite
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
 from .lattice import Lattice, Limits, halved
 from .mode_gaussians import kept_count, sample_modes
-from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, integrate, verified
+from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, refined, verified, with_lattices
 from .predicted import GUESS_BEAMS, Draws, Predicted, coarse_axes, predict_modes
 from .range_bounds import SearchTable, build_table, shortfall_bounds
 from .target import STATE_COST, WORK, Target, TooManyCells, Work
@@ -35,6 +35,7 @@ MAX_BOXES = 20_000  # that a search may leave
 LOT_NATS = 3.0  # by which those that are left then are drawn by lot
 MAX_BOXES_FOLLOWED = 2000  # at once
 STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead elsewhere count too
+MOST_MISSED_NATS = 700.0  # more is as much: nothing of what counts has been found yet
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
@@ -235,7 +236,7 @@ class AdaptivePointMassFilter(BriefRepr):
             information = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
-        found = integrate(target, peaks, self._accuracy)
+        found = refined(target, with_lattices(target, peaks, self._accuracy), self._accuracy)
         if isinstance(prior, Predicted):
             found = replace(found, missed=prior.blur(prior.draws(DRAWS_ASKED)))
         return verified(target, check, found, self._accuracy)
@@ -295,8 +296,10 @@ class AdaptivePointMassFilter(BriefRepr):
             except TooManyCells:
                 if check is None:
                     raise
-                found = self._after_move(check, self._targets(check, None, measurements)[0])
+                coarse = self._targets(check, None, measurements)[0]
+                found = refined(coarse, self._after_move(check, coarse), self._accuracy)
                 return replace(found, missed=np.inf)  # coarser by an unknown amount, rather than no answer
+        found = refined(target, found, self._accuracy)
         return verified(target, other, found, self._accuracy) if found.modes else found
 
     def _fix(self, prior: Prior, target: Target) -> Quadrature:
@@ -339,7 +342,7 @@ class AdaptivePointMassFilter(BriefRepr):
                 break
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
-            found = integrate(target, peaks, self._accuracy, found)
+            found = with_lattices(target, peaks, self._accuracy, found)
         draws = prior.draws(DRAWS_ASKED)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
         found = self._completed(target, rough, found, draws, *prior.means_and_precisions())
@@ -363,7 +366,8 @@ class AdaptivePointMassFilter(BriefRepr):
             worth = draws.log_mass[left]
             if found.modes:
                 worth = worth - found.log_integral + np.log(found.counts(draws.states[left]))
-                found = replace(found, missed=float(np.exp(np.logaddexp.reduce(worth, initial=-np.inf))))
+                missed = min(float(np.logaddexp.reduce(worth, initial=-np.inf)), MOST_MISSED_NATS)
+                found = replace(found, missed=float(np.exp(missed)))
                 if found.missed < MISSED_SHARE * self.accuracy:
                     break
             if steps is None or not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
@@ -373,7 +377,7 @@ class AdaptivePointMassFilter(BriefRepr):
             peaks = climb(rough, draws.states[best], means[of], precisions[of], steps)
             if rough is not target:
                 peaks = peaks._replace(log_density=target.log_density(peaks.states))
-            found = integrate(target, peaks, self._accuracy, found)
+            found = with_lattices(target, peaks, self._accuracy, found)
         return found
 
     def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
@@ -388,7 +392,7 @@ class AdaptivePointMassFilter(BriefRepr):
         for steps in STEPS_BY_ROUND:
             best = left[np.argsort(-worth, kind="stable")[:MAX_BOXES_FOLLOWED]]
             peaks = climb(target, boxes[best], mean, precision, steps)
-            found = integrate(target, peaks, self._accuracy, found)
+            found = with_lattices(target, peaks, self._accuracy, found)
             if not found.modes or len(target.beams) > QUICK_BEAMS:
                 break
             if target.perfect() - found.level > UNEXPLAINED_NATS:

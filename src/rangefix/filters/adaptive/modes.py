@@ -22,6 +22,7 @@ MAX_AXIS_HALVINGS, FALLEN_NATS = 12, 6.0  # an axis is halved until its density 
 MIN_PROBABILITY, MIN_COUNT = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
 LOBE_NATS = 6.0  # below the best mode's peak at which another is taken for a lobe of something wide
 MAX_CELLS_FACTOR = 3.0  # of a Gaussian's: of more, lobes and modes in cut axes have their steps doubled
+MANY_CELLS = 10_000  # of a mode with the usual steps: of more, these are doubled at first
 MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no more
 MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
 SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
@@ -213,8 +214,10 @@ class Quadrature:
 NOWHERE = Quadrature()
 
 
-def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, known: Quadrature = NOWHERE) -> Quadrature:
-    """Integrate a posterior about its peaks.
+def with_lattices(
+    target: Target, peaks: Peaks, accuracy: Accuracy, known: Quadrature = NOWHERE
+) -> Quadrature:
+    """Lay a lattice about each of a posterior's peaks, with the usual steps or wider ones: see `refined`.
 
     Args:
         target: The posterior.
@@ -239,16 +242,18 @@ def integrate(target: Target, peaks: Peaks, accuracy: Accuracy, known: Quadratur
             left &= ~mode.holds(peaks.states)
             if mode.logs.max() > level:
                 known = Quadrature((*known.modes, mode))
-    return _refined(target, known, accuracy) if known.modes else known
+    return known
 
 
-def _refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature:
+def refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature:
     """Modes with their spacing halved, the worst axis at a time, until together they err by little enough.
 
     No point is worked out twice. A mode of as many cells as allowed stays as it is; if its error alone is too
     large, the others are as good as they would be without it. Where a finer mode grows into others that were
     found after it, it takes their points, as it had their places when they were found.
     """
+    if not found.modes:
+        return found
     edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
     for _ in range(MAX_HALVINGS):
         errors = found.errors
@@ -264,7 +269,8 @@ def _refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadratur
         axis = errors[worst] == errors[worst].max()
         mode = halved(mode, axis, target.log_density, Limits(before, level, edge, accuracy.most_cells))
         after = tuple(later.without(mode) for later in after)
-        found = Quadrature((*before, mode, *(later for later in after if later.logs.max() > -np.inf)))
+        kept = (*before, mode, *(later for later in after if later.logs.max() > -np.inf))
+        found = replace(found, modes=kept)
     return found
 
 
@@ -324,7 +330,7 @@ def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, 
     """A mode's first lattice.
 
     Its steps are doubled where it takes too many cells: where they were cut, until they are whole; if it is
-    but a lobe, far below other modes, any time.
+    but a lobe, far below other modes, any time; else once, so that no mode takes the work of all others.
     """
     space, spacing, edge = target.sensor.space, accuracy.spacing, accuracy.edge(len(peak))
     axes, shares = _axes(target, peak, information)
@@ -333,12 +339,13 @@ def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, 
     lobe = target.log_density(peak[None])[0] < limits.level + accuracy.margin - LOBE_NATS
     while True:
         basis, usual = spacing * axes * shares, not lobe and (shares >= 1).all()
-        most = accuracy.most_cells if usual else min(many, accuracy.most_cells)
+        first = MANY_CELLS if (shares == 1).all() else accuracy.most_cells
+        most = min(first if usual else many, accuracy.most_cells)
         try:
             bounded = limits._replace(margin=edge, most=most)
             return grow(space, target.log_density, peak, basis, start, bounded)
         except TooManyCells:
-            if usual or shares.min() > MAX_STEP_FACTOR:
+            if (usual and (shares > 1).any()) or shares.min() > MAX_STEP_FACTOR:
                 raise
             shares = np.minimum(2 * shares, 1.0) if (shares < 1).any() else 2 * shares
 
