@@ -217,7 +217,9 @@ def what_was_run(found: dict[str, Any], small: list[dict[str, Any]]) -> str:
 
 def tables(found: dict[str, Any], small: list[dict[str, Any]], runs: dict[str, int]) -> str:
     """The page."""
-    lines = [HEAD.format(std=STD, map_std=MAP_STD, done=what_was_run(found, small))]
+    lines = [
+        HEAD.format(std=STD, map_std=MAP_STD, offsets=OFFSETS, truths=TRUTHS, done=what_was_run(found, small))
+    ]
     for name, kinds in found.items():
         for kind, ways in kinds.items():
             limited = (
@@ -271,9 +273,9 @@ HEAD = """# What planned beams are worth
 <!-- Made by `make planning`: do not edit. -->
 
 A rangefinder of {std} m that can look in every direction, at a known heading, at any place of a map.
-Even beams stand evenly round the circle at all offsets; random ones anywhere; planned ones are chosen
-by `rangefix plan` before anything is measured; adaptive ones each after the readings before it. In each
-cell: RMS error of the position with its 95 % interval, median of the posteriors' deviations, both in
+Even beams stand evenly round the circle, at {offsets} offsets; random ones anywhere, {offsets} sets of
+them; planned ones are chosen by `rangefix plan` before anything is measured, averaging over {truths} truths
+of their own; adaptive ones each after the readings before it. In each cell: RMS error of the position with its 95 % interval, median of the posteriors' deviations, both in
 mm, and how many posteriors are wider than 0.2 m: rare wrong modes make the RMS. Part of what adaptive
 beams gain comes from beams that graze a wall, which tell most where the noise does not grow with the
 angle. {done}
