@@ -276,9 +276,9 @@ A rangefinder of {std} m that can look in every direction, at a known heading, a
 Even beams stand evenly round the circle, at {offsets} offsets; random ones anywhere, {offsets} sets of
 them; planned ones are chosen by `rangefix plan` before anything is measured, averaging over {truths} truths
 of their own; adaptive ones each after the readings before it. In each cell: RMS error of the position with
-its 95 % interval, median of the posteriors' deviations, both in mm, and how many posteriors are wider than 0.2 m: rare wrong modes make the RMS. Part of what adaptive
-beams gain comes from beams that graze a wall, which tell most where the noise does not grow with the
-angle. {done}
+its 95 % interval, median of the posteriors' deviations, both in mm, and how many posteriors are wider than
+0.2 m: rare wrong modes make the RMS. Part of what adaptive beams gain comes from beams that graze a wall,
+which tell most where the noise does not grow with the angle. {done}
 
 A map that is off as a whole by {map_std} m (one standard deviation along each axis) adds the same error
 to all beams: its square is added, and no number of beams takes it away.
