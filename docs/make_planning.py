@@ -1,6 +1,7 @@
 """Measure what planning beams is worth: even, random, planned and adaptive ones in three maps.
 
-Usage: python docs/make_planning.py [--runs N] [--building FILE] [--maps NAME ...] [--small] [--out FILE]
+Usage: python docs/make_planning.py [--runs N] [--building FILE] [--maps NAME ...] [--ways NAME ...] [--small]
+    [--out FILE]
 
 Writes a page with tables, `docs/images/planning-study.png`, and the numbers as `planning-study.json` beside
 the page. Accuracy is the root of the mean of trace P of the posterior over truths from the prior (x1 and x2),
@@ -131,24 +132,37 @@ def figures_of(values: Array) -> dict[str, float]:
     return {"rms": rms, "low": float(low), "high": float(high), "median": median, "wide": wide}
 
 
-def compare(problem: Problem, runs: int, more_even: bool) -> dict[str, dict[str, dict[str, float]]]:
-    """Every way of choosing k beams."""
-    rng = np.random.default_rng(SEED)
-    states = problem.prior.sample(runs, rng)
-    found: dict[str, dict[str, dict[str, float]]] = {way: {} for way in WAYS}
+def compare(
+    problem: Problem, runs: int, more_even: bool, ways: Sequence[str]
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Some ways of choosing k beams, each with random numbers of its own."""
+    states = problem.prior.sample(runs, np.random.default_rng(SEED))
+    found: dict[str, dict[str, dict[str, float]]] = {way: {} for way in ways}
     planner = Planner(problem, sweep(np.deg2rad(0.36), 0.0), truths=TRUTHS, seed=SEED)
+
+    def rng_of(way: str, count: int) -> np.random.Generator:
+        return np.random.default_rng([SEED, WAYS.index(way), count])
+
     for count in (*BEAMS, *(MORE_EVEN if more_even else ())):
-        tell(f"  even: {count}")
-        found["even"][str(count)] = figures_of(spread_over_sets(problem, even(count), states, rng))
+        if "even" in ways:
+            tell(f"  even: {count}")
+            values = spread_over_sets(problem, even(count), states, rng_of("even", count))
+            found["even"][str(count)] = figures_of(values)
     for count in BEAMS:
-        sets = [rng.uniform(-np.pi, np.pi, count) for _ in range(OFFSETS)]
-        found["random"][str(count)] = figures_of(spread_over_sets(problem, sets, states, rng))
-        tell(f"  planned: {count}")
-        plan = planner.plan(count, "exchange" if count in (2, 3, 4, 8) else "greedy", everywhere=False)
-        bearings = np.array([step.bearing for step in plan.steps], dtype=float)
-        found["planned"][str(count)] = figures_of(traces(problem, bearings, states, rng))
-    for count, values in adaptive(planner, states, rng).items():
-        found["adaptive"][str(count)] = figures_of(values)
+        if "random" in ways:
+            tell(f"  random: {count}")
+            rng = rng_of("random", count)
+            sets = [rng.uniform(-np.pi, np.pi, count) for _ in range(OFFSETS)]
+            found["random"][str(count)] = figures_of(spread_over_sets(problem, sets, states, rng))
+        if "planned" in ways:
+            tell(f"  planned: {count}")
+            plan = planner.plan(count, "exchange" if count in (2, 3, 4, 8) else "greedy", everywhere=False)
+            bearings = np.array([step.bearing for step in plan.steps], dtype=float)
+            values = traces(problem, bearings, states, rng_of("planned", count))
+            found["planned"][str(count)] = figures_of(values)
+    if "adaptive" in ways:
+        for count, values in adaptive(planner, states, rng_of("adaptive", 0)).items():
+            found["adaptive"][str(count)] = figures_of(values)
     return found
 
 
@@ -327,6 +341,9 @@ def main() -> None:
         "--maps", nargs="*", choices=ABOUT, default=tuple(ABOUT),
         help="maps to measure in; none: only the page is written, from what was measured before",
     )  # fmt: skip
+    parser.add_argument(
+        "--ways", nargs="*", choices=WAYS, default=WAYS, help="of choosing beams; others stay as they were"
+    )
     parser.add_argument("--small", action="store_true", help="compare greedy, exchange and exhaustive search")
     parser.add_argument("--out", type=Path, default=HERE / "planning-study.md", help="page to write")
     given = parser.parse_args()
@@ -340,10 +357,13 @@ def main() -> None:
         problem = problem_in(name, given.building)
         limited = replace(check_plannable(problem), max_incidence=np.deg2rad(GRAZING_DEG))
         runs[name] = max(OFFSETS, given.runs // (4 if name == "avz" else 1))
-        found[name] = {}
+        known = found.get(name, {}) if set(given.ways) < set(WAYS) else {}
+        found[name] = dict(known)
         for kind, each in (("all", problem), ("limited", replace(problem, sensor=limited))):
             tell(f"{name}, {kind}")
-            found[name][kind] = compare(each, runs[name], more_even=kind == "all" and name != "avz")
+            more_even = kind == "all" and name != "avz"
+            fresh = compare(each, runs[name], more_even, given.ways)
+            found[name][kind] = {way: (known.get(kind, {}) | fresh)[way] for way in WAYS}
             found = {key: found[key] for key in ABOUT if key in found}
             numbers.write_text(
                 json.dumps({"found": found, "small": before["small"], "runs": runs}, indent=1) + "\n"

@@ -12,10 +12,11 @@ from rangefix.evaluation.planning.cells import Cells, posterior_cells
 from rangefix.evaluation.planning.expected_covariance import expected_covariance, some_beams
 from rangefix.evaluation.planning.reading_table import SharedTables
 from rangefix.evaluation.planning.selection import Planner
+from rangefix.evaluation.planning.whole_sets import covariances_after
 from rangefix.filters import Gaussian, Problem, Rangefinder, sweep, velocity_space
 from rangefix.maps import RectangularRoom
 
-from ..bounds.problems import turned
+from ..bounds.problems import l_shape, located, turned
 from ..conftest import make_problem
 
 EVEN = np.deg2rad(np.arange(-90.0, 91.0, 15.0))
@@ -207,3 +208,24 @@ def _moments(cells: Cells) -> np.ndarray:
     x1, x2, *heading = cells.centres.T
     mean = cells.weights @ np.stack([x1, x2, *map(np.cos, heading), *map(np.sin, heading)], axis=1)
     return np.concatenate([mean, np.sqrt(np.diag(cells.covariance)[:2])])
+
+
+@pytest.mark.study
+def test_exchange_keeps_no_set_of_beams_with_rare_wrong_modes() -> None:
+    """8 beams in an L-shape, grazing ones lost: at most 5 % worse than greedy ones over 2000 other truths.
+
+    Judged by 48 truths alone it kept a set that leaves two places open once in 50 times, ten times as bad.
+    """
+    known = located(l_shape(6.0, 5.0, 3.0, 2.5), [0.0], 0.05)
+    sensor = replace(known.sensor, max_incidence=np.deg2rad(75.0))
+    planner = Planner(replace(known, sensor=sensor), sweep(np.deg2rad(0.36), 0.0), truths=48, seed=14)
+    rng = np.random.default_rng(5)
+    states = known.prior.sample(2000, rng)
+    errors = []
+    for method in ("greedy", "exchange"):
+        bearings = np.array([step.bearing for step in planner.plan(8, method, everywhere=False).steps])
+        problem = replace(known, sensor=replace(sensor, bearings=bearings))
+        found = covariances_after(problem, problem.sensor.sample(states, np.random.default_rng(6)))
+        assert found is not None
+        errors.append(float(np.sqrt(np.trace(found.mean(axis=0)))))
+    assert errors[1] <= 1.05 * errors[0]

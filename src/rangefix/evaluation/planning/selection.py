@@ -26,6 +26,7 @@ from .cells import Cells, cells_of, check_plannable, coarse_cells, posterior_cel
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
 from .one_beam import noise_width
 from .reading_table import SharedTables
+from .whole_sets import covariances_after, criterion_of, truths_of
 
 Method = Literal["greedy", "exchange", "exhaustive"]
 METHODS: tuple[str, ...] = get_args(Method)
@@ -39,6 +40,7 @@ FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the bes
 PICTURED = 8  # truths over which the objective of all candidates is averaged, for pictures
 PASSES = 3  # of exchange over all beams
 MOST_SETS = 2000  # of beams, in an exhaustive search
+FINAL_SETS = 10  # the best of them, which are compared by many truths
 MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
 Tell = Callable[[str], None]
 
@@ -92,7 +94,8 @@ class Planner:
         problem: Of an object that stays where it is; only its prior, map and sensor count.
         candidates: Bearings that may be chosen, rad, (D,).
         criterion: What is made as small as possible, or as large for information.
-        truths: Draws from the prior over which it is averaged from the second beam on.
+        truths: Draws from the prior over which it is averaged while beams are looked for, from the second on.
+            What is found is compared, and its accuracy told, over more where `covariances_after` can.
         seed: Of the draws.
         tell: Told what is being done.
 
@@ -179,18 +182,56 @@ class Planner:
                 covariance, values = found.covariance[0], found.objective(self.criterion)
                 objective[last] = values[0]
             else:
-                truths = self.truths * (2 if count == len(chosen) - 1 else 1)
-                beliefs = self._beliefs(chosen[:count], 0, truths, f"accuracy {count}")
-                results = [self._after(belief, [last]) for belief in beliefs]
-                covariance = np.mean([each.covariance[0] for each in results], axis=0)
-                values = np.array([each.objective(self.criterion)[0] for each in results])
+                purpose = f"accuracy {count}"
+                covariance, values = self._accuracy(chosen[: count + 1], purpose)
                 if everywhere:
-                    some = beliefs[:PICTURED]
+                    some = self._beliefs(chosen[:count], 0, PICTURED, purpose)
                     objective = np.mean([self._objective(belief) for belief in some], axis=0)
             error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
             bearing = float(self.candidates[last])
             steps.append(Step(bearing, covariance, self._shown(float(values.mean())), error, objective))
         return steps
+
+    def _accuracy(self, chosen: Sequence[int], purpose: str) -> tuple[Array, Array]:
+        """E[P] after some candidates, two or more, and the criterion for each of the truths."""
+        found = self._after_all(chosen, purpose)
+        if found is not None:
+            return found.mean(axis=0), criterion_of(found, self.criterion)
+        beliefs = self._beliefs(chosen[:-1], 0, 2 * self.truths, purpose)
+        results = [self._after(belief, [chosen[-1]]) for belief in beliefs]
+        covariance = np.mean([each.covariance[0] for each in results], axis=0)
+        return covariance, np.array([each.objective(self.criterion)[0] for each in results])
+
+    def _after_all(self, chosen: Sequence[int], purpose: str) -> Array | None:
+        """P after some candidates for many truths, the same for a purpose: see `covariances_after`."""
+        if self.criterion == "information":
+            return None
+        states = self.problem.prior.sample(truths_of(self.problem), stream(self.seed, f"plan {purpose}", 0))
+        problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
+        readings = [self._read(states, beam, purpose) for beam in chosen]
+        return covariances_after(problem, np.stack(readings, axis=1))
+
+    def _mean_after(self, chosen: Sequence[int]) -> float | None:
+        """The criterion after a set of candidates, over truths by which all sets are compared."""
+        known, key = self._means_known, frozenset(chosen)
+        if key not in known:
+            found = self._after_all(sorted(chosen), "sets")
+            known[key] = None if found is None else float(criterion_of(found, self.criterion).mean())
+        return known[key]
+
+    @cached_property
+    def _means_known(self) -> dict[frozenset[int], float | None]:
+        """What `_mean_after` has found."""
+        return {}
+
+    def _is_better(self, others: Sequence[int], other: int, instead: int, purpose: str) -> bool:
+        """Whether one candidate is better beside others than another, on fresh truths."""
+        new, old = (self._mean_after([*others, each]) for each in (other, instead))
+        if new is not None and old is not None:
+            return new < old
+        beliefs = self._beliefs(others, 0, self.truths, purpose)
+        pairs = np.array([self._objective(belief, [other, instead]) for belief in beliefs])
+        return bool(pairs[:, 0].mean() < pairs[:, 1].mean())
 
     def _shown(self, value: float) -> float:
         return -value if self.criterion == "information" else value
@@ -314,11 +355,10 @@ class Planner:
                 self.tell(f"exchange {turn + 1}: beam {place + 1} of {len(chosen)}")
                 others = chosen[:place] + chosen[place + 1 :]
                 other = self._best(others, chosen[place])
-                if other != chosen[place]:
-                    beliefs = self._beliefs(others, 0, self.truths, f"check {turn} {place}")
-                    pairs = np.array([self._objective(belief, [other, chosen[place]]) for belief in beliefs])
-                    if pairs[:, 0].mean() < pairs[:, 1].mean():
-                        chosen = [*others[:place], other, *others[place:]]
+                if other == chosen[place]:
+                    continue
+                if self._is_better(others, other, chosen[place], f"check {turn} {place}"):
+                    chosen = [*others[:place], other, *others[place:]]
             if chosen == before:
                 break
         return self._ordered(chosen)
@@ -342,15 +382,17 @@ class Planner:
             )
         if beams == 1:
             return self._greedy(1)
-        best, chosen = np.inf, list[int]()
+        tried: list[tuple[float, list[int]]] = []
         for others in combinations(range(count - 1), beams - 1):
             self.tell(f"sets with candidates {', '.join(str(each + 1) for each in others)}")
             last = list(range(others[-1] + 1, count))
             beliefs = self._beliefs(others, 0, self.truths, "choice")
             values = np.mean([self._objective(belief, last) for belief in beliefs], axis=0)
-            if values.min() < best:
-                best, chosen = float(values.min()), [*others, last[int(np.argmin(values))]]
-        return self._ordered(chosen)
+            tried += [(float(value), [*others, each]) for value, each in zip(values, last, strict=True)]
+        best = [chosen for _, chosen in sorted(tried)[:FINAL_SETS]]
+        means = [self._mean_after(chosen) for chosen in best]
+        first = int(np.argmin([np.inf if mean is None else mean for mean in means]))
+        return self._ordered(best[first])
 
     def _adaptive(self, beams: int) -> list[Step]:
         """Each beam chosen after the readings before it, in runs whose truths are drawn from the prior."""
