@@ -54,6 +54,9 @@ name = "slow.py:Slow"
 """
 
 
+NOT_BEGUN = "Could not import runpy module"
+
+
 @dataclass
 class Tally:
     """What came of kills.
@@ -73,10 +76,10 @@ class Tally:
 
         Python ends by SIGINT, which a shell shows as 130, where it was interrupted within `exec`, as when it
         imports; and by the signal itself before the command has begun to handle it. Until it has come to our
-        first line, Python shows where it was.
+        first line, Python shows where it was, and ends with 1 if it could not even load what runs modules.
         """
         assert "Traceback" not in said or "rangefix" not in said, said
-        assert code in (0, 130, -signal.SIGINT, -how), said
+        assert code in (0, 130, -signal.SIGINT, -how) or said.startswith(NOT_BEGUN), said
         self.codes[code] = self.codes.get(code, 0) + 1
         self.killed += code != 0
         self.whole += code == 0
