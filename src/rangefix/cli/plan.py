@@ -13,7 +13,7 @@ from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
     from ..arrays import Array
-    from ..evaluation.planning.selection import Plan
+    from ..evaluation.planning.plans import Plan
     from ..filters import Problem
 
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder

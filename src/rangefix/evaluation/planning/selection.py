@@ -22,16 +22,17 @@ from ...filters import Problem, Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.refined_cells.coarse_cells import CoarseCells
 from ..seeds import stream
+from .candidates import candidates_near, coarse_candidates
 from .cells import Cells, cells_of, check_plannable, coarse_cells, posterior_cells, prior_cells, turned
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
 from .one_beam import noise_width
+from .plans import Plan, Step
 from .reading_table import SharedTables
 from .whole_sets import covariances_after, criterion_of, truths_of
 
 Method = Literal["greedy", "exchange", "exhaustive"]
 METHODS: tuple[str, ...] = get_args(Method)
 FIRST_TRUTHS = 16  # with which many candidates are compared, and by which more are added
-COARSE_CANDIDATES = 130  # that are compared at first, where there are more
 FINE_PLACES = 12  # of them, about which all are
 SECTORS, FINALISTS = 40, 20  # whose best candidates, and how many of these, meet more truths: for rare modes
 CLEARLY = 3.0  # standard errors of the difference on the same truths
@@ -43,47 +44,6 @@ MOST_SETS = 2000  # of beams, in an exhaustive search
 FINAL_SETS = 10  # the best of them, which are compared by many truths
 MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
 Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Step:
-    """One beam of a plan, and what is expected after it.
-
-    Attributes:
-        bearing: From the heading, rad clockwise; None where it depends on the readings before.
-        covariance: E[P] after this beam and those before it, (n, n); m^2 and rad^2.
-        value: The criterion after it: m^2, m^4 for det, nats of this beam for information.
-        error: Standard error of the value: of the drawn truths; 0 for the first beam, which is exact.
-        objective: The criterion for each candidate as it was chosen, (D,); NaN where it was not asked for.
-    """
-
-    bearing: float | None
-    covariance: Array
-    value: float
-    error: float
-    objective: Array
-
-    @property
-    def position_std(self) -> float:
-        """Root of the expected square of the position's error, m."""
-        return float(np.sqrt(max(self.covariance[0, 0] + self.covariance[1, 1], 0.0)))
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Beams to measure, in this order.
-
-    Attributes:
-        candidates: Bearings that were compared, rad, (D,).
-        criterion, method, adaptive: How they were chosen.
-        steps: One for each beam.
-    """
-
-    candidates: Array
-    criterion: Criterion
-    method: str
-    adaptive: bool
-    steps: tuple[Step, ...]
 
 
 @dataclass(frozen=True)
@@ -296,10 +256,10 @@ class Planner:
         if key not in known:
             count, first = len(self.candidates), min(FIRST_TRUTHS, self.truths)
             beliefs = self._beliefs(chosen, 0, first, "choice")
-            found, coarse = np.full(count, np.inf), _coarse(count)
+            found, coarse = np.full(count, np.inf), coarse_candidates(count)
             found[coarse] = self._summed(beliefs, coarse.tolist())
             if len(coarse) < count:
-                near = _near(coarse, found[coarse], FINE_PLACES, count)
+                near = candidates_near(coarse, found[coarse], FINE_PLACES, count)
                 found[near] = self._summed(beliefs, near.tolist())
             found[list(chosen)] = np.inf
             sectors = np.array_split(np.arange(count), min(SECTORS, count))
@@ -454,12 +414,12 @@ class Planner:
             were not looked at, for others nearby brought less, what lies between those about them.
         """
         count = len(self.candidates)
-        coarse = _coarse(count)
+        coarse = coarse_candidates(count)
         found = self._after(belief, coarse.tolist())
         objective, looked_at = found.objective(self.criterion), coarse
         covariances = found.covariance
         if len(coarse) < count:
-            near = _near(coarse, objective, FINE_PLACES // 4, count)
+            near = candidates_near(coarse, objective, FINE_PLACES // 4, count)
             more = self._after(belief, near.tolist())
             looked_at = np.concatenate([coarse, near])
             objective = np.concatenate([objective, more.objective(self.criterion)])
@@ -471,17 +431,3 @@ class Planner:
     def _read_at(self, state: Array, beam: int, rng: Generator) -> Array:
         """A reading of a candidate at a state, m, (1,)."""
         return np.asarray(some_beams(self.sensor, np.array([beam])).sample(state, rng))
-
-
-def _coarse(count: int) -> IntArray:
-    """Places of the candidates that are compared at first, evenly among so many."""
-    stride = max(1, count // COARSE_CANDIDATES)
-    return np.arange(count)[stride // 2 :: stride]
-
-
-def _near(coarse: IntArray, found: Array, places: int, count: int) -> IntArray:
-    """All candidates about the best of the coarse ones, but for these."""
-    stride = int(coarse[1] - coarse[0])
-    best = coarse[np.argsort(found)[:places], None]
-    near = np.unique(np.clip(best + np.arange(1 - stride, stride), 0, count - 1))
-    return np.setdiff1d(near, coarse)

@@ -8,8 +8,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ....arrays import Array
+from ...planning.plans import Plan
 from ...planning.scene import FloorPlan
-from ...planning.selection import Plan
 from ..style import COLOURS, label_positions
 
 PANEL = 3.1  # inches

@@ -1,0 +1,51 @@
+"""A plan of beams, and what is expected after each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array
+from .expected_covariance import Criterion
+
+
+@dataclass(frozen=True)
+class Step:
+    """One beam of a plan, and what is expected after it.
+
+    Attributes:
+        bearing: From the heading, rad clockwise; None where it depends on the readings before.
+        covariance: E[P] after this beam and those before it, (n, n); m^2 and rad^2.
+        value: The criterion after it: m^2, m^4 for det, nats of this beam for information.
+        error: Standard error of the value: of the drawn truths; 0 for the first beam, which is exact.
+        objective: The criterion for each candidate as it was chosen, (D,); NaN where it was not asked for.
+    """
+
+    bearing: float | None
+    covariance: Array
+    value: float
+    error: float
+    objective: Array
+
+    @property
+    def position_std(self) -> float:
+        """Root of the expected square of the position's error, m."""
+        return float(np.sqrt(max(self.covariance[0, 0] + self.covariance[1, 1], 0.0)))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Beams to measure, in this order.
+
+    Attributes:
+        candidates: Bearings that were compared, rad, (D,).
+        criterion, method, adaptive: How they were chosen.
+        steps: One for each beam.
+    """
+
+    candidates: Array
+    criterion: Criterion
+    method: str
+    adaptive: bool
+    steps: tuple[Step, ...]
