@@ -13,7 +13,14 @@ from rich.table import Table
 
 from ..evaluation import Fusion, PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
-from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
+from ..evaluation.consistency.formatting import (
+    beams_in_words,
+    factor,
+    format_number,
+    format_percent,
+    listed,
+    unit,
+)
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide
@@ -69,6 +76,7 @@ def table1_notes(paper: Paper) -> list[str]:
 
 
 IMPROBABLE = "share_improbable"  # stands in one wide table where it is not zero; words below it tell it, too
+MAX_NAMED = 20  # rows that share a verdict; the table above has all
 UNTOLD_SHARE = 5e-4  # of a variance: an error that is not shown
 
 
@@ -200,7 +208,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
         if row.step == end and verdict.kind != "honest":
             told.setdefault(verdict.words, []).append(f"{row.estimator}, {beams_in_words(row.beams)}")
     return [
-        f"{where[0]}: {words}" if len(where) == 1 else f"{words}: {'; '.join(where)}"
+        f"{where[0]}: {words}" if len(where) == 1 else f"{words}: {listed(where, MAX_NAMED)}"
         for words, where in told.items()
     ]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...filters.registry import file_of, module_of
+from ..consistency.formatting import listed
 from ..experiment import Experiment, NamedEstimator
 from .study import Study
 
@@ -43,7 +44,7 @@ class Outline:
         told = [
             f"{study.name}: sound. Nothing was run or written.",
             f"would run: {made.runs} runs of {steps}, seed {made.seed}",
-            f"beams: {_listed(sets)}",
+            f"beams: {listed(sets, MAX_SHOWN)}",
             f"estimators: {len(labels)}, each on {len(sets)} set{'s' * (len(sets) > 1)} of beams",
         ]
         for label in labels[:MAX_SHOWN]:
@@ -104,8 +105,3 @@ def _source(name: str, folder: Path) -> str:
         return ""
     file = file_of(name, folder)
     return str(file) if file is not None else f"module {module_of(name)}"
-
-
-def _listed(labels: list[str]) -> str:
-    more = f"; and {len(labels) - MAX_SHOWN} more" if len(labels) > MAX_SHOWN else ""
-    return "; ".join(labels[:MAX_SHOWN]) + more
