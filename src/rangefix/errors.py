@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 MAX_REASON = 2000  # characters of a reason that is kept
@@ -59,3 +59,9 @@ def printable(text: str, keep: str = "") -> str:
 def cut(text: str, most: int = MAX_REASON) -> str:
     """The text, or its beginning where it is longer than that."""
     return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"
+
+
+def listed(labels: Sequence[str], most: int) -> str:
+    """Labels between semicolons: so many of them, and how many more there are."""
+    more = f"; and {len(labels) - most} more" if len(labels) > most else ""
+    return "; ".join(labels[:most]) + more

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from rich.table import Table
 
+from ..errors import listed
 from ..evaluation import Fusion, PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import (
@@ -18,7 +19,6 @@ from ..evaluation.consistency.formatting import (
     factor,
     format_number,
     format_percent,
-    listed,
     unit,
 )
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Sequence
 
 from .intervals import Interval
 
@@ -74,9 +73,3 @@ def scaled(interval: Interval, by: float) -> Interval:
 def capital(sentence: str) -> str:
     """The sentence with a capital, and a full stop."""
     return sentence[:1].upper() + sentence[1:] + ("" if sentence.endswith((".", ":")) else ".")
-
-
-def listed(labels: Sequence[str], most: int) -> str:
-    """Labels between semicolons: so many of them, and how many more there are."""
-    more = f"; and {len(labels) - most} more" if len(labels) > most else ""
-    return "; ".join(labels[:most]) + more

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...errors import listed
 from ...filters.registry import file_of, module_of
-from ..consistency.formatting import listed
 from ..experiment import Experiment, NamedEstimator
 from .study import Study
 

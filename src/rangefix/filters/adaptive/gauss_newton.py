@@ -100,7 +100,8 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     sensor, measured, beams = target.sensor, ~np.isnan(target.measurements), target.beams
     (expected, slopes), prior = target.expected_and_slopes(states), target.log_prior(states)
     counts = measured.sum(axis=0)[beams]
-    mean_reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
+    with np.errstate(over="ignore", invalid="ignore"):  # no return and too close in turn have no mean
+        mean_reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
     mean_reading = mean_reading - reading_bias(sensor.noise)
     usable = np.isfinite(mean_reading) & np.isfinite(expected[:, beams])
     scale = np.sqrt(sensor.noise.variance(np.where(np.isfinite(expected), expected, 1.0))[:, beams] / counts)
