@@ -186,9 +186,6 @@ class Planner:
 
     def _is_better(self, others: Sequence[int], other: int, instead: int, purpose: str) -> bool:
         """Whether one candidate is better beside others than another, on fresh truths."""
-        new, old = (self._mean_after([*others, each]) for each in (other, instead))
-        if new is not None and old is not None:
-            return new < old
         beliefs = self._beliefs(others, 0, self.truths, purpose)
         pairs = np.array([self._objective(belief, [other, instead]) for belief in beliefs])
         return bool(pairs[:, 0].mean() < pairs[:, 1].mean())
@@ -308,7 +305,12 @@ class Planner:
         return chosen
 
     def _exchange(self, chosen: list[int]) -> list[int]:
-        """Put another candidate in the place of each beam in turn, where that is better on fresh truths."""
+        """Put another candidate in the place of each beam in turn, where that is better on fresh truths.
+
+        Of all sets on the way that counts which is best over many truths, where they can be asked: what is
+        better over few may leave two places open now and then.
+        """
+        best, least = chosen, self._mean_after(chosen)
         for turn in range(PASSES):
             before = list(chosen)
             for place in range(len(chosen)):
@@ -319,9 +321,12 @@ class Planner:
                     continue
                 if self._is_better(others, other, chosen[place], f"check {turn} {place}"):
                     chosen = [*others[:place], other, *others[place:]]
+                    mean = self._mean_after(chosen)
+                    if mean is None or least is None or mean < least:
+                        best, least = chosen, mean
             if chosen == before:
                 break
-        return self._ordered(chosen)
+        return self._ordered(best)
 
     def _ordered(self, chosen: list[int]) -> list[int]:
         """A set of beams in the order in which each brings most."""
