@@ -22,7 +22,7 @@ MAX_AXIS_HALVINGS, FALLEN_NATS = 12, 6.0  # an axis is halved until its density 
 MIN_PROBABILITY, MIN_COUNT = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
 LOBE_NATS = 6.0  # below the best mode's peak at which another is taken for a lobe of something wide
 MAX_CELLS_FACTOR = 3.0  # of a Gaussian's: of more, lobes and modes in cut axes have their steps doubled
-MANY_CELLS = 10_000  # of a mode with the usual steps: of more, these are doubled at first
+MANY_CELLS = 10_000  # of a mode with the usual steps, or MAX_CELLS_FACTOR: of more, these are doubled at first
 MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no more
 MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
 SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
@@ -339,7 +339,7 @@ def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, 
     lobe = target.log_density(peak[None])[0] < limits.level + accuracy.margin - LOBE_NATS
     while True:
         basis, usual = spacing * axes * shares, not lobe and (shares >= 1).all()
-        first = MANY_CELLS if (shares == 1).all() else accuracy.most_cells
+        first = max(MANY_CELLS, many) if (shares == 1).all() else accuracy.most_cells
         most = min(first if usual else many, accuracy.most_cells)
         try:
             bounded = limits._replace(margin=edge, most=most)
