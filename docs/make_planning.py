@@ -25,6 +25,7 @@ from rangefix.arrays import Array
 from rangefix.evaluation import load_study
 from rangefix.evaluation.planning.cells import Cells, check_plannable, turned
 from rangefix.evaluation.planning.selection import Planner
+from rangefix.evaluation.planning.whole_sets import covariances_after, criterion_of
 from rangefix.filters import (
     Gaussian,
     Problem,
@@ -35,7 +36,6 @@ from rangefix.filters import (
     position_space,
     sweep,
 )
-from rangefix.filters.exact.filter import ExactPositionFilter
 from rangefix.maps import FloorPlan, RectangularRoom
 
 HERE = Path(__file__).parent
@@ -72,13 +72,9 @@ def problem_in(name: str, building: Path) -> Problem:
 def traces(problem: Problem, bearings: Array, states: Array, rng: np.random.Generator) -> Array:
     """Trace of P of x1 and x2 after some beams, for each true state, m^2."""
     sensor = turned(check_plannable(problem), bearings)
-    exact = ExactPositionFilter(replace(problem, sensor=sensor))
-    streams = [
-        np.random.default_rng(run) for run in range(len(states))
-    ]  # which the filter does not draw from
-    belief = exact.update(exact.init(problem.prior, streams), sensor.sample(states, rng), streams)
-    covariance = np.asarray(exact.estimate(belief).covariance)
-    return np.asarray(covariance[:, 0, 0] + covariance[:, 1, 1])
+    found = covariances_after(replace(problem, sensor=sensor), sensor.sample(states, rng))
+    assert found is not None  # the heading is known, and the noise is Gaussian
+    return criterion_of(found, "trace")
 
 
 def spread_over_sets(

@@ -79,16 +79,14 @@ def bounds(
     from ..evaluation.bounds.document import row_as_json
     from ..evaluation.monte_carlo.save_bounds import save_bounds
 
-    if curve is not None:
-        if only is not None or out is not None:
-            raise ValueError("--curve goes without --only and --out")
-        _draw_curve(
-            _study_and_folder(study, None, map_path, not no_plugins, unit=unit, up=up)[0], curve, as_json
-        )
-        return
+    if curve is not None and (only is not None or out is not None):
+        raise ValueError("--curve goes without --only and --out")
     asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
     described, folder = _study_and_folder(study, out, map_path, not no_plugins, unit=unit, up=up)
+    if curve is not None:
+        _draw_curve(described, curve, as_json)
+        return
     experiment = described.experiment()
     if asked and out is not None:
         raise ValueError("--only goes without --out: what is saved is all there is")

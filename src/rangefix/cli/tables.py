@@ -14,13 +14,7 @@ from rich.table import Table
 from ..errors import listed
 from ..evaluation import Fusion, PairedComparison, Results, Row
 from ..evaluation.comparison.compare import Comparison, Difference
-from ..evaluation.consistency.formatting import (
-    beams_in_words,
-    factor,
-    format_number,
-    format_percent,
-    unit,
-)
+from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
 from ..evaluation.consistency.verdict import MENTION_SHARE, decide

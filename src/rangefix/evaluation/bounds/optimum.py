@@ -96,8 +96,9 @@ def _of_samples(problem: Problem) -> Bound | None:
         samples = int(min(most, samples * 2 ** np.ceil(np.log2(share / ENOUGH_SHARE))))
     if share * FEW_SAMPLES / samples > MOST_SHARE:
         return None
+    answer = _over_samples(problem, samples)
     count, sums, matrix, error = _averaged(
-        problem, DRAWS_OF_SAMPLES, ACCURATE_SHARE_OF_SAMPLES, lambda _: _over_samples(problem, samples)
+        problem, DRAWS_OF_SAMPLES, ACCURATE_SHARE_OF_SAMPLES, lambda _: answer
     )
     share = float(sums[:, 1].mean(axis=0).max())
     if share > MOST_SHARE:

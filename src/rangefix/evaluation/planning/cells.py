@@ -15,7 +15,7 @@ from ...filters.models.motion import Stationary
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.point_mass.grid import build_grid
 from ...filters.refined_cells.coarse_cells import CoarseCells, cover
-from ...filters.refined_cells.filter import boxes_of_each
+from ...filters.refined_cells.filter import FIRST_SEED, boxes_of_each
 
 PRIOR_CELLS = 15_000  # of a prior, about so many
 MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
@@ -23,7 +23,6 @@ ACCURACY = 0.1  # deviations by which the cells of a posterior may be off: plans
 MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
-COARSE_SEED = 0  # of the places that are asked in coarse cells
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
 
@@ -186,7 +185,7 @@ def coarse_cells(problem: Problem, before: Cells | None = None) -> CoarseCells:
     check_plannable(problem)
     still = replace(problem, motion=Stationary(problem.space))
     where = None if before is None else partial(_near, before)
-    return cover(still, np.zeros(problem.space.size), COARSE_SEED, where)
+    return cover(still, np.zeros(problem.space.size), FIRST_SEED, where)
 
 
 def cells_of(

@@ -143,7 +143,8 @@ class Planner:
                 objective[last] = values[0]
             else:
                 purpose = f"accuracy {count}"
-                covariance, values = self._accuracy(chosen[: count + 1], purpose)
+                truths = self.truths * (2 if count == len(chosen) - 1 else 1)
+                covariance, values = self._accuracy(chosen[: count + 1], truths, purpose)
                 if everywhere:
                     some = self._beliefs(chosen[:count], 0, PICTURED, purpose)
                     objective = np.mean([self._objective(belief) for belief in some], axis=0)
@@ -152,12 +153,12 @@ class Planner:
             steps.append(Step(bearing, covariance, self._shown(float(values.mean())), error, objective))
         return steps
 
-    def _accuracy(self, chosen: Sequence[int], purpose: str) -> tuple[Array, Array]:
-        """E[P] after some candidates, two or more, and the criterion for each of the truths."""
+    def _accuracy(self, chosen: Sequence[int], truths: int, purpose: str) -> tuple[Array, Array]:
+        """E[P] after two or more candidates, and the criterion for each of so many truths, or `truths_of`."""
         found = self._after_all(chosen, purpose)
         if found is not None:
             return found.mean(axis=0), criterion_of(found, self.criterion)
-        beliefs = self._beliefs(chosen[:-1], 0, 2 * self.truths, purpose)
+        beliefs = self._beliefs(chosen[:-1], 0, truths, purpose)
         results = [self._after(belief, [chosen[-1]]) for belief in beliefs]
         covariance = np.mean([each.covariance[0] for each in results], axis=0)
         return covariance, np.array([each.objective(self.criterion)[0] for each in results])

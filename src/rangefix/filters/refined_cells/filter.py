@@ -195,19 +195,13 @@ class RefinedPointMassFilter(BriefRepr):
 
     def boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
         """Boxes about the nodes of a run's cells: centres (N, n), widths (N, n) and log masses (N,)."""
-        likelihood = self._likelihood(self.coarse, belief.readings[run : run + 1])
-        refinement = self._refinement(self.coarse)
-        return refinement.boxes(likelihood, refinement.answer(likelihood))
-
-    def _likelihood(self, coarse: CoarseCells, readings: Array) -> Likelihood:
-        return Likelihood(self.problem.sensor, readings, coarse.farthest)
-
-    def _refinement(self, coarse: CoarseCells) -> Refinement:
-        return Refinement(self.problem, coarse, self.accuracy, self.most_cells)
+        readings = belief.readings[run : run + 1]
+        return next(boxes_of_each(self.problem, self.coarse, readings, self.accuracy, self.most_cells))
 
     def _answer(self, coarse: CoarseCells, readings: Array) -> Refined:
         """What cells say of some runs; claims that are flat are raised to those of places even in a cell."""
-        found = self._refinement(coarse).answer(self._likelihood(coarse, readings))
+        refinement = Refinement(self.problem, coarse, self.accuracy, self.most_cells)
+        found = refinement.answer(Likelihood(self.problem.sensor, readings, coarse.farthest))
         flat = (found.log_integral > -np.inf) & ~is_definite(found.covariance, SUM_ROUNDING)
         found.covariance[flat] += np.diag(coarse.steps[0] ** 2 / 12)
         return found
@@ -216,7 +210,7 @@ class RefinedPointMassFilter(BriefRepr):
 def boxes_of_each(
     problem: Problem, coarse: CoarseCells, readings: Array, accuracy: float, most_cells: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Boxes about the nodes of the cells of each of many runs: as `RefinedPointMassFilter.boxes` of one.
+    """Boxes about the nodes of the cells of each run: centres (N, n), widths (N, n) and log masses (N,).
 
     Args:
         problem: The problem.
