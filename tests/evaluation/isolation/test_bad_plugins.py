@@ -1,4 +1,7 @@
-"""Bad plug-ins: each costs its own trials, with one line that names stage or method; the good lose no bit."""
+"""Bad plug-ins: each costs its own trials, with one line that names stage or method; the good lose no bit.
+
+Limits are seconds, for on a busy machine a process may need one of them to start.
+"""
 
 from __future__ import annotations
 
@@ -79,13 +82,13 @@ STOPPING = 6  # the first of these
 FAULTS = {  # what is run -> status of all trials (but those skipped), and the reason
     "bad.py:Hangs": (
         "timeout",
-        r"the trial took longer than 0.3 s \(timeout_s\), in predict\(\) at meas.* 2",
+        r"the trial took longer than 1 s \(timeout_s\), in predict\(\) at meas.* 2",
     ),
     "bad.py:Dies": ("error", r"estimate\(\) at measurement 1 ended the process \(exit code 3\)"),
     "bad.py:DiesWhenBuilt": ("error", r"estimator .*: building it ended the process \(SIGSEGV\)"),
-    "bad.py:HangsWhenBuilt": ("timeout", r"estimator .*: building it took longer than 0.8 s"),
+    "bad.py:HangsWhenBuilt": ("timeout", r"estimator .*: building it took longer than 4 s"),
     "dies.py:make": ("error", r"estimator .*: importing it ended the process \(exit code 5\)"),
-    "hangs.py:make": ("timeout", r"estimator .*: importing it took longer than 0.8 s"),
+    "hangs.py:make": ("timeout", r"estimator .*: importing it took longer than 4 s"),
     "bad.py:WrongShape": ("error", r"estimate\(\) at measurement 1 failed: .* shape \(1, 3\), not \(1, 2\)"),
     "bad.py:Nan": ("nan", r"estimate\(\): an estimate is not finite at measurement 1"),
     "bad.py:NotPositive": (
@@ -111,7 +114,7 @@ FAULTS = {  # what is run -> status of all trials (but those skipped), and the r
 }
 GOOD = ("ekf", "bad.py:Good", "bad.py:Unpicklable", "bad.py:Prints")
 STUDY = """
-timeout_s = 0.3
+timeout_s = 1.0
 runs = 12
 [map]
 kind = "rectangle"
@@ -139,14 +142,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def ran(folder: Path) -> dict[str, Results]:
     """The good ones alone, beside those that stop a process, and beside the others without a limit."""
 
-    def compare(names: tuple[str, ...], timeout: float = 0.3) -> Results:
+    def compare(names: tuple[str, ...], timeout: float = 1.0) -> Results:
         estimators = {name: NamedEstimator(f"{folder}/{name}" if ":" in name else name) for name in names}
         made = Experiment(make_problem(), estimators, runs=4, timeout=timeout, controls=[[]])
         return run(made, timing=False)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(guard, "BUILD_EXTRA_S", 0.5)
-        patch.setattr(guard, "FIRST_RUNS_EXTRA_S", 0.5)
+        patch.setattr(guard, "BUILD_EXTRA_S", 3.0)
+        patch.setattr(guard, "FIRST_RUNS_EXTRA_S", 1.0)
         patch.setattr(guard, "MAX_LOST_IN_A_ROW", 2)
         return {
             "alone": compare(GOOD),
@@ -180,8 +183,8 @@ def test_a_study_warns_of_plug_ins_and_runs(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """One line for each before anything runs, with key and line of the file; exit code 1; JSON unspoilt."""
-    monkeypatch.setattr(look, "LOOK_TIMEOUT_S", 1.0)
-    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 0.5)
+    monkeypatch.setattr(look, "LOOK_TIMEOUT_S", 4.0)
+    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 3.0)
     names = [f"{folder}/{name}" for name in ("hangs.py:make", "bad.py:ExitsWhenBuilt", "bad.py:Prints")]
     text = STUDY + "".join(f'[[estimators]]\nname = "{name}"\n' for name in names)
     (tmp_path / "s.toml").write_text(text)
@@ -225,21 +228,21 @@ def test_options_of_plug_ins_are_checked(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "failed", "seen"),
     [
-        ("hangs.py:make", ["can_be_built"], r"importing it took longer than 1 s \(hangs.py, line 1\)"),
+        ("hangs.py:make", ["can_be_built"], r"importing it took longer than 3 s \(hangs.py, line 1\)"),
         ("dies.py:make", ["can_be_built"], r"importing it ended the process \(exit code 5\)"),
         ("exits.py:make", ["can_be_built"], r"failed to import: SystemExit: 5"),
-        ("bad.py:HangsWhenBuilt", ["can_be_built"], r"building it .* 1 s \(bad.py, line \d+, in __init__\)"),
+        ("bad.py:HangsWhenBuilt", ["can_be_built"], r"building it .* 3 s \(bad.py, line \d+, in __init__\)"),
         ("bad.py:DiesWhenBuilt", ["can_be_built"], r"building it ended the process \(SIGSEGV\)"),
         (
             "bad.py:Hangs",
             ["shapes_and_dtypes", "moments_are_sound"],
-            r"it took longer than 1 s \(bad.py, line \d+, in predict\)",
+            r"it took longer than 3 s \(bad.py, line \d+, in predict\)",
         ),
     ],
 )
 def test_the_conformance_suite_comes_back(folder: Path, name: str, failed: list[str], seen: str) -> None:
     """Within its limit, with one line for what stopped it; what was not tried says so."""
-    results = list(run_checks_isolated(f"{folder}/{name}", {}, limit=1.0))
+    results = list(run_checks_isolated(f"{folder}/{name}", {}, limit=3.0))
     assert [result.name for result in results if result.outcome == "failed"] == failed
     assert re.search(seen, next(result.detail for result in results if result.outcome == "failed"))
     assert [result.outcome for result in results[-10:]] == ["skipped"] * 10
@@ -248,9 +251,9 @@ def test_the_conformance_suite_comes_back(folder: Path, name: str, failed: list[
 
 def test_an_expected_failure_may_be_a_hang(folder: Path) -> None:
     reasons = dict.fromkeys(("shapes_and_dtypes", "moments_are_sound"), "it waits for a lorry")
-    results = list(run_checks_isolated(f"{folder}/bad.py:Hangs", {}, reasons, limit=0.5))
+    results = list(run_checks_isolated(f"{folder}/bad.py:Hangs", {}, reasons, limit=3.0))
     assert [result.outcome for result in results[:3]] == ["passed", "expected_failure", "expected_failure"]
-    assert results[1].detail.startswith("it waits for a lorry (it took longer than 0.5 s")
+    assert results[1].detail.startswith("it waits for a lorry (it took longer than 3 s")
 
 
 def test_estimators_lists_what_cannot_be_used(

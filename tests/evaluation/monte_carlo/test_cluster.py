@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import os
@@ -123,16 +124,18 @@ def authority(folder):
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 def test_certificates_let_in_those_who_have_them(tmp_path, monkeypatch):
     """The same bits through TLS; without a certificate, or with one of another authority, no scheduler."""
-    monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "3s")
+    client = importlib.import_module("distributed").Client
     ours, theirs = authority(tmp_path / "ours"), authority(tmp_path / "theirs")
     options = ("--tls-ca-file", str(ours.ca), "--tls-cert", str(ours.certificate), "--tls-key", str(ours.key))
     made = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=4)
     with cluster(tmp_path, [{}], *options, "--protocol", "tls") as (address, _):
         assert address.startswith("tls://")
         run(made, tmp_path / "tls", cluster=address, cluster_tls=ours, timing=False)
+        monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "3s")
         for wrong, where in ((None, address), (theirs, address), (None, address.replace("tls", "tcp"))):
             with pytest.raises(ResultsError, match="no dask scheduler answers"):
                 run(made, tmp_path / "new" / "out", cluster=where, cluster_tls=wrong)
+            assert not any(isinstance(thing, client) for thing in gc.get_objects())  # none ends later
     run(made, tmp_path / "serial", timing=False)
     assert contents(tmp_path / "tls") == contents(tmp_path / "serial")
     assert not (tmp_path / "new").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import pickle
@@ -194,15 +195,19 @@ def connected(address: str, tls: ClusterTls | None, say: Callable[[str], None]) 
         distributed: Any = importlib.import_module("distributed")
     except ModuleNotFoundError:
         raise ResultsError("--cluster needs dask: pip install 'rangefix[dask]'") from None
+    names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+    given = dict(zip(names, map(str, files), strict=False))
+    client, refused = None, ""
     try:
-        names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
-        given = dict(zip(names, map(str, files), strict=False))
         security = distributed.Security(require_encryption=True, **given) if given else None
         client = distributed.Client(
             address, timeout=SCHEDULER_TIMEOUT, set_as_default=False, security=security
         )
     except (OSError, ValueError, TypeError) as error:  # TimeoutError; TLS without certificates
-        raise ResultsError(f"--cluster {address}: no dask scheduler answers: {one_line(error)}") from None
+        refused = one_line(error)
+    if client is None:
+        gc.collect()  # ends the half-made client; while another one starts it would wait for that for ever
+        raise ResultsError(f"--cluster {address}: no dask scheduler answers: {refused}")
     with client:
         _check_bits(client, say)
         yield client
