@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import TWO_PI, Array
+from ...arrays import Array
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
@@ -19,32 +19,20 @@ from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
-from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, climb, quick_scores
+from .gauss_newton import Peaks
 from .lattice import Lattice, Limits, halved
 from .mode_gaussians import kept_count, sample_modes
-from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, refined, verified, with_lattices
-from .predicted import GUESS_BEAMS, Draws, Predicted, coarse_axes, predict_modes
-from .range_bounds import SearchTable, build_table, shortfall_bounds
-from .target import STATE_COST, WORK, Target, TooManyCells, Work
+from .modes import Accuracy, Quadrature, refined, verified, with_lattices
+from .predicted import Predicted, coarse_axes, predict_modes
+from .range_bounds import SearchTable, build_table
+from .search import DRAWS_ASKED, MAX_GUESSES_PER_PART, ModeSearch
+from .target import STATE_COST, WORK, Target, TooManyCells
 
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
 USUAL_STATES = 15_000  # that a fix looks at: guesses, climbs, a mode and its neighbour
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
-MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
-MAX_BOXES = 20_000  # that a search may leave
-LOT_NATS = 3.0  # by which those that are left then are drawn by lot
-MAX_BOXES_FOLLOWED = 2000  # at once
-STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead elsewhere count too
-MOST_MISSED_NATS = 700.0  # more is as much: nothing of what counts has been found yet
-MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
-BOX_COMPONENTS = ("x1", "x2", "heading")
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
-DRAWS_ASKED = 20_000  # that show what the modes found hold nothing of
-DRAWS_FOLLOWED = 48  # of those, at once
-DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
-MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
-UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
 
 
@@ -279,6 +267,10 @@ class AdaptivePointMassFilter(BriefRepr):
     def _accuracy(self) -> Accuracy:
         return Accuracy(self.accuracy, -float(np.log(self.drop)), self.most_cells)
 
+    @property
+    def _search(self) -> ModeSearch:
+        return ModeSearch(self.problem, self.table, self._accuracy)
+
     def _posterior(
         self, prior: Prior | Predicted, check: Predicted | None, measurements: Array
     ) -> Quadrature:
@@ -289,36 +281,18 @@ class AdaptivePointMassFilter(BriefRepr):
         """
         target, other = self._targets(prior, check, measurements)
         if not isinstance(prior, Predicted):
-            found = self._fix(prior, target)
+            found = self._search.fix(prior, target)
         else:
             try:
-                found = self._after_move(prior, target)
+                found = self._search.after_move(prior, target)
             except TooManyCells:
                 if check is None:
                     raise
                 coarse = self._targets(check, None, measurements)[0]
-                found = refined(coarse, self._after_move(check, coarse), self._accuracy)
+                found = refined(coarse, self._search.after_move(check, coarse), self._accuracy)
                 return replace(found, missed=np.inf)  # coarser by an unknown amount, rather than no answer
         found = refined(target, found, self._accuracy)
         return verified(target, other, found, self._accuracy) if found.modes else found
-
-    def _fix(self, prior: Prior, target: Target) -> Quadrature:
-        """The posterior before any move."""
-        precision = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
-        beams = len(target.beams)
-        share = int((~np.isnan(target.measurements)).sum()) / beams
-        found = NOWHERE
-        for factor in MARGIN_FACTORS:
-            margin = factor * self._accuracy.margin
-            boxes, volume = self._boxes(target.measurements, margin)
-            if not len(boxes):
-                continue
-            found = self._search(target, boxes, float(np.log(volume)), precision)
-            if found.modes:
-                fit = found.level - float(prior.log_density(found.peak[None])[0])
-                if target.perfect() - fit + self._accuracy.margin <= share * self.table.limit(beams, margin):
-                    break
-        return found
 
     def _shortfall(self, measurement: Array) -> float:
         """By how many nats readings (B,) fall short of a perfect fit, at least, wherever they were taken."""
@@ -331,180 +305,6 @@ class AdaptivePointMassFilter(BriefRepr):
             best = sensor.beam_log_density(measurement, nearest).max(axis=0)
             perfect = sensor.beam_log_density(measurement, np.maximum(fit, 0.0))
             return float((perfect - best).sum())
-
-    def _after_move(self, prior: Predicted, target: Target) -> Quadrature:
-        """The posterior after a move: from some predicted points, then from those not yet in a mode."""
-        found, rough, scores = NOWHERE, replace(target, log_prior=prior.roughly), prior.scores(target)
-        likely = replace(target, log_prior=no_prior, log_prior_cost=0.0)
-        for _ in range(2):
-            guesses, means, precisions = prior.guesses(scores, MAX_GUESSES_PER_PART, found.holds)
-            if not len(guesses):
-                break
-            peaks = climb(rough, guesses, means, precisions)
-            peaks = peaks._replace(log_density=target.log_density(peaks.states))
-            found = with_lattices(target, peaks, self._accuracy, found)
-        draws = prior.draws(DRAWS_ASKED)
-        draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
-        found = self._completed(target, rough, found, draws, *prior.means_and_precisions())
-        return replace(found, missed=found.missed + prior.blur(draws)) if found.modes else found
-
-    def _completed(
-        self, target: Target, rough: Target, found: Quadrature, draws: Draws, means: Array, precisions: Array
-    ) -> Quadrature:
-        """The modes found, and those that draws show where these hold nothing; and what is still not held.
-
-        Args:
-            target: The posterior.
-            rough: The same with a prior that is quick to work out, for the climb.
-            found: Its modes so far.
-            draws: Draws that stand for all of it.
-            means: Gaussians that stand for the prior near the draws of each part: means (P, n),
-            precisions: and inverse covariances, (P, n, n).
-        """
-        for steps in (*DRAW_STEPS, None):
-            left = np.flatnonzero(~found.holds(draws.states) & (draws.log_mass > -np.inf))
-            worth = draws.log_mass[left]
-            if found.modes:
-                worth = worth - found.log_integral + np.log(found.counts(draws.states[left]))
-                missed = min(float(np.logaddexp.reduce(worth, initial=-np.inf)), MOST_MISSED_NATS)
-                found = replace(found, missed=float(np.exp(missed)))
-                if found.missed < MISSED_SHARE * self.accuracy:
-                    break
-            if steps is None or not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
-                break
-            best = left[np.argsort(-worth, kind="stable")[:DRAWS_FOLLOWED]]
-            of = draws.parts[best]
-            peaks = climb(rough, draws.states[best], means[of], precisions[of], steps)
-            if rough is not target:
-                peaks = peaks._replace(log_density=target.log_density(peaks.states))
-            found = with_lattices(target, peaks, self._accuracy, found)
-        return found
-
-    def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
-        """The modes about the best boxes, and about boxes that are good and in none of these modes.
-
-        A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
-        Boxes that are no good may be so many, or so far off, that they count together.
-        """
-        mean, scores = self.problem.prior.mean, quick_scores(target, boxes)
-        found, left = NOWHERE, np.flatnonzero(scores > -np.inf)
-        worth = scores[left]
-        for steps in STEPS_BY_ROUND:
-            best = left[np.argsort(-worth, kind="stable")[:MAX_BOXES_FOLLOWED]]
-            peaks = climb(target, boxes[best], mean, precision, steps)
-            found = with_lattices(target, peaks, self._accuracy, found)
-            if not found.modes or len(target.beams) > QUICK_BEAMS:
-                break
-            if target.perfect() - found.level > UNEXPLAINED_NATS:
-                break  # a reading that no state explains: where it fits least badly is all there is to say
-            left = left[~found.holds(boxes[left])]
-            worth, missed = self._worth(target, boxes[left], scores[left], log_volume, found)
-            found = replace(found, missed=missed)
-            left, worth = left[worth > -np.inf], worth[worth > -np.inf]
-            if not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
-                break
-        if len(target.beams) > QUICK_BEAMS or target.perfect() - found.level > UNEXPLAINED_NATS:
-            return found
-        drawn = replace(target, work=Work(np.inf))
-        draws = self._draws_in(boxes[scores > -np.inf], log_volume)
-        draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(drawn, draws.states))
-        return self._completed(target, target, found, draws, mean[None], precision[None])
-
-    def _draws_in(self, boxes: Array, log_volume: float) -> Draws:
-        """Draws spread evenly over boxes (K, n) of such a volume each, the same number in each."""
-        each = max(1, round(DRAWS_ASKED / max(len(boxes), 1)))
-        states = np.repeat(boxes, each, axis=0)
-        space, rng = self.problem.space, np.random.default_rng(0)
-        width = np.sqrt(TWO_PI * np.diagonal(self.problem.prior.covariance))
-        width[space.position_indices] = self.table.size[:2] / 2
-        if "heading" in space.names:
-            width[space.names.index("heading")] = self.table.size[2]
-        laser = self._moved(states, 1.0) + width * rng.uniform(-0.5, 0.5, states.shape)
-        states = space.wrap(self._moved(laser, -1.0))
-        log_share = log_volume - np.log(each)
-        return Draws(states, np.zeros(len(states), np.int64), np.full(len(states), log_share))
-
-    def _moved(self, states: Array, sign: float) -> Array:
-        """States whose place is the laser's, of states (K, n) of the robot: 1; and the reverse: -1."""
-        mount, space = self.problem.sensor.mount, self.problem.space
-        if not mount.is_off_centre:
-            return states
-        moved = np.array(states)
-        moved[:, space.position_indices] += sign * mount.offset(space.poses(states)[:, 2])
-        return moved
-
-    def _worth(
-        self, target: Target, boxes: Array, scores: Array, log_volume: float, found: Quadrature
-    ) -> tuple[Array, float]:
-        """How much boxes (K, n) that no mode holds ask to be followed, (K,), nats; -inf where they need not.
-
-        And by how much mean and covariance are off without them, at most, in deviations.
-
-        Those that score as well as points of the best mode do; and the others, by their density, if the sum
-        over them says that together they count: point 6 of docs/theory.md, "Adaptive cells".
-        """
-        counts = found.counts(boxes)
-        perfect, allowed = target.perfect(), MISSED_SHARE * self.accuracy
-        good = scores > found.level - perfect - self._accuracy.edge(boxes.shape[1])
-        share = np.log(counts) + log_volume - found.log_integral
-        # a score is a bound on the density: those left out here add up to less than is allowed
-        asked = np.flatnonzero(~good & (scores + perfect + share > np.log(allowed / (1 + len(boxes)))))
-        others = np.full(len(boxes), -np.inf)
-        others[asked] = target.log_density(boxes[asked])
-        missed = float(np.exp(others + share).sum())
-        if missed < allowed:
-            return np.where(good, scores, -np.inf), missed
-        return np.where(good, scores, others + np.log(counts) - perfect), missed
-
-    def _boxes(self, measurements: Array, margin: float) -> tuple[Array, float]:
-        """States (K, n) at the centres of the boxes that may hold the true one, and the volume of each.
-
-        Where there are too many, some are drawn, and stand for all.
-        """
-        table, space = self.table, self.problem.space
-        bounds = sum(
-            shortfall_bounds(table, self.problem.sensor, measurement, margin) for measurement in measurements
-        )
-        assert isinstance(bounds, np.ndarray)
-        possible = kept = np.flatnonzero(np.isfinite(bounds))
-        if len(kept) > MAX_BOXES:
-            lots = LOT_NATS * np.random.default_rng(0).gumbel(size=len(kept))
-            kept = kept[np.argpartition(bounds.ravel()[kept] - lots, MAX_BOXES)[:MAX_BOXES]]
-        cells, headings = np.divmod(kept, bounds.shape[1])
-        quarter = np.array([(-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)]) * table.size[:2]
-        whole = table.whole[cells]
-        centres = np.concatenate(
-            [(table.centres[cells[whole], None] + quarter).reshape(-1, 2), table.centres[cells[~whole]]]
-        )
-        states = np.tile(self.problem.prior.mean, (len(centres), 1))
-        states[:, space.position_indices] = centres
-        wide = TWO_PI * np.diagonal(self.problem.prior.covariance)  # velocities, as wide as their prior
-        volume = np.sqrt(
-            np.prod([wide[i] for i, name in enumerate(space.names) if name not in BOX_COMPONENTS])
-        )
-        if "heading" in space.names:
-            angles = table.headings[np.concatenate([np.repeat(headings[whole], 4), headings[~whole]])]
-            states[:, space.names.index("heading")] = angles
-        states = self._moved(states, -1.0)
-        quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
-        volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
-        return states, float(volume * quarters / max(len(states), 1))
-
-
-def draw_log_densities(target: Target, states: Array) -> Array:
-    """Log densities of drawn states, (J, n) -> (J,); with many beams -inf for all but the likeliest."""
-    few, logs = target.few(GUESS_BEAMS), np.full(len(states), -np.inf)
-    first = few.log_density(states)
-    if few is target:
-        return first
-    best = np.argsort(-first, kind="stable")[:MAX_BOXES_FOLLOWED]
-    logs[best] = target.log_density(states[best])
-    return logs
-
-
-def no_prior(states: Array) -> Array:
-    """A log density of zero everywhere, (K, n) -> (K,)."""
-    return np.zeros(len(states))
 
 
 def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
