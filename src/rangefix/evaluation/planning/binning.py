@@ -55,7 +55,7 @@ def _bin_places(
     local = np.empty((bins + 1) * 4)  # mass, x1, x2 and nothing, bin by bin
     table = local.reshape((bins + 1, 4))[:, :3]
     centre, along = np.empty(2), np.empty(2)
-    scale, one, two, four = 1.0 / step, np.uintp(1), np.uintp(2), np.uintp(4)
+    scale, one, two, four, eight = 1.0 / step, np.uintp(1), np.uintp(2), np.uintp(4), np.uintp(8)
     for direction in range(ranges.shape[0]):
         local[:] = 0.0
         for cell in range(ranges.shape[1]):
@@ -65,15 +65,16 @@ def _bin_places(
             along_1, along_2 = slope_1 * squares[cell, 0], slope_2 * squares[cell, 1]
             spread = along_1 * slope_1 + along_2 * slope_2
             if spread < 4.0 * NARROW and distance < FARTHEST:
-                apart = 1.0 if spread < NARROW else 2.0  # bins from one to the next of the three
+                near_by = spread < NARROW  # the three are neighbours, else every other one
+                share, reach = (1.0, four) if near_by else (0.5, eight)
                 place = (distance - low) * scale
                 near = np.uintp(place)
                 off = place - float(near) - 0.5
-                half = 0.5 * weight / apart
-                even, odd = half / apart * (off * off + spread + TWELFTH), half * off
+                half = 0.5 * weight * share
+                even, odd = half * share * (off * off + spread + TWELFTH), half * off
                 first, last, middle = even - odd, even + odd, weight - 2.0 * even
                 slant_1, slant_2 = half * along_1, half * along_2
-                here, reach = near * four, np.uintp(apart) * four
+                here = near * four
                 before, after = here - reach, here + reach
                 local[before] += first
                 local[before + one] += first * x1 - slant_1

@@ -73,21 +73,23 @@ class Views:
         sensor: The rangefinder, whose beams are the D directions.
         ranges: m, (D, N); inf = no wall, or a beam that is lost.
         slopes: Their derivatives by the state, (D, N, n), in single precision: only spreads come of them.
+        ends: Between which ranges are expected anywhere in the cells, m.
     """
 
     sensor: Rangefinder
     ranges: Array
     slopes: Array
+    ends: tuple[float, float]
 
     @staticmethod
     def of(cells: Cells, sensor: Rangefinder) -> Views:
         """Cast the beams of a sensor from the centres of cells."""
         ranges, slopes = sensor.look(cells.centres)
-        return Views(
-            sensor,
-            np.ascontiguousarray(ranges.T),
-            np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32),
-        )
+        ranges = np.ascontiguousarray(ranges.T)
+        slopes = np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32)
+        low, high = range_ends(ranges, slopes, cells.widths)
+        ends = (low, high) if low <= high else (0.0, 1.0)  # where no wall is met anywhere, any will do
+        return Views(sensor, ranges, slopes, ends)
 
 
 def expected_covariance(
@@ -140,8 +142,7 @@ def after_views(
             alike.setdefault(repr(noise), []).append(beam)
     size = belief.space.size
     result = ExpectedAccuracy(np.empty((count, size, size)), *np.full((3, count), np.nan))
-    low, high = range_ends(views.ranges, views.slopes, belief.widths)
-    ends = (low, high) if low <= high else (0.0, 1.0)  # where no wall is met anywhere, any will do
+    ends = views.ends
     for label, group in alike.items():
         noise = noises[group[0]]
         table = tables.table(label, sensor, noise, *ends) if tables else reading_table(sensor, noise, *ends)
