@@ -87,18 +87,21 @@ def _reduce(metric: Array, basis: Array, inverse: Array) -> None:
 def _orthogonalise(metric: Array, basis: Array, inverse: Array) -> Array:
     """Clear bases, in place, flattest vector first, until metrics are diagonal: their inverses, (n, K)."""
     size, count = metric.shape[1:]
-    variance, every = np.zeros((size, count)), np.arange(count)
-    for _ in range(size):
-        diagonal = np.where(variance > 0.0, np.inf, metric[range(size), range(size)])
-        flattest = diagonal.argmin(axis=0)
-        pivot = np.maximum(diagonal[flattest, every], MIN_CURVATURE)
-        variance[flattest, every] = 1.0 / pivot
-        vector, row = basis[flattest, :, every].T, metric[flattest, :, every].T
-        for i in range(size):
-            turns = np.where(variance[i] > 0.0, 0.0, row[i] / pivot)
-            basis[i] -= turns * vector
-            inverse[:, flattest, every] += turns * inverse[:, i]
-            metric[i] -= turns * row
+    variance = np.empty((size, count))
+    for k in range(size):
+        for j in range(k + 1, size):
+            swap, these, those = metric[j, j] < metric[k, k], [k, j], [j, k]
+            metric[these] = np.where(swap, metric[those], metric[these])
+            for columns in (metric, inverse):
+                columns[:, these] = np.where(swap, columns[:, those], columns[:, these])
+            basis[these] = np.where(swap, basis[those], basis[these])
+        pivot = np.maximum(metric[k, k], MIN_CURVATURE)
+        variance[k] = 1.0 / pivot
+        for i in range(k + 1, size):
+            turns = metric[k, i] / pivot
+            basis[i] -= turns * basis[k]
+            inverse[:, k] += turns * inverse[:, i]
+            metric[i] -= turns * metric[k]
     return variance
 
 

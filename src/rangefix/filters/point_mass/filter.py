@@ -257,8 +257,28 @@ class PointMassFilter(BriefRepr):
         stds = self.problem.sensor.gaussian_stds
         return np.zeros(len(self.problem.sensor.bearings)) if stds is None else 1 / stds**2
 
+    @cached_property
+    def _log_peaks(self) -> Array:
+        """Log density of each beam at the range that is expected, (B,); the noise is Gaussian."""
+        return np.asarray(0.5 * (np.log(self._precision) - LOG_TWO_PI))
+
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""
+        if np.isfinite(measurement).all() and not belief.counts.any():  # the usual case: nothing to join
+            counts, readings = np.ones_like(belief.counts), measurement.copy()
+            common = np.zeros_like(measurement) + self._log_peaks
+        else:
+            counts, readings, common = self._joined(belief, measurement)
+        return replace(
+            belief,
+            counts=counts,
+            readings=readings,
+            log_scale=belief.log_scale + common.sum(1),
+            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
+        )
+
+    def _joined(self, belief: PointMassBelief, measurement: Array) -> tuple[Array, Array, Array]:
+        """Counts and means of the readings with those of a measurement, and the log of the factor, (M, B)."""
         measured = ~np.isnan(measurement)
         returned = np.isfinite(measurement)
         counts = belief.counts + measured
@@ -267,18 +287,10 @@ class PointMassFilter(BriefRepr):
         step = np.subtract(fresh, belief.readings, out=np.zeros_like(fresh), where=finite)
         readings = np.where(finite, belief.readings + step / np.maximum(counts, 1), fresh)
         mixed = (belief.counts > 0) & measured & (returned != np.isfinite(belief.readings))
-        precision = self._precision
-        log_density = 0.5 * (np.log(precision) - LOG_TWO_PI)
-        spread = 0.5 * precision * step**2 * belief.counts / np.maximum(counts, 1)
-        common = np.where(returned, log_density - spread, 0.0)
+        spread = 0.5 * self._precision * step**2 * belief.counts / np.maximum(counts, 1)
+        common = np.where(returned, self._log_peaks - spread, 0.0)
         common[mixed] = -np.inf  # one beam, from one place, both met a wall and met none
-        return replace(
-            belief,
-            counts=counts,
-            readings=readings,
-            log_scale=belief.log_scale + common.sum(1),
-            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
-        )
+        return counts, readings, common
 
     def _with_densities(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Any noise: the log density of the measurement at every cell goes into the cells' log mass."""

@@ -53,12 +53,20 @@ def stencil(size: int) -> IntArray:
 def choose_probe_cells(chosen: IntArray, weights: Array, total: float, probe_cells: IntArray) -> None:
     """Cells at evenly spaced shares of the probability, written in place: systematic resampling."""
     count, least = 0, 0.5 * total / probe_cells.size
-    for k in range(chosen.size):
-        least -= weights[k]
-        while least <= 0.0 and count < probe_cells.size:
-            probe_cells[count] = chosen[k]
-            count += 1
-            least += total / probe_cells.size
+    for first in range(0, chosen.size, 4):
+        last = min(first + 4, chosen.size)
+        four = 0.0
+        for k in range(first, last):
+            four += weights[k]
+        if least > four or count == probe_cells.size:  # none of them
+            least -= four
+            continue
+        for k in range(first, last):
+            least -= weights[k]
+            while least <= 0.0 and count < probe_cells.size:
+                probe_cells[count] = chosen[k]
+                count += 1
+                least += total / probe_cells.size
     if count > 0:
         for late in range(count, probe_cells.size):  # rounding may leave the last one over
             probe_cells[late] = probe_cells[count - 1]
@@ -96,7 +104,10 @@ def _weigh_stencils(
     table, kinds, shifts = ranges.ranges, ranges.kind, ranges.shift
     period, headings = ranges.period, ranges.headings
     place_of, cell_at, shape, last = box.place_of, box.cell_at, box.shape, box.shape.size - 1
-    numbers = np.empty(shape.size, np.int64)
+    numbers, jumps = np.empty(shape.size, np.int64), np.zeros(offsets.shape[0], np.int64)
+    for s in range(offsets.shape[0]):
+        for axis in range(last + 1):
+            jumps[s] = jumps[s] * shape[axis] + offsets[s, axis]
     for run in range(first_run, last_run):
         kept = 0
         for k in range(probe_cells.shape[1]):
@@ -108,33 +119,39 @@ def _weigh_stencils(
                     times[run, kept] += 1
                 continue
             kept = k
-            left = place_of[cell]
+            left, inside = place_of[cell], True
             for axis in range(last, -1, -1):
                 numbers[axis] = left % shape[axis]
                 left //= shape[axis]
+                inside = inside and 0 < numbers[axis] < shape[axis] - 1
             steep = 0.0  # the trace of the curvature: no eigenvalue is greater
             for s in range(offsets.shape[0]):
                 if s == 3 + 2 * last and steep <= RESOLVED_CURVATURE:
                     break
-                place = 0
-                for axis in range(last + 1):
-                    number, count = numbers[axis] + offsets[s, axis], shape[axis]
-                    if box.goes_round and axis == last:
-                        number = (number + count) % count
-                    if number < 0 or number >= count:
-                        place = -1
-                    if place >= 0:
-                        place = place * count + number
+                place = place_of[cell] + jumps[s]
+                if not inside:
+                    place = 0
+                    for axis in range(last + 1):
+                        number, count = numbers[axis] + offsets[s, axis], shape[axis]
+                        if box.goes_round and axis == last:
+                            number = (number + count) % count
+                        if number < 0 or number >= count:
+                            place = -1
+                        if place >= 0:
+                            place = place * count + number
                 near = cell_at[place] if place >= 0 else -1
                 log = -math.inf
                 if near >= 0:
                     log = log_mass[run % log_mass.shape[0], near]
+                    spot, turn = near, 0
+                    if headings > 1:
+                        spot, turn = near // headings, near % headings
                     for beam in range(kinds.size):
                         precision = precisions[run, beam]
                         if precision > 0.0:
-                            column = near % headings + shifts[beam]
+                            column = turn + shifts[beam]
                             column -= period if column >= period else 0
-                            expected = table[near // headings, kinds[beam], column]
+                            expected = table[spot, kinds[beam], column]
                             if not (math.isinf(expected) and math.isinf(values[run, beam])):
                                 log -= 0.5 * precision * (values[run, beam] - expected) ** 2
                 logs[run, k, s] = log
@@ -166,12 +183,11 @@ def _curvature(logs: Array, size: int) -> Array:
     return information
 
 
-def _spread(logs: Array, offsets: IntArray) -> Array:
-    """Covariance of a stencil's cells as they weigh, (S, K) -> (n, n, K)."""
+def _spread(weights: Array, offsets: IntArray) -> Array:
+    """Covariance of a stencil's cells of these weights, (S, K) -> (n, n, K)."""
     size = offsets.shape[1]
-    weights = np.exp(logs - logs.max(axis=0))
-    weights /= sum_terms(weights)
-    spread = np.empty((size, size, logs.shape[1]))
+    weights = weights / sum_terms(weights)
+    spread = np.empty((size, size, weights.shape[1]))
 
     def mean(values: IntArray) -> Array:
         return sum_terms(w * value for w, value in zip(weights, values, strict=True) if value)
@@ -232,8 +248,12 @@ def _errors(
     told = sums, readings, ranges, log_mass, box, offsets, logs, times
     in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind), *told)
     run, probe = np.nonzero(times)
+    if not run.size:
+        return run, np.empty((0, size, size))
     steep = np.ascontiguousarray(logs[run, probe].T)
-    held = sum_terms(np.exp(steep - sums.log_sums[run])) if run.size else np.empty(0)
+    top = steep.max(axis=0)
+    weights = np.exp(steep - top)
+    held = sum_terms(weights) * np.exp(top - sums.log_sums[run])
     narrow = (held - WIDE_SHARE) / (NARROW_SHARE - WIDE_SHARE)
     information = _curvature(steep, size)
     steepest = np.abs(information).sum(axis=0).max(axis=0)  # at least the greatest eigenvalue
@@ -242,12 +262,10 @@ def _errors(
         return kept, np.empty((0, size, size))
     information = information[:, :, kept]
     _make_definite(information)
-    error = unresolved_covariance(information, _spread(steep[:, kept], offsets))
+    error = unresolved_covariance(information, _spread(weights[:, kept], offsets))
     error *= np.minimum(narrow[kept], 1.0) * times[run, probe][kept] / probes
-    wrong, at = np.unique(run[kept], return_inverse=True)
-    errors = np.zeros((len(wrong), size, size))
-    np.add.at(errors, at, np.moveaxis(error, -1, 0))
-    return wrong, errors
+    first = np.flatnonzero(np.diff(run[kept], prepend=-1))  # of each run
+    return run[kept][first], np.moveaxis(np.add.reduceat(error, first, axis=-1), -1, 0)
 
 
 def add_lattice_errors(
