@@ -50,11 +50,15 @@ def effective_number(log_weights: Array) -> float:
 
 def effective_places(states: Array, log_weights: Array) -> float:
     """The effective number of different states: (N, n) and (N,), equal rows counted as one."""
-    _, place = np.unique(states[:, 0], return_inverse=True)
-    for column in states.T[1:]:
-        _, order = np.unique(column, return_inverse=True)
-        _, place = np.unique(place * len(states) + order, return_inverse=True)
-    weights = np.bincount(place, exp_of(log_weights))
+    order = np.argsort(states[:, 0])
+    ordered = states[order]
+    differs = ordered[1:] != ordered[:-1]
+    if (differs.any(axis=1) & ~differs[:, 0]).any():  # places that share a component and not the others
+        order = np.lexsort(states.T)
+        ordered = states[order]
+        differs = ordered[1:] != ordered[:-1]
+    first = np.flatnonzero(np.append(True, differs.any(axis=1)))
+    weights = np.add.reduceat(exp_of(log_weights)[order], first)
     return float(weights.sum() ** 2 / (weights @ weights))
 
 
