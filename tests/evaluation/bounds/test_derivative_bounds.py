@@ -27,7 +27,7 @@ from rangefix.filters import (
     position_space,
     velocity_space,
 )
-from rangefix.maps import FloorPlan, RectangularRoom
+from rangefix.maps import FloorPlan, OccupancyMap, RectangularRoom
 
 from ..conftest import make_problem
 
@@ -134,3 +134,28 @@ def test_bounds_from_derivatives_are_refused_where_ranges_jump(of_a_run: bool) -
     cut = GaussianPrior([0.5, 3.0], 0.04 * np.eye(2), SPACE, room)
     with pytest.raises(NoBoundError, match=r"walls cut the prior off at 2\.5 deviations"):
         bound(replace(make_problem(), prior=cut))
+
+
+def test_a_move_to_where_a_range_jumps_is_refused() -> None:
+    """The prior stands beside the shadow of a pillar, and steps of a metre lead across its edge."""
+    room = FloorPlan([(0, 0), (40, 0), (40, 40), (0, 40)], holes=[[(22, 30), (24, 30), (24, 32), (22, 32)]])
+    sensor = Rangefinder(room, np.deg2rad([0.0, 90.0]), Gaussian(0.5), SPACE)
+    prior = GaussianPrior([19.0, 15.0], 0.04 * np.eye(2), SPACE, room)
+    controls = np.zeros((4, 0))
+    assert posterior_cramer_rao(Problem(SPACE, RandomWalk(SPACE, 0.1), sensor, prior), controls)
+    with pytest.raises(NoBoundError, match=r"the range of a beam jumps, for example at x1 = 22\.00"):
+        posterior_cramer_rao(Problem(SPACE, RandomWalk(SPACE, 1.0), sensor, prior), controls)
+
+
+def test_a_prior_that_unknown_cells_cut_off_is_refused() -> None:
+    """Free space ends where no wall stands: 0.1 m from the peak of a prior of 0.3 m."""
+    states = np.zeros((80, 80), dtype=np.int64)
+    states[0] = states[-1] = states[:, 0] = states[:, -1] = 1
+    states[1:40, 1:-1] = 2
+    room = OccupancyMap(states, 0.1)
+    sensor = Rangefinder(room, np.deg2rad([0.0, 90.0]), Gaussian(1.0), SPACE)
+    beside = GaussianPrior([4.1, 4.0], 0.09 * np.eye(2), SPACE, room)
+    with pytest.raises(NoBoundError, match=r"free space ends at 0\.\d deviations of the prior"):
+        van_trees(Problem(SPACE, Stationary(SPACE), sensor, beside))
+    within = GaussianPrior([6.0, 4.0], 0.04 * np.eye(2), SPACE, room)
+    assert van_trees(Problem(SPACE, Stationary(SPACE), sensor, within))

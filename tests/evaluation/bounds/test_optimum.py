@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtri
 from scipy.stats.qmc import Sobol
 
 from rangefix.arrays import Array
+from rangefix.evaluation import Experiment, NamedEstimator
 from rangefix.evaluation.bounds import Bound, NoBoundError, threshold
 from rangefix.evaluation.bounds import optimum as optimum_module
 from rangefix.evaluation.bounds.averages.sampled_poses import SampledPoses
 from rangefix.evaluation.bounds.beam_subset import with_beams
+from rangefix.evaluation.bounds.catalogue import bounds_of
 from rangefix.evaluation.bounds.known_walls import known_walls
 from rangefix.evaluation.bounds.optimum import _with_control, optimum
 from rangefix.filters import (
@@ -20,6 +24,7 @@ from rangefix.filters import (
     RandomWalk,
     Rangefinder,
     Stationary,
+    Tempered,
     Uniform,
     pose_space,
     position_space,
@@ -218,3 +223,22 @@ def test_a_threshold_curve_ends_at_the_prior(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_allclose(curve.variances["optimum"][0], OPTIMA[2,], rtol=1e-4)
     np.testing.assert_allclose(curve.variances["optimum"][1], curve.variances["prior"][1], rtol=2e-3)
     assert (curve.variances["known-walls"] <= 1.001 * curve.variances["optimum"]).all()
+
+
+def test_the_weight_of_readings_is_no_part_of_their_law() -> None:
+    """Readings that weigh a tenth scatter as before, and whoever knows that is as good as before."""
+    problem = make_problem(0.2)
+    sensor = problem.sensor
+    assert isinstance(sensor, Rangefinder)
+    lighter = replace(problem, sensor=replace(sensor, noise=Tempered(Gaussian(0.2), 0.1)))
+    names = ("optimum", "known-walls", "ziv-zakai", "weiss-weinstein")
+    ekf = {"ekf": NamedEstimator("ekf")}
+    rows = [list(bounds_of(Experiment(each, ekf, runs=1), names)) for each in (problem, lighter)]
+    for row, other in zip(*rows, strict=True):
+        assert row.bound is not None
+        assert other.bound is not None
+        np.testing.assert_array_equal(row.bound.matrix, other.bound.matrix)
+    with pytest.raises(NoBoundError, match="ask with that noise"):
+        optimum(lighter)
+    with pytest.raises(NoBoundError, match="ask with that noise"):
+        known_walls(lighter)

@@ -229,3 +229,25 @@ def test_exchange_keeps_no_set_of_beams_with_rare_wrong_modes() -> None:
         assert found is not None
         errors.append(float(np.sqrt(np.trace(found.mean(axis=0)))))
     assert errors[1] <= 1.05 * errors[0]
+
+
+def test_beams_with_noise_of_their_own() -> None:
+    """Some of them are candidates; what is expected is the same in whichever order they are named.
+
+    24 truths are drawn apart for either order: deviations are the same to 10 %.
+    """
+    problem = make_problem(0.1)
+    sensor = problem.sensor
+    assert isinstance(sensor, Rangefinder)
+    bearings = np.deg2rad([-60.0, -20.0, 0.0, 30.0, 75.0])
+    own = replace(sensor, bearings=bearings, noise=Gaussian(np.array([0.5, 0.4, 0.02, 0.3, 0.5])))
+    problem = replace(problem, sensor=own)
+    found = [
+        Planner(problem, bearings[order], truths=24, seed=1).plan(2, "greedy", everywhere=False)
+        for order in (np.array([1, 2, 4]), np.array([2, 4, 1]))
+    ]
+    assert [step.bearing for step in found[0].steps] == [step.bearing for step in found[1].steps]
+    variances = [[np.diagonal(step.covariance) for step in plan.steps] for plan in found]
+    np.testing.assert_allclose(np.sqrt(variances[0]), np.sqrt(variances[1]), rtol=0.1)
+    pitches = [Planner(problem, bearings[order])._pitch for order in (np.array([0, 2, 4]), np.array([2]))]
+    np.testing.assert_allclose(*pitches)

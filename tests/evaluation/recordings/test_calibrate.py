@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import parse_study
-from rangefix.evaluation.recordings.calibrate import Arrays, calibrate, fit_noise
+from rangefix.evaluation.recordings.calibrate import Arrays, _memory, calibrate, fit_noise
 from rangefix.evaluation.recordings.log import RecordingError
 from rangefix.evaluation.recordings.residuals import Residuals
+from rangefix.evaluation.recordings.sensor_text import _rounded_down
 from rangefix.filters import (
     BeamMixture,
     Biased,
@@ -92,6 +93,22 @@ def test_a_standing_robot_is_refused() -> None:
     """It repeats the same errors of the map: its readings scatter by a tenth of what they are off."""
     with pytest.raises(RecordingError, match=r"stands still .* errors of the map, which look like a bias"):
         recording(100, SHARED, step=1e-4)
+
+
+def test_a_robot_that_turns_on_the_spot_meets_no_new_walls() -> None:
+    """Nothing divides by the way that it does not go, whether or not the map's errors have a length."""
+    poses = np.column_stack([np.ones((30, 2)), np.linspace(0.0, 6.0, 30)])
+    assert _memory(poses, Correlated(LAW)) == 0
+    assert _memory(poses, SHARED) > 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_shares_that_sum_to_one_are_written_so_that_they_do(seed: int) -> None:
+    """A study reads them again, whatever digits are left out."""
+    shares = np.random.default_rng(seed).dirichlet(np.ones(3))
+    written = [_rounded_down(float(share)) for share in shares]
+    assert sum(written) <= 1.0
+    np.testing.assert_allclose(written, shares, atol=1.1e-6)
 
 
 def test_few_scans_are_refused() -> None:

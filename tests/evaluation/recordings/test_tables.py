@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,18 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import Array, wrap
-from rangefix.evaluation.recordings.log import LaserDescription, RecordingError, Scan, motion_between
+from rangefix.evaluation.recordings.log import (
+    UNLIMITED_M,
+    LaserDescription,
+    RecordingError,
+    Scan,
+    motion_between,
+)
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.readers.sweeps import onto_beams, without_motion
 from rangefix.evaluation.recordings.readers.track import Track
 from rangefix.evaluation.recordings.readers.tum import read_tum, tum_line
+from rangefix.evaluation.recordings.steps import BEYOND, Choice, steps
 from rangefix.filters import Gaussian, Odometry, Rangefinder, pose_space
 
 from .conftest import ANGLES, MOUNT, ROOM, drive, ranges_at
@@ -64,6 +72,20 @@ def test_tables(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose([scan.time_s for scan in found], times, atol=1e-6)
     np.testing.assert_allclose([scan.ranges_m for scan in found], told["ranges_m"], atol=1e-6)
     np.testing.assert_allclose(wrap(np.array([scan.odometry for scan in found]) - poses), 0.0, atol=1e-7)
+
+
+def test_readings_beyond_what_a_laser_may_measure_are_none(tmp_path: Path) -> None:
+    """Where nobody says how far it measures: counted, and no scan is lost by them."""
+    told, _ = arrays(), drive(6)
+    told.pop("range_max_m", None)
+    told["ranges_m"] = told["ranges_m"].copy()
+    told["ranges_m"][2, 3] = 250.0
+    np.savez(tmp_path / "a.npz", **told)
+    log, tally = open_log(tmp_path / "a.npz"), Counter[str]()
+    found = list(steps(log, Choice(beams=0), tally))
+    assert log.sensor.reach_m == UNLIMITED_M
+    assert np.isposinf(found[2].measurement[3])
+    assert tally[BEYOND] == 1
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...arrays import Array
 from ...filters.models.motion import Stationary
+from ...filters.models.rangefinder import Rangefinder
+from ...filters.models.wrapped_noise import Tempered
 from ...filters.problem import Problem
 
 
@@ -42,12 +44,31 @@ def require_static(problem: Problem) -> None:
         raise NoBoundError("computed here for an object that stands still")
 
 
+def without_weight(problem: Problem) -> Problem:
+    """The problem with the law that its readings are drawn by: their weight is how estimators take them."""
+    sensor = problem.sensor
+    if isinstance(sensor, Rangefinder) and isinstance(sensor.noise, Tempered):
+        return replace(problem, sensor=replace(sensor, noise=sensor.noise.noise))
+    return problem
+
+
+def require_full_weight(problem: Problem) -> None:
+    """Refuse readings that weigh less than the law by which they are drawn.
+
+    Raises:
+        NoBoundError: If they do.
+    """
+    if isinstance(getattr(problem.sensor, "noise", None), Tempered):
+        raise NoBoundError("readings scatter by the noise without its weight: ask with that noise")
+
+
 def require_gaussian(problem: Problem) -> Array:
     """Standard deviations of the beams, m, (B,); inf for those that are never measured.
 
     Raises:
-        NoBoundError: If the noise is not Gaussian or a reading may fail to return.
+        NoBoundError: If the noise is not Gaussian, weighs less, or a reading may fail to return.
     """
+    require_full_weight(problem)
     stds = problem.sensor.gaussian_stds
     if stds is None:
         raise NoBoundError("computed here for Gaussian noise, without limits of range or incidence")

@@ -12,7 +12,7 @@ from ...filters.models.correlated import refuse_shared_errors
 from ...filters.problem import Problem
 from ..experiment import Experiment
 from .beam_subset import with_beams
-from .bound import Bound, NoBoundError
+from .bound import Bound, NoBoundError, without_weight
 from .cramer_rao import cramer_rao
 from .known_walls import known_walls
 from .optimum import optimum
@@ -87,7 +87,7 @@ def _compute(name: str, experiment: Experiment, beam_set: Sequence[int]) -> Boun
         refuse_shared_errors(experiment.truth.sensor, "a bound")
     except ValueError as error:
         raise NoBoundError(str(error)) from None
-    problem = with_beams(experiment.truth, beam_set)
+    problem = without_weight(with_beams(experiment.truth, beam_set))
     if name == TRAJECTORY_BOUND:
         return posterior_cramer_rao(problem, experiment.control_sequence)
     if experiment.steps > 1:

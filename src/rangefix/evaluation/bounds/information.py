@@ -16,6 +16,7 @@ from .bound import NoBoundError, require_gaussian
 from .continuity import pieces_of
 
 LOG_AT_ENDS = float(np.log(1e-12))  # a density at its ends, relative to its peak
+LATTICE = 301  # points along each axis of the ellipse where a Gaussian prior counts
 NODES = (24, 40)  # Gauss-Legendre nodes along the sides of a triangle: the error, the answer
 INFORMATION_DRAWS = 16_384
 STANDARD_ERRORS = 4.0  # added to the mean information of draws
@@ -67,7 +68,7 @@ def gaussian_law(prior: Prior, space: StateSpace) -> tuple[Array, Array] | None:
 
 
 def _require_free(mean: Array, covariance: Array, space: StateSpace, room: RangeMap) -> None:
-    """Refuse a Gaussian that walls cut off where it is not below 1e-12 of its peak, or that wraps round.
+    """Refuse a Gaussian that is cut off where it is not below 1e-12 of its peak, or that wraps round.
 
     Raises:
         NoBoundError: If they do.
@@ -75,7 +76,8 @@ def _require_free(mean: Array, covariance: Array, space: StateSpace, room: Range
     where = space.position_indices
     if not room.is_free(mean[where][None])[0]:
         raise NoBoundError("the prior's peak is not in free space")
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance[np.ix_(where, where)]))
+    root = np.linalg.cholesky(covariance[np.ix_(where, where)])
+    whiten = np.linalg.inv(root)
     ends = (room.segments.reshape(-1, 2, 2) - mean[where]) @ whiten.T
     if len(ends):
         start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
@@ -86,6 +88,17 @@ def _require_free(mean: Array, covariance: Array, space: StateSpace, room: Range
                 f"walls cut the prior off at {np.sqrt(nearest):.1f} deviations, where its density is above "
                 "1e-12 of its peak"
             )
+    reach = np.sqrt(-2 * LOG_AT_ENDS)
+    axis = np.linspace(-reach, reach, LATTICE)
+    lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    lattice = lattice[(lattice**2).sum(-1) <= reach**2]
+    closed = lattice[~np.asarray(room.is_free(mean[where] + lattice @ root.T))]
+    if len(closed):  # unknown cells, or no floor: no wall stands at the end of free space
+        nearest = (closed**2).sum(-1).min()
+        raise NoBoundError(
+            f"free space ends at {np.sqrt(nearest):.1f} deviations of the prior, where its density is above "
+            "1e-12 of its peak"
+        )
     for column in np.flatnonzero(space.is_angle):
         _require_narrow(float(np.sqrt(covariance[column, column])))
 

@@ -11,7 +11,7 @@ from ...filters.exact import ExactPositionFilter
 from ...filters.problem import Problem
 from .averages.draws import average
 from .averages.reading_grid import expected_covariance
-from .bound import Bound, NoBoundError
+from .bound import Bound, NoBoundError, require_full_weight
 from .optimum import DRAWS_OF_EXACT, check_static
 
 SAME_PLANE = 1e-6  # m and 1: by which slopes and offsets of one wall differ
@@ -29,6 +29,7 @@ def known_walls(problem: Problem) -> Bound:
         NoBoundError: If the object moves, the heading is unknown, or the map is not made of walls.
     """
     check_static(problem)
+    require_full_weight(problem)
     try:
         exact = ExactPositionFilter(problem)
     except ValueError as refused:

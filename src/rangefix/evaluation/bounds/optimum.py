@@ -16,7 +16,7 @@ from ...filters.registry import build
 from .averages.draws import SEED, SETS, place_moments, set_means
 from .averages.reading_grid import expected_covariance
 from .averages.sampled_poses import SampledPoses
-from .bound import Bound, NoBoundError, require_static
+from .bound import Bound, NoBoundError, require_full_weight, require_static
 
 DRAWS_OF_EXACT, DRAWS_OF_LATTICES = 8192, 512
 DRAWS_OF_SAMPLES = 1024, 4096  # the second where the first leave more than this share open
@@ -50,10 +50,12 @@ def optimum(problem: Problem) -> Bound:
     mean.
 
     Raises:
-        NoBoundError: If the object moves, the state has more than three components, or the heading is unknown
-            and there are fewer than three beams, too accurate for samples of all poses.
+        NoBoundError: If the object moves, readings weigh less than their law says, the state has more than
+            three components, or the heading is unknown and there are fewer than three beams, too accurate for
+            samples of all poses.
     """
     check_static(problem)
+    require_full_weight(problem)
     unknown_heading = bool(problem.space.is_angle.any())
     measured = int((~problem.sensor.blind).sum())
     if unknown_heading:

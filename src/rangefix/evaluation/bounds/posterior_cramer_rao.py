@@ -48,7 +48,9 @@ def posterior_cramer_rao(problem: Problem, controls: Array) -> Bound:
             law = mean, transition @ law[1] @ transition.T + noise
             moved = GaussianPrior(mean, law[1], problem.space)
             prior_information(moved, problem.space, problem.sensor.room)  # refuses one that walls cut off
-            information, error = mean_information(replace(problem, prior=moved))
+            there = replace(problem, prior=moved)
+            require_continuous(there)
+            information, error = mean_information(there)
             upper, lower = (_moved(each, transition, noise) for each in (upper, lower))
         upper, lower = np.asarray(upper + information), np.asarray(lower + information - error)
     matrix = np.linalg.inv(upper)

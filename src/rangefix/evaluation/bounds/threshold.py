@@ -11,7 +11,7 @@ from ...arrays import Array
 from ...filters.models.noise import Gaussian
 from ...filters.models.rangefinder import Rangefinder
 from ...filters.problem import Problem
-from .bound import NoBoundError, require_gaussian
+from .bound import NoBoundError, require_gaussian, without_weight
 from .known_walls import known_walls
 from .optimum import optimum
 from .weiss_weinstein import weiss_weinstein
@@ -57,6 +57,7 @@ def threshold_curve(
     Raises:
         NoBoundError: If the noise of the problem is not Gaussian, or none of them applies.
     """
+    problem = without_weight(problem)
     require_gaussian(problem)
     sensor = problem.sensor
     if not isinstance(sensor, Rangefinder):

@@ -21,11 +21,19 @@ def noise_width(noise: Noise, low: float, high: float) -> float:
 
     Args:
         noise: Of one beam.
-        low, high: Expected ranges between which it is looked for, m.
+        low, high: Expected ranges between which it is looked for, m; those that cannot be read, beyond the
+            reach of a beam mixture, are left out.
+
+    Raises:
+        ValueError: If there is none.
     """
     expected = np.linspace(low, high, PROBES)[:, None]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         peak = np.asarray(noise.log_density(expected, expected))
+        readable = expected[peak > -np.inf]
+        if len(readable):
+            expected = np.linspace(readable[0], readable[-1], PROBES)[:, None]
+            peak = np.asarray(noise.log_density(expected, expected))
         ahead = np.asarray(noise.log_density(expected + LADDER, expected))
         behind = np.asarray(noise.log_density(expected - LADDER, expected))
     top = np.maximum(peak, np.maximum(ahead, behind).max(axis=1, keepdims=True) - np.log(2))

@@ -23,7 +23,16 @@ from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.refined_cells.coarse_cells import CoarseCells
 from ..seeds import stream
 from .candidates import candidates_near, coarse_candidates
-from .cells import Cells, cells_of, check_plannable, coarse_cells, posterior_cells, prior_cells, turned
+from .cells import (
+    Cells,
+    beams_alike,
+    cells_of,
+    check_plannable,
+    coarse_cells,
+    posterior_cells,
+    prior_cells,
+    turned,
+)
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
 from .one_beam import noise_width
 from .plans import Plan, Step
@@ -71,11 +80,10 @@ class Planner:
     tell: Tell = field(default=lambda text: None)
 
     def __post_init__(self) -> None:
-        sensor = replace(check_plannable(self.problem), bearings=self.sensor.bearings)
         if not len(self.candidates) or not np.isfinite(self.candidates).all():
             raise ValueError("a plan needs candidates: finite bearings")
-        if sensor.blind.any():
-            blind = np.rad2deg(self.candidates[sensor.blind][0])
+        if self.sensor.blind.any():
+            blind = np.rad2deg(self.candidates[self.sensor.blind][0])
             raise ValueError(f"candidate {blind:g} deg lies in the blind sector: it is never measured")
 
     @cached_property
@@ -93,7 +101,8 @@ class Planner:
         """Cells of a posterior are no finer, m and rad, (n,)."""
         lower, upper = self.problem.sensor.room.bounds
         reach = float(np.hypot(*(upper - lower)))
-        noises = (noise_of_beams(self.sensor.noise, beam, len(self.candidates)) for beam in (0, -1))
+        beams = [0] if beams_alike(self.sensor) else range(len(self.candidates))
+        noises = [noise_of_beams(self.sensor.noise, beam, len(self.candidates)) for beam in beams]
         pitch = MERGED * min(noise_width(noise, 0.0, reach) for noise in noises)
         return np.where(self.problem.space.is_angle, pitch / (0.25 * reach), pitch)
 

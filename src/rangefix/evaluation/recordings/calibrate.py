@@ -207,6 +207,8 @@ def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
 def _memory(poses: Array, correlated: Correlated) -> int:
     """In how many scans the robot drives the longest length of the map's errors."""
     longest = max((place.length for place in correlated.places), default=0.0)
+    if not longest:
+        return 0
     way = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).mean())
     most = int(MEMORY_SHARE * len(poses))
     return most if longest > way * most else int(np.ceil(longest / way))

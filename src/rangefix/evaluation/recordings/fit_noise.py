@@ -15,7 +15,6 @@ from ...arrays import Array, BoolArray
 from ...filters import BeamMixture, Biased, Correlated, LostBeams, PlaceError
 from ...filters.models.normal_scores import normal_scores
 
-USUAL_REACH_M = 30.0  # of a laser whose recording does not tell its maximum range
 FULL_REACH = 0.95  # of the maximum range, up to which a wall should return a beam
 LENGTHS_M = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0)  # that correlation may fall over
 EDGES_M = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
@@ -48,7 +47,7 @@ def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams
     Args:
         readings: (T, B), m; NaN = not measured, inf = no return.
         expected: Ranges of the map, (T, B), m.
-        max_range: Of the rangefinder, m; inf = not known.
+        max_range: Of the rangefinder, m.
         start: A law to begin with.
 
     Raises:
@@ -56,10 +55,9 @@ def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams
     """
     from scipy.optimize import minimize
 
-    reach = max_range if np.isfinite(max_range) else USUAL_REACH_M
-    walls = (expected < FULL_REACH * reach) & ~np.isnan(readings)
+    walls = (expected < FULL_REACH * max_range) & ~np.isnan(readings)
     read, ranges = readings[walls & np.isfinite(readings)], expected[walls & np.isfinite(readings)]
-    inside = (read > 0) & (read <= reach)
+    inside = (read > 0) & (read <= max_range)
     read, ranges = read[inside], ranges[inside]
     if len(read) < 50:
         raise ValueError(f"only {len(read)} readings have a wall of the map to be compared with")
@@ -72,7 +70,7 @@ def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams
         shares = np.exp([0.0, *parameters[:2]])
         hit, short, random = (shares / shares.sum()).tolist()
         std, rate = width * np.exp(parameters[3]), np.exp(parameters[4])
-        mixture = BeamMixture(hit, short, 0.0, random, float(np.clip(std, 1e-4, 5)), float(rate), reach)
+        mixture = BeamMixture(hit, short, 0.0, random, float(np.clip(std, 1e-4, 5)), float(rate), max_range)
         return Biased(mixture, centre + width * float(parameters[2]))
 
     def cost(parameters: Array) -> float:

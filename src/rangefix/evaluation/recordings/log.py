@@ -19,6 +19,7 @@ from ...arrays import TWO_PI, Array, IntArray, wrap
 MOST_BEAMS = 100_000
 FARTHEST_M = 1e7  # from the origin of a map: beyond that a place is a mistake of the file
 UNPLACED = "nothing says where the laser stands on the robot: it is taken to stand at its reference point"
+UNLIMITED_M = 100.0  # the longest range of a laser of which nobody says it
 LARGEST_M = 100.0  # of a laser from the robot's reference point
 
 
@@ -76,6 +77,11 @@ class LaserDescription:
             )
         bearings.setflags(write=False)
         object.__setattr__(self, "bearings_rad", bearings)  # a copy that nobody can change
+
+    @property
+    def reach_m(self) -> float:
+        """The longest range that is believed, m: finite where the recording does not say what is measured."""
+        return self.range_max_m if np.isfinite(self.range_max_m) else UNLIMITED_M
 
     @property
     def distinct_beams(self) -> IntArray:

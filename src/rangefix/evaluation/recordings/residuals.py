@@ -23,7 +23,6 @@ from ...filters import (
 )
 from ...filters.models.beam_noise import BeamMixture
 from ...filters.models.wrapped_noise import LostBeams, Tempered
-from .fit_noise import USUAL_REACH_M
 from .log import LaserDescription, Log, RecordingError
 from .readers.track import Track
 from .readers.tum import read_tum
@@ -80,7 +79,7 @@ def sensor_of(laser: LaserDescription, places: IntArray, room: RangeMap, noise: 
         laser.bearings_rad[places],
         noise,
         pose_space(),
-        max_range=laser.range_max_m,
+        max_range=laser.reach_m,
         min_range=laser.range_min_m,
         mount=Mount(laser.forward_m, laser.left_m, laser.yaw_rad),
     )
@@ -107,8 +106,7 @@ def find_residuals(
         )
     told = survey(log, choice)
     laser, places = log.sensor, choice.places(log.sensor)
-    reach = laser.range_max_m if np.isfinite(laser.range_max_m) else USUAL_REACH_M
-    wide = LostBeams(BeamMixture(0.8, 0.08, 0.0, 0.12, 0.1, 1.0, reach), 0.05)
+    wide = LostBeams(BeamMixture(0.8, 0.08, 0.0, 0.12, 0.1, 1.0, laser.reach_m), 0.05)
     sensor = sensor_of(laser, places, room, Tempered(wide, min(1.0, 4 / len(places))))
     if truth is None:
         assert start is not None

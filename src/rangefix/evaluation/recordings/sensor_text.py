@@ -42,14 +42,22 @@ def sensor_text(calibration: Calibration, map_name: str, log_name: str) -> str:
     for key, value in (("forward_m", sensor.mount.forward), ("left_m", sensor.mount.left)):
         lines += [f"{key} = {value:.6g}"] * bool(value)
     lines += [f"yaw_deg = {np.rad2deg(sensor.mount.yaw):.6g}"] * bool(sensor.mount.yaw)
+    errors = fitted.correlated
+    shares = [_rounded_down(share) for share in (errors.scan, *(place.share for place in errors.places))]
     places = ", ".join(
-        f"{{ share = {place.share:.4f}, length_m = {place.length:g} }}" for place in fitted.correlated.places
+        f"{{ share = {share:.{DIGITS}f}, length_m = {place.length:g} }}"
+        for share, place in zip(shares[1:], errors.places, strict=True)
     )
     noise = _noise_lines(calibration)
     lines += ["", "[sensor.noise]", *noise]
-    lines.append(f"correlation = {{ scan = {fitted.correlated.scan:.4f}, places = [{places}] }}")
+    lines.append(f"correlation = {{ scan = {shares[0]:.{DIGITS}f}, places = [{places}] }}")
     lines += ["", "[assumed.sensor.noise]", *noise, f"weight = {fitted.weight:.4f}"]
     return "\n".join(lines) + "\n"
+
+
+def _rounded_down(share: float) -> float:
+    """A share as it is written: shares that sum to one must not sum to more."""
+    return float(np.floor(share * 10**DIGITS) / 10**DIGITS)
 
 
 def _noise_lines(calibration: Calibration) -> list[str]:

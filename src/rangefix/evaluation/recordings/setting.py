@@ -29,9 +29,8 @@ from ...filters import (
 )
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...maps import OccupancyMap
-from .log import LaserDescription
+from .log import UNLIMITED_M, LaserDescription
 
-UNLIMITED_M = 100.0  # the longest reading of a laser of which nobody says it
 DRIFT = (0.02, 0.02, 0.02, 0.02)  # alphas of `Odometry`: 14 % of a move, 14 % of a turn
 WIDE_STD_M = 0.1
 WEIGHT_OF_BEAMS = 0.25
@@ -139,7 +138,7 @@ def problem_of(
         start: Where the robot is at first.
     """
     space = pose_space()
-    longest = laser.range_max_m if np.isfinite(laser.range_max_m) else UNLIMITED_M
+    longest = laser.reach_m
     noise = wide_noise(longest, room) if assumptions.noise is None else assumptions.noise
     sensor = Rangefinder(
         room,

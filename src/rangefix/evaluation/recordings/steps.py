@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, IntArray
-from .log import LaserDescription, Log, RecordingError, Scan, motion_between
+from .log import UNLIMITED_M, LaserDescription, Log, RecordingError, Scan, motion_between
 from .readers.sweeps import without_motion
 
 STILL = "scans taken where the one before was (left out: a standing robot repeats its errors)"
 WITHOUT_ODOMETRY = "scans without odometry (left out)"
+BEYOND = f"readings beyond {UNLIMITED_M:g} m (taken for none: nobody says how far the laser measures)"
 WITHOUT_READINGS = "scans whose chosen beams are all invalid"
 
 
@@ -103,6 +104,10 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
             counts[STILL] += 1
             continue
         ranges = _ranges(scan, laser, choice)[places]
+        far = np.isfinite(ranges) & (ranges > laser.reach_m)
+        if far.any():
+            counts[BEYOND] += int(far.sum())
+            ranges = np.where(far, np.inf, ranges)
         counts[WITHOUT_READINGS] += bool(np.isnan(ranges).all())
         before, some = scan.odometry, True
         yield Step(number, scan.time_s, control, ranges, scan.odometry)
