@@ -238,6 +238,10 @@ def test_the_weight_of_readings_is_no_part_of_their_law() -> None:
         assert row.bound is not None
         assert other.bound is not None
         np.testing.assert_array_equal(row.bound.matrix, other.bound.matrix)
+        assert other.bound.conditions == (
+            *row.bound.conditions,
+            "readings by their law, without their weight",
+        )
     with pytest.raises(NoBoundError, match="ask with that noise"):
         optimum(lighter)
     with pytest.raises(NoBoundError, match="ask with that noise"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -87,7 +88,16 @@ def _compute(name: str, experiment: Experiment, beam_set: Sequence[int]) -> Boun
         refuse_shared_errors(experiment.truth.sensor, "a bound")
     except ValueError as error:
         raise NoBoundError(str(error)) from None
-    problem = without_weight(with_beams(experiment.truth, beam_set))
+    weighed = with_beams(experiment.truth, beam_set)
+    problem = without_weight(weighed)
+    bound = _of_law(name, experiment, problem)
+    if problem is not weighed:
+        bound = replace(bound, conditions=(*bound.conditions, "readings by their law, without their weight"))
+    return bound
+
+
+def _of_law(name: str, experiment: Experiment, problem: Problem) -> Bound:
+    """An entry for a problem whose readings weigh as they scatter."""
     if name == TRAJECTORY_BOUND:
         return posterior_cramer_rao(problem, experiment.control_sequence)
     if experiment.steps > 1:
