@@ -171,9 +171,16 @@ def posterior_cells(problem: Problem, readings: Array, pitch: Array | None = Non
         pitch: Cells are merged that are finer along each axis, (n,).
 
     Raises:
-        ValueError: If measurements cannot be planned for the problem.
+        ValueError: If measurements cannot be planned for the problem, or no place explains the readings of a
+            run.
     """
-    return cells_of(problem, coarse_cells(problem), readings, pitch)
+    found = cells_of(problem, coarse_cells(problem), readings, pitch)
+    possible = [cells for cells in found if cells is not None]
+    if len(possible) < len(found):
+        raise ValueError(
+            f"{len(found) - len(possible)} of {len(found)} runs have readings that no place explains"
+        )
+    return possible
 
 
 def coarse_cells(problem: Problem, before: Cells | None = None) -> CoarseCells:
@@ -190,15 +197,19 @@ def coarse_cells(problem: Problem, before: Cells | None = None) -> CoarseCells:
 
 def cells_of(
     problem: Problem, coarse: CoarseCells, readings: Array, pitch: Array | None = None
-) -> list[Cells]:
-    """What readings leave of coarse cells, run by run; see `posterior_cells`."""
+) -> list[Cells | None]:
+    """What readings leave of coarse cells, run by run, None where it is nothing; see `posterior_cells`."""
     still = replace(problem, motion=Stationary(problem.space))
-    found = (
-        Cells.of(problem.space, centres[held], np.exp(logs[held] - logs.max()), widths[held])
-        for centres, widths, logs in boxes_of_each(still, coarse, readings[:, None], ACCURACY, MOST_CELLS)
-        for held in [logs > logs.max() - NOTHING_NATS]
-    )
-    return [(cells if pitch is None else cells.merged(pitch)).heavy() for cells in found]
+    found: list[Cells | None] = []
+    for centres, widths, logs in boxes_of_each(still, coarse, readings[:, None], ACCURACY, MOST_CELLS):
+        most = logs.max(initial=-np.inf)
+        if most == -np.inf:
+            found.append(None)
+            continue
+        held = logs > most - NOTHING_NATS
+        cells = Cells.of(problem.space, centres[held], np.exp(logs[held] - most), widths[held])
+        found.append((cells if pitch is None else cells.merged(pitch)).heavy())
+    return found
 
 
 def _near(cells: Cells, centres: Array, sizes: Array) -> BoolArray:

@@ -401,7 +401,10 @@ class Planner:
             chosen: Their places among the candidates, b of them; one may stand several times.
             readings: m, (b,).
             before: What was believed after the earlier ones of them: places that it rules out are not looked
-                at again, which saves most of the work.
+                at again, which saves most of the work, unless the readings are possible nowhere else.
+
+        Raises:
+            ValueError: If no place explains the readings.
         """
         problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
         key = tuple(chosen)
@@ -414,7 +417,11 @@ class Planner:
             self._covered.clear()
             self._covered[key] = coarse
         [belief] = cells_of(problem, coarse, np.asarray(readings)[None], self._pitch)
-        return belief
+        if belief is not None:
+            return belief
+        if before is None:
+            raise ValueError("no place explains the readings")
+        return self.belief_after(chosen, readings)
 
     @cached_property
     def _covered(self) -> dict[tuple[int, ...], CoarseCells]:
