@@ -112,7 +112,9 @@ def test_runs_draw_from_their_own_streams(motion: Motion, space: StateSpace, con
         np.testing.assert_array_equal(together[run], alone)
 
 
-@pytest.mark.parametrize("alphas", [(0.1, 0, 0, 0), (0.1, 0, 0.1, 0), (0.1, 0.1, 0, 0), (0, 0, 0, 0.1), ALPHAS])
+@pytest.mark.parametrize(
+    "alphas", [(0.1, 0, 0, 0), (0.1, 0, 0.1, 0), (0.1, 0.1, 0, 0), (0, 0, 0, 0.1), ALPHAS]
+)
 @pytest.mark.parametrize("floor", [0.0, (0.0, 0.02, 0.0)])
 @pytest.mark.parametrize("walls", [False, True])
 def test_runs_of_different_controls_draw_from_their_own_streams(

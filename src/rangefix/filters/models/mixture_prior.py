@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, read_only
+from ...arrays import TWO_PI, Array, keep_copies, read_only
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
@@ -43,6 +43,7 @@ class Mixture:
         return "Mixture(" + ",\n    ".join(parts[:MAX_SHOWN] + more) + ")"
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         priors = self.priors
         if not priors or any(prior.space != priors[0].space for prior in priors):
             raise ValueError("a mixture needs priors, one or more, all over the same space")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import Array, wrap
+from ...arrays import Array, keep_copies, wrap
 from ..space import StateSpace
 from .motion import step_stds
 
@@ -56,6 +56,7 @@ class Odometry:
     is_gaussian = True
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         if "heading" not in self.space.names:
             raise ValueError("odometry needs the heading among the state's components: take pose_space()")
         alphas = np.array(self.alphas, dtype=float)
@@ -126,7 +127,7 @@ class Odometry:
         return self._moved(states, *noisy)
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
-        """One move of M runs, (M, n): run m as `sample` alone draws it from rngs[m], whatever the others do."""
+        """One move of M runs, (M, n): run m as `sample` draws it from rngs[m], whatever the others do."""
         states, control = _pair(states, control)
         noisy = [control[..., column] for column in range(3)]
         for error in self._errors(control):
