@@ -46,6 +46,20 @@ def read_only(array: Array) -> Array:
     return array
 
 
+def keep_copies(record: Any) -> None:
+    """Put copies that nobody can change in place of the arrays and lists of a frozen dataclass.
+
+    For its `__post_init__`, where others gave them and may write into theirs. Arrays become read-only arrays,
+    lists tuples.
+    """
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, list):
+            object.__setattr__(record, field.name, tuple(value))
+        elif hasattr(value, "__array__") and not isinstance(value, np.generic):
+            object.__setattr__(record, field.name, read_only(np.array(value)))
+
+
 def real_floats(name: str, value: Any) -> Array:
     """What an estimator gives, as float64.
 

@@ -46,7 +46,7 @@ MANY = np.full(1000, 0.1)
         (PLAN, ["720 corners", "300 inner walls", "-3 to 3 m"]),
         (SENSOR, ["720 corners", "<1000 numbers from -3.135 to 3.142>", "Gaussian"]),
         (Gaussian(MANY), ["<1000 numbers from 0.1 to 0.1>"]),
-        (Gaussian([0.1, 0.2]), ["[0.1, 0.2]"]),
+        (Gaussian([0.1, 0.2]), ["(0.1, 0.2)"]),
         (StudentT(MANY, 3.0), ["1000 numbers", "dof=3.0"]),
         (RangeProportional(MANY, 0.01), ["1000 numbers", "b=0.01"]),
         (Quantised(Gaussian(MANY), 0.1), ["1000 numbers", "step=0.1"]),

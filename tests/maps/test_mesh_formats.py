@@ -77,6 +77,17 @@ def test_a_wall_with_a_door_is_one_face(tmp_path):
     assert room.free_space.area == pytest.approx(24, rel=0.03)
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_face_that_goes_on_keeps_its_corners(tmp_path, end):
+    """Whatever ends its lines: a backslash at one's end says that the next belongs to it."""
+    text = obj(CORNERS, QUADS).replace(" 4 3\n", " 4 \\\n 3\n").replace("v 4.0 6.0", "v 4.0 \\\n6.0")
+    assert text.count("\\") == 3
+    path = tmp_path / "room.obj"
+    path.write_bytes(text.replace("\n", end).encode())
+    mesh = read_mesh(path, unit="m")
+    assert (len(mesh.triangles), area(*mesh[:2])) == (12, pytest.approx(98.0))
+
+
 def ply(order: str, faces, more: bool) -> bytes:
     """The room in binary of either order, with colours before the corners and edges after them."""
     head = f"ply\nformat binary_{'little' if order == '<' else 'big'}_endian 1.0\nelement vertex 8\n"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.special import log_ndtr, ndtr
 
 from rangefix.arrays import Array
 from rangefix.evaluation.consistency.lost import Fit, LostTest, Watch
@@ -19,7 +20,9 @@ from rangefix.filters import (
     LostBeams,
     Noise,
     PlaceError,
+    Quantised,
     Rangefinder,
+    StudentT,
     Tempered,
     pose_space,
 )
@@ -147,6 +150,93 @@ def test_wrong_poses_are_told_within_ten_scans(wrong: Callable[[Array], Array]) 
     """By the usual 1 in 1000: in every one of 10 drives."""
     found = fits(LostTest(rangefinder(SHARED)), 10, 10, wrong)
     assert all(any(fit.lost for fit in drive) for drive in found)
+
+
+STDS = np.linspace(0.01, 0.05, 24)
+ROUNDED: dict[str, Noise] = {
+    "fine": Quantised(Gaussian(0.02), 0.02),
+    "coarse": Quantised(Gaussian(0.02), 0.05),
+    "coarser": Quantised(Gaussian(0.01), 0.05),
+    "by beam": Quantised(Gaussian(STDS), 0.05),
+    "biased before": Quantised(Biased(Gaussian(0.02), 0.03), 0.05),
+    "biased after": Biased(Quantised(Gaussian(0.02), 0.05), 0.03),
+    "lost": LostBeams(Quantised(StudentT(0.02, 9.0), 0.05), 0.1),
+    "mixture": Quantised(BeamMixture(0.9, 0.02, 0.02, 0.06, 0.02, 1.0, 8.0), 0.05),
+    "twice": Quantised(Quantised(Gaussian(0.02), 0.01), 0.05),
+    "shared": Correlated(LostBeams(Quantised(Gaussian(0.02), 0.05), 0.1), scan=0.3),
+}
+
+
+def scan_on_map(noise: Noise, reading: Array, min_range: float = 0.0) -> ScanOnMap:
+    sensor = Rangefinder(
+        ROOM, rangefinder(LAW).bearings, noise, pose_space(), max_range=8.0, min_range=min_range
+    )
+    return ScanOnMap(sensor, reading, noise)
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+@pytest.mark.parametrize("weight", [1.0, 0.2])
+def test_a_rounded_reading_lies_in_the_middle_of_its_probability(name: str, weight: float) -> None:
+    """Less than it: all smaller ones and half of it; more: the rest, with no return. To 1e-9 of either.
+
+    The probability of a reading is its density times the step. Steps in float32, as logs have them.
+    """
+    law, pose = ROUNDED[name], np.array([3.0, 4.0, 0.5])
+    noise = Tempered(law, weight) if weight < 1 else law
+    step = 0.02 if name == "fine" else 0.05
+    expected = rangefinder(law).expected(pose)
+    steps = step * np.arange(-200, 600)
+    probability = np.exp(law.log_density(steps[:, None], expected)) * step
+    none = np.exp(law.log_above(np.array(50.0), expected))
+    less = np.cumsum(probability, axis=0) - 0.5 * probability
+    more = np.cumsum(probability[::-1], axis=0)[::-1] - 0.5 * probability + none
+    for away in (-5, -1, 0, 1, 2, 8):
+        places = 200 + np.round(expected / step).astype(int) + away
+        reading = steps[places].astype(np.float32).astype(float)
+        kept = reading < 7.9
+        tails = scan_on_map(noise, np.where(kept, reading, np.nan)).tails(pose[None])[:, 0]
+        at = places[kept], np.flatnonzero(kept)
+        np.testing.assert_allclose(tails, [less[at], more[at]], rtol=1e-9, atol=1e-300)
+
+
+def test_a_step_at_the_least_range_is_not_too_close() -> None:
+    """Too close at a least range of 2 m is 1.95 m or less: what is too close lies in the middle of that."""
+    noise, pose = Quantised(Gaussian(0.05), 0.05), np.array([3.0, 2.0, np.pi])
+    reading = np.where(np.arange(24) == 0, -np.inf, np.nan)  # to the wall 2 m behind
+    tails = scan_on_map(noise, reading, min_range=2.0).tails(pose[None])
+    probability = ndtr(-0.025 / 0.05)
+    np.testing.assert_allclose(tails[:, 0, 0], [0.5 * probability, 1 - 0.5 * probability], rtol=1e-6)
+
+
+def test_far_rounded_readings_keep_their_digits() -> None:
+    """30 deviations off on either side: 1e-198, by the end of the bin that is nearer to the wall."""
+    pose, expected = np.array([3.0, 2.0, np.pi]), 2.0
+    for away in (-0.6, 0.6):
+        reading = np.where(np.arange(24) == 0, expected + away, np.nan)
+        tails = scan_on_map(Quantised(Gaussian(0.02), 0.05), reading).tails(pose[None])[:, 0, 0]
+        assert np.log(tails.min()) == pytest.approx(log_ndtr(-(0.6 - 0.025) / 0.02) - np.log(2), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+def test_rounded_readings_raise_no_more_alarms_than_stated(name: str) -> None:
+    """At a stated 5 %, in 200 scans from anywhere: at most 5 % and 4.5 standard errors; misfits of 1 at most.
+
+    Half a step off, as by the upper ends of bins, misfits are 1.3 for steps of a deviation and 2.8 for 2.5.
+    Half a metre off is told nearly always.
+    """
+    sensor = rangefinder(ROUNDED[name])
+    rng = np.random.default_rng(6)
+    poses = rng.uniform([1.0, 1.0, -np.pi], [5.0, 8.0, np.pi], (200, 3))
+    test = LostTest(sensor, 0.05, 1)
+    right, wrong = [], []
+    for pose in poses:
+        reading = sensor.sample(pose, rng)
+        right.append(test.one_scan(reading, pose[None]))
+        wrong.append(test.one_scan(reading, pose[None] + np.array([0.35, 0.35, 0.0])).lost)
+    misfits = np.array([fit.misfit for fit in right])
+    assert np.mean([fit.lost for fit in right]) < 0.05 + 4.5 * np.sqrt(0.05 * 0.95 / 200)
+    assert misfits.mean() < 0.995 + 4.5 * misfits.std() / np.sqrt(200)
+    assert np.mean(wrong) > 0.95
 
 
 def test_scores_are_standard_normal_whatever_the_belief() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from rangefix.filters import (
@@ -109,6 +110,30 @@ def test_runs_draw_from_their_own_streams(motion: Motion, space: StateSpace, con
     for run in range(5):
         alone = motion.sample(states[run], control, np.random.default_rng(run))
         np.testing.assert_array_equal(together[run], alone)
+
+
+@pytest.mark.parametrize(
+    "alphas", [(0.1, 0, 0, 0), (0.1, 0, 0.1, 0), (0.1, 0.1, 0, 0), (0, 0, 0, 0.1), ALPHAS]
+)
+@pytest.mark.parametrize("floor", [0.0, (0.0, 0.02, 0.0)])
+@pytest.mark.parametrize("walls", [False, True])
+def test_runs_of_different_controls_draw_from_their_own_streams(
+    alphas: tuple[float, float, float, float], floor: ArrayLike, walls: bool
+) -> None:
+    """The same where one run stands, one turns, one goes straight on, and others do all of it.
+
+    A control without one of the errors draws nothing for it, beside whatever other runs: the moves and what
+    the streams give next are those of `sample`, bit for bit.
+    """
+    odometry = Odometry(POSE, alphas, floor)
+    motion: Motion = Confined(odometry, RectangularRoom(0.8, 0.8), POSE, 3) if walls else odometry
+    states = np.array([0.4, 0.4, 0.0]) + np.zeros((6, 3))
+    controls = np.array([[0, 0, 0], [0, 0, 0.5], [0.3, 0, 0], [0.3, 0.2, 0.5], [-0.3, 0, 0], [0, 0.3, 0]])
+    mine, own = ([np.random.default_rng(m) for m in range(6)] for _ in range(2))
+    together = sample_runs(motion, states, controls, mine)
+    alone = [motion.sample(*run) for run in zip(states, controls, own, strict=True)]
+    np.testing.assert_array_equal(together, alone)
+    assert [rng.random() for rng in mine] == [rng.random() for rng in own]
 
 
 PREDICTED = {

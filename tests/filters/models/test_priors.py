@@ -152,6 +152,38 @@ def test_mixture_moments_of_two_points_apart() -> None:
     assert float(prior.log_density(np.array([3.0, 3.0]))) == pytest.approx(np.log(0.75 / (2 * np.pi * 0.01)))
 
 
+def test_mixture_with_a_heading_has_exact_moments_of_the_place() -> None:
+    """Those of the mixture of places alone; the heading's follow from draws, to 1.5 %."""
+    middles, wide = np.array([[1.0, 2.0, 2.8], [3.0, 5.0, -2.9]]), np.array([[0.1, 0.02], [0.02, 0.2]])
+    whole = np.diag([0.0, 0.0, 0.04])
+    whole[:2, :2] = wide
+    prior = Mixture([GaussianPrior(middle, whole, POSE) for middle in middles], [0.3, 0.7])
+    places = Mixture([GaussianPrior(middle[:2], wide, PLACE) for middle in middles], [0.3, 0.7])
+    np.testing.assert_allclose(prior.mean[:2], places.mean, rtol=1e-12)
+    np.testing.assert_allclose(prior.covariance[:2, :2], places.covariance, rtol=1e-12)
+    apart = 2 * np.pi - 5.7
+    assert prior.covariance[2, 2] == pytest.approx(0.04 + 0.21 * apart**2, rel=0.015)
+    np.testing.assert_allclose(prior.covariance[2, :2], 0.21 * apart * np.array([2.0, 3.0]), rtol=0.015)
+
+
+@pytest.mark.parametrize("std", [1e-5, 1e-3])
+@pytest.mark.parametrize("names", [("x1", "x2", "heading"), ("heading", "x2", "v1", "x1", "v2")])
+def test_a_mixture_of_poses_on_a_line_has_a_covariance(names: tuple[str, ...], std: float) -> None:
+    """Place and heading that follow from the part that is taken: variances across are small, and positive.
+
+    With the exact block of the place beside drawn rows of the heading one would be negative.
+    """
+    space, size = StateSpace(names), len(names)
+    apart = np.array([{"x1": 1.0, "x2": 2.0, "heading": 1.0, "v1": 0.5, "v2": 0.0}[name] for name in names])
+    parts = [GaussianPrior(middle, np.eye(size) * std**2, space) for middle in (apart, 0 * apart)]
+    prior = Mixture(parts, [0.1, 0.9])
+    np.testing.assert_allclose(prior.covariance, prior.covariance.T, rtol=0, atol=0)
+    np.testing.assert_allclose(
+        prior.covariance, np.eye(size) * std**2 + 0.09 * np.outer(apart, apart), rtol=0.01, atol=0.02 * std
+    )
+    assert np.linalg.eigvalsh(prior.covariance).min() == pytest.approx(std**2, rel=0.03)
+
+
 def test_support_of_a_mixture_is_short_way_round() -> None:
     """Parts about 175 and -175 deg: an arc of 10 deg and their widths, not the whole circle."""
     narrow = np.diag([0.01, 0.01, 1e-4])

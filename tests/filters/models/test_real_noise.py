@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.models.correlated import random_field
+from rangefix.filters.models.noise_of_beams import noise_of_beams
 from rangefix.filters.models.normal_scores import normal_scores, readings_at
 from rangefix.filters.models.wrapped_noise import reading_bias
 from rangefix.maps import RectangularRoom
@@ -138,6 +140,32 @@ def test_joint_density_is_the_multivariate_normal_law() -> None:
     both = sensor.log_density(np.stack([readings, readings + 0.1])[:, None], expected)
     assert both[0] == pytest.approx(exact, abs=1e-6)
     assert both[1] == pytest.approx(law.logpdf(readings[seen] - expected[:, seen] + 0.05), abs=1e-6)
+
+
+@pytest.mark.parametrize("kept", [0, np.array([1]), np.array([1, 0])])
+def test_as_many_places_as_beams_stay_of_some_beams(kept: Any) -> None:
+    """Errors of the map are no parameter of a beam, however many they are; standard deviations are."""
+    shared = Correlated(Gaussian([0.1, 0.2]), places=(PlaceError(0.3, 0.1), PlaceError(0.3, 1.0)))
+    left = noise_of_beams(shared, kept, 2)
+    assert left.places == shared.places
+    assert left.white == shared.white
+    np.testing.assert_array_equal(left.noise.stds, np.array([0.1, 0.2])[kept])
+
+
+@dataclass(frozen=True)
+class WithRows(Biased):
+    """A noise of somebody else: with rows that differ in length, and a name and a switch for each beam."""
+
+    rows: Any = ((1.0,), (1.0, 2.0))
+    names: tuple[str, str] = ("left", "right")
+    inverted: tuple[bool, bool] = (False, True)
+
+
+def test_only_numbers_are_parameters_of_a_beam() -> None:
+    noise = WithRows(Gaussian(0.1), 0.1)
+    left = noise_of_beams(noise, np.array([1]), 2)
+    assert (left.rows, left.names) == (noise.rows, noise.names)
+    assert left.inverted.tolist() == [True]
 
 
 def test_map_errors_weigh_by_distance_of_their_places() -> None:

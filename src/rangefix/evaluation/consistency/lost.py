@@ -1,9 +1,10 @@
 """Am I lost? Whether a scan fits the map where the robot is believed to be.
 
 Every reading becomes a normal score by the sensor's law. Under the right map the scores at the true state are
-N(0, 1), whatever the noise. The misfit of a scan is the mean of their squares, each cut off, so that a few
-people in the way do not count as a wrong map. What it comes to at the true state follows from the errors that
-readings share: its mean is fixed, its variance is that of cut squares of correlated normal numbers.
+N(0, 1), whatever the noise; those of readings that are rounded to coarse steps vary by less. The misfit of a
+scan is the mean of their squares, each cut off, so that a few people in the way do not count as a wrong map.
+What it comes to at the true state follows from the errors that readings share: its mean is fixed, its
+variance is that of cut squares of correlated normal numbers.
 
 Nobody knows the true state. Two misfits stand for it, and each may raise half of the false alarms:
 

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, IntArray, keep_copies
 from ..problem import Noise, Sensor
 from .noise import CumulativeNoise
 from .normal_scores import normal_scores, readings_at
@@ -70,6 +70,7 @@ class Correlated:
     places: tuple[PlaceError, ...] = ()
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         shares = [self.beams, self.scan, *(place.share for place in self.places)]
         if not all(share >= 0 for share in shares) or not sum(shares) <= 1 + NUGGET:
             raise ValueError(f"shares of a variance must be at least 0 and sum to at most 1, got {shares}")

@@ -10,21 +10,22 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, read_only
+from ...arrays import TWO_PI, Array, keep_copies, read_only
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
 MAX_SHOWN = 4  # parts that are printed
 SHARE_DRAWS = 1 << 16  # for the moments of mixtures with a heading
+LEAST_SHARE = 1e-12  # of variances along which a heading is said to follow: what is less is rounding
 
 
 @dataclass(frozen=True)
 class Mixture:
     """One of several priors, by chance: a room or the next, one way round or the other.
 
-    The moments of components on a line are exact. With a heading they are those of 65 536 draws from a fixed
-    stream (standard error 0.4 % of a standard deviation), since the mean direction of a mixture does not
-    follow from the moments of its parts.
+    The moments of components on a line are exact, as far as those of the parts are. Those with the heading
+    are found from 65 536 draws from a fixed stream (standard error 0.4 % of a standard deviation), since the
+    mean direction of a mixture does not follow from the moments of its parts.
 
     Args:
         priors: The priors, all over the same space.
@@ -43,6 +44,7 @@ class Mixture:
         return "Mixture(" + ",\n    ".join(parts[:MAX_SHOWN] + more) + ")"
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         priors = self.priors
         if not priors or any(prior.space != priors[0].space for prior in priors):
             raise ValueError("a mixture needs priors, one or more, all over the same space")
@@ -90,15 +92,39 @@ class Mixture:
 
     @cached_property
     def _moments(self) -> tuple[Array, Array]:
-        if self.space.is_angle.any():
-            states = self.sample(SHARE_DRAWS, np.random.default_rng(0))
-            mean, covariance = self.space.moments(states, np.full(SHARE_DRAWS, 1 / SHARE_DRAWS))
-            return read_only(mean), read_only(covariance)
         means = np.stack([prior.mean for prior in self.priors])
         mean = self.shares @ means
         away = means - mean
         within = np.tensordot(self.shares, np.stack([prior.covariance for prior in self.priors]), 1)
-        return read_only(mean), read_only(within + (away * self.shares[:, None]).T @ away)
+        covariance = within + (away * self.shares[:, None]).T @ away
+        if self.space.is_angle.any():
+            mean, covariance = self._with_heading(mean, covariance)
+        return read_only(mean), read_only(covariance)
+
+    def _with_heading(self, exact_mean: Array, exact: Array) -> tuple[Array, Array]:
+        """Moments that are exact but for the heading's, which come from draws.
+
+        The heading follows the others by linear regression of the draws, so that the covariance stays one:
+        with the block of the others put in by itself, parts that lie on a line could leave less than zero.
+
+        Args:
+            exact_mean, exact: (n,) and (n, n), of which those of the heading are wrong.
+        """
+        angle = self.space.is_angle
+        states = self.sample(SHARE_DRAWS, np.random.default_rng(0))
+        mean, drawn = self.space.moments(states, np.full(SHARE_DRAWS, 1 / SHARE_DRAWS))
+        block = drawn[np.ix_(~angle, ~angle)]
+        stds = np.sqrt(np.diagonal(block))
+        scale = np.outer(stds, stds)
+        scale[scale == 0] = 1.0
+        inverse = np.linalg.pinv(block / scale, rcond=LEAST_SHARE, hermitian=True) / scale
+        slope = drawn[np.ix_(angle, ~angle)] @ inverse
+        left = drawn[np.ix_(angle, angle)] - slope @ drawn[np.ix_(~angle, angle)]
+        gain = np.eye(self.space.size)[:, ~angle]
+        gain[angle] = slope
+        covariance = gain @ exact[np.ix_(~angle, ~angle)] @ gain.T
+        covariance[np.ix_(angle, angle)] += np.maximum(left, 0.0)
+        return np.where(angle, mean, exact_mean), 0.5 * (covariance + covariance.T)
 
     @cached_property
     def support(self) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import Array
+from ...arrays import Array, keep_copies
 from ..sampling import GeneratorPerRun
 from ..space import StateSpace
 
@@ -63,6 +63,7 @@ class RandomWalk:
     is_gaussian = True
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         _ = self.stds  # refuses what does not fit
 
     @cached_property

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array, short_repr
+from ...arrays import LOG_TWO_PI, Array, keep_copies, short_repr
 from ..problem import Noise
 
 UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
@@ -156,6 +156,7 @@ class Gaussian(ScaledNoise):
     std: ArrayLike
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         _ = self.stds  # refuses what does not fit
 
     @cached_property
@@ -183,6 +184,7 @@ class RangeProportional(ScaledNoise):
     b: ArrayLike
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         _ = self.line  # refuses what does not fit
 
     @cached_property
@@ -213,6 +215,7 @@ class StudentT(ScaledNoise):
     dof: float
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         _ = self.scales  # refuses what does not fit
         if not 0 < self.dof < np.inf:
             raise ValueError(f"degrees of freedom must be positive and finite, got {self.dof!r}")

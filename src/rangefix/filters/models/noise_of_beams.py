@@ -19,8 +19,9 @@ LEAST_SCANS = 512  # for fewer, going beam by beam takes longer than it saves
 def noise_of_beams(noise: Noise, kept: int | IntArray, total: int) -> Any:
     """The noise of one beam, or of several, of a rangefinder with so many; itself if beams are alike.
 
-    Parameters with a number for each beam keep those of these beams. Of a noise that is no dataclass the
-    parameters are not known: it is taken to be the same for all beams.
+    Parameters with a number for each beam keep those of these beams; all others stay, such as a tuple of
+    records that happens to be as long. Of a noise that is no dataclass the parameters are not known: it is
+    taken to be the same for all beams.
 
     Args:
         noise: Of all beams.
@@ -38,9 +39,18 @@ def noise_of_beams(noise: Noise, kept: int | IntArray, total: int) -> Any:
             inner = noise_of_beams(value, kept, total)
             if inner is not value:
                 own[parameter.name] = inner
-        elif np.shape(value) == (total,) and (total > 1 or np.ndim(kept) == 0):
-            own[parameter.name] = np.asarray(value)[kept]
+        elif (total > 1 or np.ndim(kept) == 0) and (numbers := _number_for_each(value, total)) is not None:
+            own[parameter.name] = numbers[kept]
     return replace(noise, **own) if own else noise
+
+
+def _number_for_each(value: Any, total: int) -> np.ndarray | None:
+    """A parameter with a number for each beam, (total,); None where it is anything else, and as long."""
+    try:
+        values = np.asarray(value)
+    except ValueError:  # rows that differ in length
+        return None
+    return values if values.shape == (total,) and values.dtype.kind in "biuf" else None
 
 
 def log_density_of_scan(noise: Noise, measurement: Array, expected: Array) -> Array | None:

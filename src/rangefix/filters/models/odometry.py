@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import cast
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import Array, wrap
-from ..sampling import GeneratorPerRun
+from ...arrays import Array, keep_copies, wrap
 from ..space import StateSpace
 from .motion import step_stds
 
@@ -58,6 +56,7 @@ class Odometry:
     is_gaussian = True
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         if "heading" not in self.space.names:
             raise ValueError("odometry needs the heading among the state's components: take pose_space()")
         alphas = np.array(self.alphas, dtype=float)
@@ -128,8 +127,16 @@ class Odometry:
         return self._moved(states, *noisy)
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
-        """One move of M runs, run m drawn from rngs[m] alone, (M, n)."""
-        return self.sample(states, control, cast(Generator, GeneratorPerRun(rngs)))
+        """One move of M runs, (M, n): run m as `sample` draws it from rngs[m], whatever the others do."""
+        states, control = _pair(states, control)
+        noisy = [control[..., column] for column in range(3)]
+        for error in self._errors(control):
+            has_error = np.any(error, axis=0).tolist()  # a control without it draws nothing for it
+            runs = zip(rngs, has_error, strict=True)
+            draws = np.array([rng.standard_normal() if errs else 0.0 for rng, errs in runs])
+            for column, part in enumerate(error):
+                noisy[column] = noisy[column] + draws * part
+        return self._moved(states, *noisy)
 
     def body_covariance(self, control: Array) -> Array:
         """Covariance of the noise of (forward, right, turn), (..., 3) -> (..., 3, 3)."""
@@ -157,7 +164,7 @@ def _errors_of_one(
 
 
 def _errors_of(alphas: tuple[float, ...], floors: Array, control: Array) -> list[Errors]:
-    """The errors of controls, (..., 3)."""
+    """The errors of controls, (..., 3), that any of them has."""
     a1, a2, a3, a4 = alphas
     forward, right, turn = np.moveaxis(control, -1, 0)
     trans = np.hypot(forward, right)

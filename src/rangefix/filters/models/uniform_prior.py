@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, read_only, within, wrap
+from ...arrays import TWO_PI, Array, keep_copies, read_only, within, wrap
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
@@ -43,6 +43,7 @@ class Uniform:
     headings: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        keep_copies(self)
         if extra := set(self.space.names) - {"x1", "x2", "heading"}:
             raise ValueError(f"a uniform prior covers x1, x2 and heading, not {', '.join(sorted(extra))}")
         lower, upper = self._box

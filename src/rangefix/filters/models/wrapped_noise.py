@@ -14,6 +14,7 @@ from numpy.random import Generator
 
 from ...arrays import Array
 from ..problem import Noise
+from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian
 
 LARGEST_BIAS_M = 1e3  # m
@@ -183,3 +184,10 @@ def reading_bias(noise: Noise) -> float:
     """By how much readings of walls are too long, m: for filters that take readings for their mean."""
     own = noise.bias if isinstance(noise, Biased) else 0.0
     return own + (reading_bias(noise.noise) if isinstance(noise, WrapsNoise) else 0.0)
+
+
+def reading_step(noise: Noise) -> float:
+    """The step whose multiples finite readings are, m; 0 where they are not rounded."""
+    if isinstance(noise, Quantised):
+        return noise.step
+    return reading_step(noise.noise) if isinstance(noise, WrapsNoise) else 0.0
