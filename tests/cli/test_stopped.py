@@ -44,6 +44,23 @@ def wait():
 
 main(["wait"])
 """
+IN_THE_BODY_OF_A_CLASS = """
+import os, signal, time
+from rangefix.cli import main
+from rangefix.cli.app import app
+
+class Stops:
+    def __set_name__(self, owner, name):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(3)
+
+@app.command()
+def define():
+    class Figure:
+        part = Stops()
+
+main(["define"])
+"""
 
 
 @pytest.mark.parametrize(
@@ -51,6 +68,7 @@ main(["wait"])
     [
         AT_IMPORT,
         WHILE_TYPER_READS_COMMANDS,
+        IN_THE_BODY_OF_A_CLASS,
         *(IN_A_DESTRUCTOR.format(name=name) for name in ("SIGINT", "SIGTERM")),
     ],
 )

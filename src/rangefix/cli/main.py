@@ -58,6 +58,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         warn(str(stopped) or "stopped")
         code = ExitCode.INTERRUPTED
     except Exception as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):  # in the body of a class: Python wraps it there
+            warn("stopped")
+            sys.exit(ExitCode.INTERRUPTED)
         if hasattr(error, "format_message"):  # a wrong command, option or argument: in typer's own form
             _show_usage(error)
             sys.exit(ExitCode.BAD_INPUT)
