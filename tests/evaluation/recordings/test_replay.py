@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rangefix.arrays import Array
 from rangefix.cli import main
+from rangefix.evaluation.recordings.lasting_error import LastingError
 from rangefix.evaluation.recordings.log import LaserDescription
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import in_ros
@@ -30,7 +33,12 @@ from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A drive in a room, whose odometry begins elsewhere and has no errors."""
-    times, poses = drive(24)
+    return record(tmp_path, 24)
+
+
+def record(tmp_path: Path, scans: int) -> Path:
+    """So many scans of it, and the room, as files."""
+    times, poses = drive(scans)
     odometry = np.column_stack([poses[:, :2], np.rad2deg(poses[:, 2])])
     np.savez(
         tmp_path / "drive.npz", time_s=times, ranges_m=ranges_at(poses, 0.02), odometry=odometry,
@@ -330,13 +338,68 @@ def test_whether_a_filter_is_lost(
         assert row["lost_at"] >= (15 if by == 20 else 1)
 
 
-def test_an_offset_between_map_and_truth_is_told(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_offset_between_map_and_truth_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A truth in a frame that lies 0.3 m off: so much is told to be the same throughout, to 5 cm."""
-    times, poses = drive(24)
-    shifted = "".join(map(tum_line, times, poses + np.array([0.3, 0.0, 0.0])))
-    (recording.parent / "truth.tum").write_text(shifted)
-    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "-e", "ekf", "--start"]
-    given += ["3,1.6,90", "--truth", recording.parent / "truth.tum"]
+    log, (times, poses) = record(tmp_path, 80), drive(80)
+    (tmp_path / "truth.tum").write_text("".join(map(tum_line, times, poses + np.array([0.3, 0.0, 0.0]))))
+    given = ["replay", "-m", tmp_path / "room.toml", "-l", log, "-e", "particle", "-O"]
+    given += ["particle:particles=500", "--start", "3,1.6,90", "--truth", tmp_path / "truth.tum"]
     row = json.loads(call([*given, "--json"], capsys)[1])["estimators"][0]
     assert row["offset_m"] == pytest.approx(0.3, abs=0.05)
     assert "the same throughout" in " ".join(call(given, capsys)[1].split())
+
+
+def test_a_start_that_is_not_yet_forgotten_is_no_offset(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The map is the right one, and the start 0.2 m off: the error is forgotten, and no offset is told."""
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "-e", "ekf,ukf", "--start"]
+    given += ["3.2,1.6,90", "--truth", "odometry"]
+    code, shown, _ = call([*given, "--json"], capsys)
+    assert code == 0
+    assert [row["offset_m"] for row in json.loads(shown)["estimators"]] == [None, None]
+    assert "throughout" not in call(given, capsys)[1]
+
+
+def told_share(errors: Callable[[], Array], trials: int = 100) -> float:
+    """In how many trials an offset is told of errors (T, 2)."""
+    told = 0
+    for _ in range(trials):
+        lasting = LastingError()
+        for error in errors():
+            lasting.add(error)
+        told += np.isfinite(lasting.offset(0.05))
+    return told / trials
+
+
+def test_which_errors_are_the_same_throughout() -> None:
+    """An offset among independent errors is told; errors that last, or fade, are taken for one in 1 of 20.
+
+    Errors that last for 30 scans have a mean of their own over 120 scans, which is no offset.
+    """
+    rng = np.random.default_rng(0)
+
+    def lasting(scans: int, alike: float) -> Array:
+        errors = rng.standard_normal((scans, 2))
+        for step in range(1, scans):
+            errors[step] = alike * errors[step - 1] + np.sqrt(1 - alike**2) * errors[step]
+        return 0.01 * errors
+
+    offset = np.array([0.03, 0.007])
+    assert told_share(lambda: offset + lasting(120, 0.5)) > 0.95
+    assert told_share(lambda: offset + lasting(457, 0.9)) > 0.9
+    assert told_share(lambda: lasting(120, 0.0)) < 0.05
+    assert told_share(lambda: lasting(120, 0.97)) < 0.05
+    fading = 0.2 * np.exp(-np.arange(120) / 40)[:, None] * [1, 0]
+    assert told_share(lambda: fading + lasting(120, 0.5)) < 0.05
+    assert told_share(lambda: offset + lasting(20, 0.0)) == 0
+    assert told_share(lambda: 10 * offset + lasting(120, 0.99)) > 0.9  # far more than the 0.05 m claimed
+
+
+def test_blocks_of_a_long_drive() -> None:
+    """Of 10 000 scans no more than 64 sums are kept, and the mean is that of all."""
+    lasting, errors = LastingError(), np.random.default_rng(0).normal([0.3, 0.4], 0.01, (10_000, 2))
+    for error in errors:
+        lasting.add(error)
+    assert len(lasting.blocks) < 64
+    assert lasting.offset(0.05) == pytest.approx(np.hypot(*errors.mean(axis=0)))
