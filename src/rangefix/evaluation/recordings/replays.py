@@ -215,7 +215,7 @@ def start_of(text: str, position_std_m: float, heading_std_rad: float) -> Start:
         x1, x2, heading = (float(part) for part in text.replace(",", " ").split())
         pose: Array = np.array([x1, x2, np.deg2rad(heading)])
     except ValueError:
-        raise ValueError(f"a start is x1,x2,heading (m, m, deg), truth or global, got {text!r}") from None
+        raise ValueError(f"a start is x1,x2,heading (m, m, deg), truth, odometry or global, got {text!r}") from None
     if not np.isfinite(pose).all():
         raise ValueError(f"a start must be finite, got {text!r}")
     return Start(pose, position_std_m, heading_std_rad)
