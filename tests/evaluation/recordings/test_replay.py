@@ -16,13 +16,14 @@ import pytest
 
 from rangefix.arrays import Array
 from rangefix.cli import main
+from rangefix.cli.recordings.replay_table import lost_in_words
 from rangefix.evaluation.recordings.lasting_error import LastingError
 from rangefix.evaluation.recordings.log import LaserDescription
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import in_ros
 from rangefix.evaluation.recordings.readers.tum import tum_line
 from rangefix.evaluation.recordings.replay import odometry_is_true, replay
-from rangefix.evaluation.recordings.score import Score
+from rangefix.evaluation.recordings.score import Row, Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
 from rangefix.evaluation.recordings.steps import STILL, WITHOUT_ODOMETRY, Choice, steps, survey
 from rangefix.filters import Gaussian, build, pose_space
@@ -226,7 +227,18 @@ def test_one_that_cannot_and_one_that_is_lost(recording: Path, capsys: pytest.Ca
         (["--option", "ukf:alpha=1"], "write ESTIMATOR:NAME=VALUE"),
         (["--option", "ekf:wings=2"], "wings"),
         (["--start", "here"], "a start is x1,x2,heading"),
-        (["--start", "90,90,0"], "free space|outside|no free"),
+        (["--start", "90,90,0"], "--start 90,90 is not in the free space of room.toml"),
+        (["--start", "1,2"], "truth, odometry or global, got '1,2'"),
+        (["--start", "3,1.6,90", "--start-std-m", "-1"], "--start-std-m must be positive, got -1 m"),
+        (["--start", "3,1.6,90", "--start-std-deg", "0"], "--start-std-deg must be positive, got 0 deg"),
+        (["--start", "global", "--start-std-deg", "3"], "--start-std-deg has no effect on a start anywhere"),
+        (["--scan-topic", "/scan"], "--scan-topic has no effect on drive.npz: it is for a bag"),
+        (["--odometry-topic", "tf"], "--odometry-topic has no effect on drive.npz"),
+        (["--base-frame", "base"], "--base-frame has no effect on drive.npz"),
+        (["--memory-gb", "0"], "--memory-gb must be positive, got 0"),
+        (["--estimators", "ukf", "-O", "ukf:alpha=abc"], "--option alpha must be a number, got 'abc'"),
+        (["--estimators", "ukf", "-O", "ukf:alpha=true"], "--option alpha must be a number, got true"),
+        (["--estimators", "ukf", "-O", "ukf:alpha=-1"], "--option ukf: sigma points need alpha > 0"),
         (["--start", "truth"], "the true pose at the first scan is not known"),
         (["--truth", "none.tum"], "cannot read none.tum"),
         (["--truth", "topic:/odom"], "only bags have topics"),
@@ -359,6 +371,13 @@ def test_a_start_that_is_not_yet_forgotten_is_no_offset(
     assert code == 0
     assert [row["offset_m"] for row in json.loads(shown)["estimators"]] == [None, None]
     assert "throughout" not in call(given, capsys)[1]
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(1.0, "100 %,\nfrom 3"), (0.996, "100 %,\nfrom 3"), (0.002, "0.2 %,\nfrom 3")]
+)
+def test_the_share_of_lost_scans_has_no_power_of_ten(share: float, said: str) -> None:
+    assert lost_in_words(Row("ekf", lost_at=3, lost_share=share)) == said
 
 
 def told_share(errors: Callable[[], Array], trials: int = 100) -> float:
