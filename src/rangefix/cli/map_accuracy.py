@@ -117,8 +117,8 @@ def map_accuracy(
     if judged:
         screen.say(
             f"Mistaken for the most similar place elsewhere: {format_percent(mistaken.mean())} of scans on "
-            f"average, {format_percent(mistaken.max())} at the worst place. An estimate from pairs of places; "
-            "50 % is a toss-up."
+            f"average, {format_percent(mistaken.max())} at the worst place. An estimate from pairs of "
+            "places; 50 % is a toss-up."
         )
     else:
         screen.say(

@@ -69,7 +69,9 @@ class MapOptions:
         """
         from ..maps import open_map
 
-        options = {name: value for name, value in vars(self).items() if value is not None and value is not False}
+        options = {
+            name: value for name, value in vars(self).items() if value is not None and value is not False
+        }
         if self.memory_gb is not None and not self.memory_gb > 0:
             raise ValueError(f"--memory-gb must be positive, got {self.memory_gb:g}")
         with_height = needs_height(map_name)

@@ -17,6 +17,8 @@ import pytest
 from rangefix.arrays import Array
 from rangefix.cli import main
 from rangefix.cli.recordings.replay_table import lost_in_words
+from rangefix.evaluation.figures.recordings.paths import draw_paths
+from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.recordings.lasting_error import LastingError
 from rangefix.evaluation.recordings.log import LaserDescription
 from rangefix.evaluation.recordings.open_log import open_log
@@ -26,7 +28,9 @@ from rangefix.evaluation.recordings.replay import odometry_is_true, replay
 from rangefix.evaluation.recordings.score import Row, Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
 from rangefix.evaluation.recordings.steps import STILL, WITHOUT_ODOMETRY, Choice, steps, survey
+from rangefix.evaluation.recordings.trace import Trace
 from rangefix.filters import Gaussian, build, pose_space
+from rangefix.maps import RectangularRoom
 
 from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at
 
@@ -371,6 +375,70 @@ def test_a_start_that_is_not_yet_forgotten_is_no_offset(
     assert code == 0
     assert [row["offset_m"] for row in json.loads(shown)["estimators"]] == [None, None]
     assert "throughout" not in call(given, capsys)[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[sensor]\nstd_m = [0.02, 0.03]\n", "s.toml:2: sensor.std_m has 2 values for 24 beams"),
+        ("[sensor]\nstd_mm = 20\n", "s.toml:2: sensor.std_mm: unknown key; did you mean std_m?"),
+        ("[sensor]\nstd_m = 0.02\n[sensro]\n", "s.toml:3: sensro: unknown key; did you mean sensor?"),
+        ("[map]\n", "s.toml has no table [sensor]"),
+        ("[sensor\n", "s.toml:1: not TOML"),
+        (
+            "[sensor]\nstd_m = 0.1\n[assumed.sensor.noise]\nkind = 'gaussian'\nstd_m = 0.1\nweigth = 0.1\n",
+            "s.toml:6: assumed.sensor.noise.weigth: unknown key; did you mean weight?",
+        ),
+    ],
+)
+def test_a_sensor_file_with_a_mistake(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, text: str, said: str
+) -> None:
+    """File, line, and what to write instead, in one line."""
+    monkeypatch.chdir(recording.parent)
+    Path("s.toml").write_text(text)
+    given = ["replay", "-m", "room.toml", "-l", "drive.npz", "-e", "ekf", "--truth", "odometry"]
+    code, _, told = call([*given, "--sensor", "s.toml"], capsys)
+    assert code == 2
+    assert len(told.strip().splitlines()) == 1
+    assert said in told
+
+
+def test_what_of_a_sensor_file_is_not_used_is_told(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beams and limits that are not the log's; as the log has them, as calibrate writes them, no word."""
+    monkeypatch.chdir(recording.parent)
+    given = ["replay", "-m", "room.toml", "-l", "drive.npz", "-e", "ekf", "--truth", "odometry", "--json"]
+
+    def notes(text: str) -> list[str]:
+        Path("s.toml").write_text("[sensor]\nstd_m = 0.05\n" + text)
+        code, shown, _ = call([*given, "--sensor", "s.toml"], capsys)
+        assert code == 0
+        return [note for note in json.loads(shown)["notes"] if note.startswith("s.toml")]
+
+    agrees = f"bearings_deg = {np.rad2deg(-ANGLES[::2]).round(6).tolist()}\nmax_range_m = 12.0\n"
+    assert not notes(agrees + "min_range_m = 0.0\nforward_m = 0.2\n[assumed.sensor]\nstd_m = 0.1\n")
+    first, second = notes('bearings_deg = [1.0, 7.0]\nmax_range_m = 5.0\n[motion]\nkind = "stationary"\n')
+    assert first == "s.toml: bearings_deg, max_range_m are not used: the log says what counts"
+    assert second.startswith("s.toml: motion is not used")
+    for beams in (24, len(ANGLES)):
+        Path("s.toml").write_text(f"[sensor]\nstd_m = {[0.05] * beams}\n")
+        assert call([*given, "--sensor", "s.toml"], capsys)[0] == 0
+
+
+def test_titles_are_not_cut_off_on_a_narrow_map(recording: Path) -> None:
+    """The paths in a room of 6 x 40 m: every line of the title lies within the figure."""
+    log, room, trace = open_log(recording), RectangularRoom(4.0, 40.0), Trace()
+    problem = problem_of(room, log.sensor, Choice().places(log.sensor), Assumptions(), Start(drive(24)[1][0]))
+    for believed in replay(build("ekf", problem), problem, steps(log, Choice()), odometry_is_true):
+        trace.add(replace(believed, mean=believed.mean * [0.1, 5, 1]), False)
+    with styled():
+        figure = draw_paths({"ekf": trace}, room)
+        figure.draw_without_rendering()
+        box = figure.texts[0].get_window_extent()
+    assert box.x0 > 0
+    assert box.x1 < figure.bbox.x1
 
 
 @pytest.mark.parametrize(

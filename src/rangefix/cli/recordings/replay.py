@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -174,6 +174,7 @@ def replay(
     room = map_options.opened(map_name)
     choice = Choice(beams, least_move_m, float(np.deg2rad(least_turn_deg)), motion_correction)
     recording = open_log(log, told.options)
+    told.check_beams(len(choice.places(recording.sensor)), len(recording.sensor.bearings_rad))
     refuse_without_bag(recording, log, scan_topic, odometry_topic, base_frame)
     doing(f"reading {log}")
     replays = Replays(
@@ -193,7 +194,8 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
-    notes = [*recording.notes, *notes_of(replays, contestants, first, told.noise is None)]
+    notes = [*recording.notes, *told.notes(recording.sensor)]
+    notes += notes_of(replays, contestants, first, told.noise is None)
     rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
     doing("")
     if as_json:

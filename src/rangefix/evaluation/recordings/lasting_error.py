@@ -40,7 +40,9 @@ class LastingError:
         self.blocks.append(self.begun)
         self.begun = np.zeros(2)
         if len(self.blocks) == MOST_BLOCKS:
-            self.blocks = [one + other for one, other in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
+            self.blocks = [
+                one + other for one, other in zip(self.blocks[::2], self.blocks[1::2], strict=True)
+            ]
             self.length *= 2
 
     def offset(self, claimed: float) -> float:
@@ -50,9 +52,9 @@ class LastingError:
             claimed: Root mean square of the error that the estimator claims.
 
         It is where there are `LEAST_SCANS` scans, the means over both halves differ by less than `AGREEMENT`
-        of it, and it exceeds `STANDARD_ERRORS` of its standard errors, which follow from how the blocks scatter
-        along it and how much each is like the one before (an autoregression of first order). Where errors
-        last so long that these do not tell, the error that is claimed stands for its standard error.
+        of it, and it exceeds `STANDARD_ERRORS` of its standard errors, which follow from how the blocks
+        scatter along it and how much each is like the one before (an autoregression of first order). Where
+        errors last so long that these do not tell, the error that is claimed stands for its standard error.
         """
         if self.scans < LEAST_SCANS:
             return float("nan")
