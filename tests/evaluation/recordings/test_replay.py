@@ -19,7 +19,7 @@ from rangefix.cli import main
 from rangefix.cli.recordings.replay_table import lost_in_words
 from rangefix.evaluation.figures.recordings.paths import draw_paths
 from rangefix.evaluation.figures.style import styled
-from rangefix.evaluation.recordings.lasting_error import LastingError
+from rangefix.evaluation.recordings.frame_offset import LastingError
 from rangefix.evaluation.recordings.log import LaserDescription
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import in_ros

@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...filters import StateSpace
 from ..consistency.scores import nees
-from .lasting_error import LastingError
+from .frame_offset import LastingError
 from .replay import Believed
 
 LEVEL = 0.95  # of the ellipsoids whose coverage is told
