@@ -52,12 +52,13 @@ def check(
     """Whether an estimator does what every estimator must; exit code 1 if not."""
     from ..evaluation.isolation.checks import run_checks_isolated
     from ..filters.checks import conforms, lines_of, sum_up
+    from ..filters.registry import BUILT_IN
 
     known = names()
     if ":" not in target:
         one_of(target, known, "estimator")
     options, reasons = (
-        read_options(option or (), inspect_estimator(target)),
+        read_options(option or (), inspect_estimator(target), ours=target in BUILT_IN),
         read_reasons(expect_failure or ()),
     )
     results: list[CheckResult] = []
@@ -103,8 +104,13 @@ def chosen(texts: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in check_names() if not given or any(text in name for text in given))
 
 
-def read_options(given: Iterable[str], plugin: PluginInfo) -> dict[str, Any]:
+def read_options(given: Iterable[str], plugin: PluginInfo, *, ours: bool = False) -> dict[str, Any]:
     """Options written as in a study, NAME=VALUE, as the estimator takes them: in m and rad.
+
+    Args:
+        given: The options.
+        plugin: What the estimator says of them.
+        ours: Whether it is built in: of those it is known which options are numbers.
 
     Raises:
         ValueError: If one has no value, stands twice, is none of the estimator's, or has a value that a study
@@ -112,6 +118,7 @@ def read_options(given: Iterable[str], plugin: PluginInfo) -> dict[str, Any]:
     """
     from pydantic import ValidationError
 
+    from ..evaluation.study.check_estimators import unfit_value
     from ..evaluation.study.sections.base import Misfit
     from ..evaluation.study.sections.estimators import EstimatorSection
 
@@ -139,6 +146,9 @@ def read_options(given: Iterable[str], plugin: PluginInfo) -> dict[str, Any]:
         raise ValueError(f"--option {'; '.join(told)}") from None
     if len(variants) > 1:
         raise ValueError("--option: a list of values makes several estimators: check one after the other")
+    for given_as, (name, value) in zip(options, variants[0].options.items(), strict=True):
+        if ours and (unfit := unfit_value(name, value, plugin)):
+            raise ValueError(f"--option {given_as} {unfit}")
     return variants[0].options
 
 

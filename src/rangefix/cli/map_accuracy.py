@@ -102,6 +102,7 @@ def map_accuracy(
         }
         print_json(document)
         return
+    from ..evaluation.consistency.formatting import format_percent
     from .screen import console, new_table
 
     table = new_table("Expected deviations over the map, m", ["", "5 %", "median", "95 %", "largest"])
@@ -115,9 +116,9 @@ def map_accuracy(
     )
     if judged:
         screen.say(
-            f"Mistaken for the most similar place elsewhere: {100 * mistaken.mean():.2g} % of scans on "
-            f"average, {100 * mistaken.max():.2g} % at the worst place. An estimate from pairs of places; "
-            "50 % is a toss-up."
+            f"Mistaken for the most similar place elsewhere: {format_percent(mistaken.mean())} of scans on "
+            f"average, {format_percent(mistaken.max())} at the worst place. An estimate from pairs of "
+            "places; 50 % is a toss-up."
         )
     else:
         screen.say(

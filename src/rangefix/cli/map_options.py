@@ -69,7 +69,11 @@ class MapOptions:
         """
         from ..maps import open_map
 
-        options = {name: value for name, value in vars(self).items() if value not in (None, False)}
+        options = {
+            name: value for name, value in vars(self).items() if value is not None and value is not False
+        }
+        if self.memory_gb is not None and not self.memory_gb > 0:
+            raise ValueError(f"--memory-gb must be positive, got {self.memory_gb:g}")
         with_height = needs_height(map_name)
         if with_height and "sensor_height" not in options:
             raise ValueError(f"{map_name}: a mesh needs --sensor-height, the height z of the beams in m")

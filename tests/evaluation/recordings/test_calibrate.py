@@ -163,6 +163,7 @@ def test_the_command_writes_a_sensor_of_a_study(tmp_path: Path, capsys: pytest.C
         main([*words, "--truth", "odometry", "--json"])
     assert ended.value.code == 0
     told = json.loads(capsys.readouterr().out)
+    assert any("nothing says where the laser stands" in note for note in told["notes"])
     low, high = told["intervals"]["bias_m"]
     assert low < told["fitted"]["bias_m"] < high
     assert out.with_suffix(".png").stat().st_size > 1000

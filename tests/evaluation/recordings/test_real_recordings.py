@@ -233,6 +233,7 @@ def test_turtlebot_is_judged_fairly_by_the_calibrated_law() -> None:
     told = Assumptions(Tempered(CALIBRATED, WEIGHT), law=SHARED)
     row = followed(*turtlebot(), "particle", Start(), odometry_is_true, told)
     assert row.position_rmse_m < 0.05
+    assert row.offset_m == pytest.approx(np.hypot(0.031, 0.007), abs=0.005)  # of the map: it is told
     assert 0.5 < row.anees < 2
     assert row.lost_share == 0
 

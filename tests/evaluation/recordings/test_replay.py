@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,16 +14,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rangefix.arrays import Array
 from rangefix.cli import main
+from rangefix.cli.recordings.replay_table import lost_in_words
+from rangefix.evaluation.figures.recordings.paths import draw_paths
+from rangefix.evaluation.figures.style import styled
+from rangefix.evaluation.recordings.frame_offset import LastingError
 from rangefix.evaluation.recordings.log import LaserDescription
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import in_ros
 from rangefix.evaluation.recordings.readers.tum import tum_line
 from rangefix.evaluation.recordings.replay import odometry_is_true, replay
-from rangefix.evaluation.recordings.score import Score
+from rangefix.evaluation.recordings.score import Row, Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
 from rangefix.evaluation.recordings.steps import STILL, WITHOUT_ODOMETRY, Choice, steps, survey
+from rangefix.evaluation.recordings.trace import Trace
 from rangefix.filters import Gaussian, build, pose_space
+from rangefix.maps import RectangularRoom
 
 from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at
 
@@ -30,7 +38,12 @@ from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A drive in a room, whose odometry begins elsewhere and has no errors."""
-    times, poses = drive(24)
+    return record(tmp_path, 24)
+
+
+def record(tmp_path: Path, scans: int) -> Path:
+    """So many scans of it, and the room, as files."""
+    times, poses = drive(scans)
     odometry = np.column_stack([poses[:, :2], np.rad2deg(poses[:, 2])])
     np.savez(
         tmp_path / "drive.npz", time_s=times, ranges_m=ranges_at(poses, 0.02), odometry=odometry,
@@ -218,7 +231,18 @@ def test_one_that_cannot_and_one_that_is_lost(recording: Path, capsys: pytest.Ca
         (["--option", "ukf:alpha=1"], "write ESTIMATOR:NAME=VALUE"),
         (["--option", "ekf:wings=2"], "wings"),
         (["--start", "here"], "a start is x1,x2,heading"),
-        (["--start", "90,90,0"], "free space|outside|no free"),
+        (["--start", "90,90,0"], "--start 90,90 is not in the free space of room.toml"),
+        (["--start", "1,2"], "truth, odometry or global, got '1,2'"),
+        (["--start", "3,1.6,90", "--start-std-m", "-1"], "--start-std-m must be positive, got -1 m"),
+        (["--start", "3,1.6,90", "--start-std-deg", "0"], "--start-std-deg must be positive, got 0 deg"),
+        (["--start", "global", "--start-std-deg", "3"], "--start-std-deg has no effect on a start anywhere"),
+        (["--scan-topic", "/scan"], "--scan-topic has no effect on drive.npz: it is for a bag"),
+        (["--odometry-topic", "tf"], "--odometry-topic has no effect on drive.npz"),
+        (["--base-frame", "base"], "--base-frame has no effect on drive.npz"),
+        (["--memory-gb", "0"], "--memory-gb must be positive, got 0"),
+        (["--estimators", "ukf", "-O", "ukf:alpha=abc"], "--option alpha must be a number, got 'abc'"),
+        (["--estimators", "ukf", "-O", "ukf:alpha=true"], "--option alpha must be a number, got true"),
+        (["--estimators", "ukf", "-O", "ukf:alpha=-1"], "--option ukf: sigma points need alpha > 0"),
         (["--start", "truth"], "the true pose at the first scan is not known"),
         (["--truth", "none.tum"], "cannot read none.tum"),
         (["--truth", "topic:/odom"], "only bags have topics"),
@@ -330,13 +354,139 @@ def test_whether_a_filter_is_lost(
         assert row["lost_at"] >= (15 if by == 20 else 1)
 
 
-def test_an_offset_between_map_and_truth_is_told(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_offset_between_map_and_truth_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A truth in a frame that lies 0.3 m off: so much is told to be the same throughout, to 5 cm."""
-    times, poses = drive(24)
-    shifted = "".join(map(tum_line, times, poses + np.array([0.3, 0.0, 0.0])))
-    (recording.parent / "truth.tum").write_text(shifted)
-    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "-e", "ekf", "--start"]
-    given += ["3,1.6,90", "--truth", recording.parent / "truth.tum"]
+    log, (times, poses) = record(tmp_path, 80), drive(80)
+    (tmp_path / "truth.tum").write_text("".join(map(tum_line, times, poses + np.array([0.3, 0.0, 0.0]))))
+    given = ["replay", "-m", tmp_path / "room.toml", "-l", log, "-e", "particle", "-O"]
+    given += ["particle:particles=500", "--start", "3,1.6,90", "--truth", tmp_path / "truth.tum"]
     row = json.loads(call([*given, "--json"], capsys)[1])["estimators"][0]
     assert row["offset_m"] == pytest.approx(0.3, abs=0.05)
     assert "the same throughout" in " ".join(call(given, capsys)[1].split())
+
+
+def test_a_start_that_is_not_yet_forgotten_is_no_offset(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The map is the right one, and the start 0.2 m off: the error is forgotten, and no offset is told."""
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "-e", "ekf,ukf", "--start"]
+    given += ["3.2,1.6,90", "--truth", "odometry"]
+    code, shown, _ = call([*given, "--json"], capsys)
+    assert code == 0
+    assert [row["offset_m"] for row in json.loads(shown)["estimators"]] == [None, None]
+    assert "throughout" not in call(given, capsys)[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[sensor]\nstd_m = [0.02, 0.03]\n", "s.toml:2: sensor.std_m has 2 values for 24 beams"),
+        ("[sensor]\nstd_mm = 20\n", "s.toml:2: sensor.std_mm: unknown key; did you mean std_m?"),
+        ("[sensor]\nstd_m = 0.02\n[sensro]\n", "s.toml:3: sensro: unknown key; did you mean sensor?"),
+        ("[map]\n", "s.toml has no table [sensor]"),
+        ("[sensor\n", "s.toml:1: not TOML"),
+        (
+            "[sensor]\nstd_m = 0.1\n[assumed.sensor.noise]\nkind = 'gaussian'\nstd_m = 0.1\nweigth = 0.1\n",
+            "s.toml:6: assumed.sensor.noise.weigth: unknown key; did you mean weight?",
+        ),
+    ],
+)
+def test_a_sensor_file_with_a_mistake(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, text: str, said: str
+) -> None:
+    """File, line, and what to write instead, in one line."""
+    monkeypatch.chdir(recording.parent)
+    Path("s.toml").write_text(text)
+    given = ["replay", "-m", "room.toml", "-l", "drive.npz", "-e", "ekf", "--truth", "odometry"]
+    code, _, told = call([*given, "--sensor", "s.toml"], capsys)
+    assert code == 2
+    assert len(told.strip().splitlines()) == 1
+    assert said in told
+
+
+def test_what_of_a_sensor_file_is_not_used_is_told(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beams and limits that are not the log's; as the log has them, as calibrate writes them, no word."""
+    monkeypatch.chdir(recording.parent)
+    given = ["replay", "-m", "room.toml", "-l", "drive.npz", "-e", "ekf", "--truth", "odometry", "--json"]
+
+    def notes(text: str) -> list[str]:
+        Path("s.toml").write_text("[sensor]\nstd_m = 0.05\n" + text)
+        code, shown, _ = call([*given, "--sensor", "s.toml"], capsys)
+        assert code == 0
+        return [note for note in json.loads(shown)["notes"] if note.startswith("s.toml")]
+
+    agrees = f"bearings_deg = {np.rad2deg(-ANGLES[::2]).round(6).tolist()}\nmax_range_m = 12.0\n"
+    assert not notes(agrees + "min_range_m = 0.0\nforward_m = 0.2\n[assumed.sensor]\nstd_m = 0.1\n")
+    first, second = notes('bearings_deg = [1.0, 7.0]\nmax_range_m = 5.0\n[motion]\nkind = "stationary"\n')
+    assert first == "s.toml: bearings_deg, max_range_m are not used: the log says what counts"
+    assert second.startswith("s.toml: motion is not used")
+    for beams in (24, len(ANGLES)):
+        Path("s.toml").write_text(f"[sensor]\nstd_m = {[0.05] * beams}\n")
+        assert call([*given, "--sensor", "s.toml"], capsys)[0] == 0
+
+
+def test_titles_are_not_cut_off_on_a_narrow_map(recording: Path) -> None:
+    """The paths in a room of 6 x 40 m: every line of the title lies within the figure."""
+    log, room, trace = open_log(recording), RectangularRoom(4.0, 40.0), Trace()
+    problem = problem_of(room, log.sensor, Choice().places(log.sensor), Assumptions(), Start(drive(24)[1][0]))
+    for believed in replay(build("ekf", problem), problem, steps(log, Choice()), odometry_is_true):
+        trace.add(replace(believed, mean=believed.mean * [0.1, 5, 1]), False)
+    with styled():
+        figure = draw_paths({"ekf": trace}, room)
+        figure.draw_without_rendering()
+        box = figure.texts[0].get_window_extent()
+    assert box.x0 > 0
+    assert box.x1 < figure.bbox.x1
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(1.0, "100 %,\nfrom 3"), (0.996, "100 %,\nfrom 3"), (0.002, "0.2 %,\nfrom 3")]
+)
+def test_the_share_of_lost_scans_has_no_power_of_ten(share: float, said: str) -> None:
+    assert lost_in_words(Row("ekf", lost_at=3, lost_share=share)) == said
+
+
+def told_share(errors: Callable[[], Array], trials: int = 100) -> float:
+    """In how many trials an offset is told of errors (T, 2)."""
+    told = 0
+    for _ in range(trials):
+        lasting = LastingError()
+        for error in errors():
+            lasting.add(error)
+        told += np.isfinite(lasting.offset(0.05))
+    return told / trials
+
+
+def test_which_errors_are_the_same_throughout() -> None:
+    """An offset among independent errors is told; errors that last, or fade, are taken for one in 1 of 20.
+
+    Errors that last for 30 scans have a mean of their own over 120 scans, which is no offset.
+    """
+    rng = np.random.default_rng(0)
+
+    def lasting(scans: int, alike: float) -> Array:
+        errors = rng.standard_normal((scans, 2))
+        for step in range(1, scans):
+            errors[step] = alike * errors[step - 1] + np.sqrt(1 - alike**2) * errors[step]
+        return 0.01 * errors
+
+    offset = np.array([0.03, 0.007])
+    assert told_share(lambda: offset + lasting(120, 0.5)) > 0.95
+    assert told_share(lambda: offset + lasting(457, 0.9)) > 0.9
+    assert told_share(lambda: lasting(120, 0.0)) < 0.05
+    assert told_share(lambda: lasting(120, 0.97)) < 0.05
+    fading = 0.2 * np.exp(-np.arange(120) / 40)[:, None] * [1, 0]
+    assert told_share(lambda: fading + lasting(120, 0.5)) < 0.05
+    assert told_share(lambda: offset + lasting(20, 0.0)) == 0
+    assert told_share(lambda: 10 * offset + lasting(120, 0.99)) > 0.9  # far more than the 0.05 m claimed
+
+
+def test_blocks_of_a_long_drive() -> None:
+    """Of 10 000 scans no more than 64 sums are kept, and the mean is that of all."""
+    lasting, errors = LastingError(), np.random.default_rng(0).normal([0.3, 0.4], 0.01, (10_000, 2))
+    for error in errors:
+        lasting.add(error)
+    assert len(lasting.blocks) < 64
+    assert lasting.offset(0.05) == pytest.approx(np.hypot(*errors.mean(axis=0)))

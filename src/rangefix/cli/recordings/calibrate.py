@@ -79,6 +79,7 @@ def calibrate(
                 "scans": len(residuals.readings),
                 "beams": len(residuals.beams),
                 "from_truth": residuals.from_truth,
+                "notes": list(log.notes),
                 "independent_beams": found.independent_beams,
                 "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),
@@ -89,6 +90,8 @@ def calibrate(
         )
         return
     _tell(found)
+    for note in log.notes:
+        say(f"- {note}")
     say(f"wrote {files[0]} and {files[1]}")
 
 

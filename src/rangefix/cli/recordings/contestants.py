@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from ...errors import one_line
 from ...evaluation.recordings.replays import Contestant
+from ...filters import Problem, build
+from ...filters.registry import BUILT_IN
 from ..app import one_of
 from ..check import read_options
 from ..estimators import inspect_estimator, names
@@ -33,6 +36,27 @@ def read_contestants(given: list[str], options: list[str] | None) -> list[Contes
             raise ValueError(f"--option {text!r}: write ESTIMATOR:NAME=VALUE for one of {', '.join(given)}")
         own[name].append(rest)
     return [
-        Contestant(name, read_options(texts, inspect_estimator(name)) if texts else {})
+        Contestant(name, read_options(texts, inspect_estimator(name), ours=name in BUILT_IN) if texts else {})
         for name, texts in own.items()
     ]
+
+
+def refuse_options(contestants: list[Contestant], problem: Problem) -> None:
+    """Refuse options that an estimator cannot be built with, where it can be without them.
+
+    Raises:
+        ValueError: If there are such.
+    """
+    for contestant in contestants:
+        if not contestant.options:
+            continue
+        try:
+            build(contestant.name, problem, **contestant.options)
+        except (ValueError, TypeError) as error:
+            try:
+                build(contestant.name, problem)
+            except Exception:  # it is for other problems: its row says so
+                continue
+            raise ValueError(f"--option {contestant.name}: {one_line(error)}") from None
+        except Exception:  # of a plug-in's code, or of memory: its row says so
+            continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -73,11 +73,15 @@ def replay(
         ),
     ] = None,
     start_std_m: Annotated[
-        float, typer.Option(metavar="METRES", help="How sure the start is: deviation of x1 and of x2.")
-    ] = 0.2,
+        float | None,
+        typer.Option(
+            metavar="METRES", help="How sure the start is: deviation of x1 and of x2, 0.2 unless given."
+        ),
+    ] = None,
     start_std_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="How sure the start is: deviation of the heading.")
-    ] = 6.0,
+        float | None,
+        typer.Option(metavar="DEG", help="How sure the start is: deviation of the heading, 6 unless given."),
+    ] = None,
     beams: Annotated[
         int, typer.Option(min=0, metavar="N", help="The most beams of a scan, evenly spread; 0 = all.")
     ] = 24,
@@ -148,9 +152,10 @@ def replay(
     from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
-    from .contestants import read_contestants
+    from .contestants import read_contestants, refuse_options
     from .replay_table import document, notes_of, show
     from .sensor_file import SensorFile, read_sensor
+    from .start import read_start, refuse_outside, refuse_without_bag
 
     _check_outputs(out, bag, animation)
     contestants = read_contestants(list(names_in(estimators, USUAL)), option)
@@ -163,18 +168,21 @@ def replay(
         odometry_topic=odometry_topic,
         base_frame=base_frame,
     )
+    at = start or ("global" if truth is None else "truth")
+    begin = read_start(at, start_std_m, start_std_deg)
     told = SensorFile(options=options) if sensor is None else read_sensor(sensor, options)
     room = map_options.opened(map_name)
     choice = Choice(beams, least_move_m, float(np.deg2rad(least_turn_deg)), motion_correction)
     recording = open_log(log, told.options)
+    told.check_beams(len(choice.places(recording.sensor)), len(recording.sensor.bearings_rad))
+    refuse_without_bag(recording, log, scan_topic, odometry_topic, base_frame)
     doing(f"reading {log}")
-    at = start or ("global" if truth is None else "truth")
     replays = Replays(
         room,
         recording,
         choice,
         Assumptions(told.noise, law=told.law),
-        _start(at, start_std_m, float(np.deg2rad(start_std_deg))),
+        begin,
         truth,
         at == "truth",
         seed,
@@ -183,8 +191,11 @@ def replay(
     first = replays.surveyed()
     if at == "odometry":
         replays = _at_odometry(replays, first)
+    refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
-    notes = [*recording.notes, *notes_of(replays, contestants, first, told.noise is None)]
+    refuse_options(contestants, problem)
+    notes = [*recording.notes, *told.notes(recording.sensor)]
+    notes += notes_of(replays, contestants, first, told.noise is None)
     rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
     doing("")
     if as_json:
@@ -211,15 +222,6 @@ def _check_outputs(out: Path | None, bag: str | None, animation: str | None) -> 
 
         if which("ffmpeg") is None:
             raise ValueError("--animation mp4 needs ffmpeg, which is not found: take gif")
-
-
-def _start(text: str, position_std_m: float, heading_std_rad: float) -> Any:
-    from ...evaluation.recordings.replays import start_of
-    from ...evaluation.recordings.setting import Start
-
-    if text in ("truth", "odometry"):
-        return Start(None, position_std_m, heading_std_rad)
-    return start_of(text, position_std_m, heading_std_rad)
 
 
 def _at_odometry(replays: Replays, first: Survey) -> Replays:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
+from ...evaluation.consistency.formatting import format_percent
 from ...evaluation.consistency.lost import WINDOW
 from ...evaluation.recordings.replays import Contestant, Replays
 from ...evaluation.recordings.score import Row
@@ -102,7 +103,7 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
         cells += [
             _number(row.scans_per_s),
             "-" if np.isnan(row.residual_share) else f"{row.residual_share:.2f}",
-            _lost(row),
+            lost_in_words(row),
         ]
         if row.end is None or row.end_stds is None:
             cells += ["-", "-"]
@@ -129,11 +130,11 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
         screen.say(str(out))
 
 
-def _lost(row: Row) -> str:
+def lost_in_words(row: Row) -> str:
     """Whether and when an estimator is lost: the share of its scans, and the first of them."""
     if row.lost_share != row.lost_share:
         return "-"
-    return "no" if row.lost_at is None else f"{100 * row.lost_share:.2g} %,\nfrom {row.lost_at}"
+    return "no" if row.lost_at is None else f"{format_percent(row.lost_share)},\nfrom {row.lost_at}"
 
 
 def _number(value: float) -> str:

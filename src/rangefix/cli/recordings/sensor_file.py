@@ -3,14 +3,42 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
+from ...errors import suggestion
+from ...evaluation.recordings.log import LaserDescription
 from ...evaluation.recordings.options import ReadingOptions
+from ...evaluation.study.mistakes import Mistakes
+from ...evaluation.study.read import inherited, not_toml, too_deep
+from ...evaluation.study.schema import AssumedSection
+from ...evaluation.study.sections.base import Section
 from ...evaluation.study.sections.sensor import SensorSection
+from ...evaluation.study.study import Study
+from ...evaluation.study.toml_lines import deep_line, key_lines
 from ...filters import Noise
+
+BEAMS = {"bearings_deg", "resolution_deg", "blind_sector_deg"}
+PLACE = {"forward_m", "left_m", "yaw_deg"}
+CLOSE = 1e-3  # deg, and the share of a range, to which a file's values are those of a log
+
+
+class AssumedSensor(Section):
+    """What filters are told."""
+
+    sensor: SensorSection
+
+
+class SensorTables(Section):
+    """What is looked at of a file."""
+
+    sensor: SensorSection
+    assumed: AssumedSensor
 
 
 @dataclass(frozen=True)
@@ -21,11 +49,62 @@ class SensorFile:
         options: How the recording is read, with the place of the laser.
         noise: How readings scatter, as filters are told; None = the file does not say.
         law: How they scatter together: with the errors that readings share.
+        section: What filters are told; None where there is no file.
+        given: The keys of it that stand in the file.
+        others: Tables and keys of a study that a replay does not use.
+        mistakes: Knows the file and its lines.
     """
 
     options: ReadingOptions
     noise: Noise | None = None
     law: Noise | None = None
+    section: SensorSection | None = None
+    given: frozenset[str] = frozenset()
+    others: tuple[str, ...] = ()
+    mistakes: Mistakes = field(default_factory=lambda: Mistakes(""))
+
+    def notes(self, laser: LaserDescription) -> Iterator[str]:
+        """What of the file is not used, a sentence each.
+
+        Args:
+            laser: As the log describes it; what a file says as the log does needs no words.
+        """
+        if self.section is None:
+            return
+        unused = [name for name in sorted(self.given) if not self._agrees(name, laser)]
+        for names, why in (
+            (unused, "the log says what counts"),
+            (self.others, "a replay takes noise and place of the laser from the file"),
+        ):
+            if names:
+                verb = "is" if len(names) == 1 else "are"
+                yield f"{self.mistakes.source}: {', '.join(names)} {verb} not used: {why}"
+
+    def _agrees(self, name: str, laser: LaserDescription) -> bool:
+        """Whether a key of the file is used, or says what the log says."""
+        assert self.section is not None
+        if name in BEAMS:
+            off = np.abs(self.section.bearings[:, None] - laser.bearings_rad)
+            return bool((np.abs((off + np.pi) % (2 * np.pi) - np.pi).min(axis=1) < np.deg2rad(CLOSE)).all())
+        if name == "max_range_m":
+            return bool(np.isclose(self.section.max_range_m, laser.reach_m, rtol=CLOSE))
+        if name == "min_range_m":
+            return bool(np.isclose(self.section.min_range_m, laser.range_min_m, rtol=CLOSE))
+        return True
+
+    def check_beams(self, used: int, total: int) -> None:
+        """Refuse noise with numbers for other beams than those that are used, or than all of the laser.
+
+        Raises:
+            ValueError: If there are so many, or so few.
+        """
+        if self.section is None:
+            return
+        for name, value in _noise_values(self.section):
+            if isinstance(value, list) and len(value) not in (used, total):
+                key = ("sensor", name) if self.section.noise is None else ("sensor", "noise", name)
+                line = self.mistakes.line(key, f"has {len(value)} values for {used} beams")
+                raise ValueError(line.replace(f"{name}: has", f"{name} has"))
 
 
 def read_sensor(path: Path, options: ReadingOptions) -> SensorFile:
@@ -35,25 +114,74 @@ def read_sensor(path: Path, options: ReadingOptions) -> SensorFile:
     and [sensor] is what readings are held against to say whether a filter is lost.
 
     Raises:
-        ValueError: If there is no such table, or it is not sound.
+        ValueError: If there is no such table, or it is not sound: a line for each mistake.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-        table = document["sensor"] | document.get("assumed", {}).get("sensor", {})  # what filters are told
-        section, true = (
-            SensorSection.model_validate({"bearings_deg": [0.0], **each})
-            for each in (table, document["sensor"])
-        )
+        text = path.read_text(encoding="utf-8")
+        deep = deep_line(text)
+        document = tomllib.loads(text) if deep is None else {}
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror or error}") from None
-    except (KeyError, TypeError, AttributeError):
-        raise ValueError(f"{path} has no table [sensor]") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(not_toml(str(path), error)) from None
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"{path}: not TOML that can be read: {error}") from None
+    if deep is not None:
+        raise ValueError(too_deep(str(path), deep, text))
+    mistakes = Mistakes(str(path), key_lines(text))
+    others = tuple(_others(document, mistakes))
+    mistakes.check()
+    if not isinstance(document.get("sensor"), dict):
+        raise ValueError(f"{path} has no table [sensor]")
+    told = document.get("assumed", {}).get("sensor", {})
+    table = inherited("sensor", document["sensor"], told)
+    raw = {"sensor": _with_beams(document["sensor"]), "assumed": {"sensor": _with_beams(table)}}
+    try:
+        tables = SensorTables.model_validate(raw)
     except ValidationError as error:
-        fault = error.errors()[0]
-        where = ".".join(map(str, fault["loc"]))
-        raise ValueError(f"{path}, [sensor] {where}: {fault['msg']}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    placed = {"forward_m", "left_m", "yaw_deg"} & set(table)
-    told = {name: getattr(section, name) for name in placed if getattr(options, name) is None}
-    return SensorFile(replace(options, **told), section.build_noise(), true.build_noise())
+        mistakes.add_all(error, raw, SensorTables)
+        mistakes.check()
+        raise
+    section, given = tables.assumed.sensor, frozenset(table)
+    placed = {name: getattr(section, name) for name in PLACE & given if getattr(options, name) is None}
+    noise, law = section.build_noise(), tables.sensor.build_noise()
+    if "max_incidence_deg" in given:
+        others = (*others, "sensor.max_incidence_deg")
+    return SensorFile(replace(options, **placed), noise, law, section, given, others, mistakes)
+
+
+def _others(document: dict[str, Any], mistakes: Mistakes) -> Iterator[str]:
+    """Tables and keys of a study that are not looked at; unknown ones are mistakes."""
+    known = Study.model_fields
+    for name, value in document.items():
+        if name not in known:
+            mistakes.add((name,), f"unknown key; {suggestion(name, ('sensor', 'assumed'))}")
+        elif name == "assumed":
+            if not isinstance(value, dict):
+                mistakes.add((name,), "must be tables, for example [assumed.sensor]")
+                continue
+            for inner in value:
+                if inner not in AssumedSection.model_fields:
+                    mistakes.add((name, inner), f"unknown key; {suggestion(inner, ('sensor',))}")
+                elif inner != "sensor":
+                    yield f"assumed.{inner}"
+        elif name != "sensor":
+            yield name
+
+
+def _with_beams(table: Any) -> Any:
+    """A table with beams where it has none: as many as its noise has numbers for, since a log has its own."""
+    if not isinstance(table, dict) or {"bearings_deg", "resolution_deg"} & table.keys():
+        return table
+    noise = table.get("noise")
+    values = [table.get("std_m"), *(noise.values() if isinstance(noise, dict) else ())]
+    count = next((len(value) for value in values if isinstance(value, list) and value), 1)
+    return {"bearings_deg": [0.0] * count} | table
+
+
+def _noise_values(section: SensorSection) -> Iterator[tuple[str, Any]]:
+    """The keys that say how readings scatter, with their values."""
+    if section.noise is None:
+        yield "std_m", section.std_m
+    else:
+        yield from section.noise

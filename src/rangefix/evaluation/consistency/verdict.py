@@ -146,8 +146,8 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         needed = _needed(tolerance, row.ok)
         return Verdict("unsure", tolerance, f"cannot tell with {row.ok} runs", (needed, *notes))
-    off = 100 * (max(high, 1 / low) - 1)
-    close = f"squared errors and claimed variances agree to within {off:.2g} %, at 95 % confidence"
+    off = format_percent(max(high, 1 / low) - 1)
+    close = f"squared errors and claimed variances agree to within {off}, at 95 % confidence"
     return Verdict("honest", tolerance, "honest: errs as it claims", (close, *notes))
 
 
@@ -186,7 +186,7 @@ def short_factor(known: Interval) -> str:
     value, low, _ = _as_factor(known)
     if low < value / KNOWN:
         return f"\u00d7 {format_factor(low)} or more" if low >= 1.1 else ""
-    return f"\u00d7 {format_factor(value)}" if value >= 1.1 else f"by {100 * (value - 1):.2g} %"
+    return f"\u00d7 {format_factor(value)}" if value >= 1.1 else f"by {format_percent(value - 1)}"
 
 
 def _as_factor(known: Interval) -> Interval:
@@ -207,7 +207,7 @@ def _factor_words(known: Interval, component: str = "") -> str:
         least = f" by a factor of at least {format_factor(low)}"
         return said + (least if low >= 1.1 else ", by how much is open")
     if value < 1.1:
-        return f"{said}, by {100 * (value - 1):.2g} %"
+        return f"{said}, by {format_percent(value - 1)}"
     ends = [format_factor(max(end, 1.0)) for end in (low, high)]
     told = f" ({ends[0]} to {ends[1]})" if ends[0] != ends[1] and high < math.inf else ""
     return f"{said} by a factor of {format_factor(value)}{told}"

@@ -1,6 +1,8 @@
-"""By how much a map lies off the frame of the true poses: what every estimate on that map errs by."""
+"""By how much a map lies off the frame of the true poses: by readings there, or by what estimates err by."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +12,11 @@ from .residuals import Residuals
 
 STEPS = (0.05, 0.05, 0.02)  # m, m, rad; of the first guesses
 PRECISION = 1e-4  # m and rad
+LEAST_SCANS = 40
+MOST_BLOCKS = 64  # of consecutive scans; two and two are made one where there would be more
+LEAST_INDEPENDENT = 5.0  # values that a mean is made of
+STANDARD_ERRORS = 4.0
+AGREEMENT = 0.5  # of the mean: by so much the means over both halves may differ
 
 
 def frame_offset(residuals: Residuals, law: Noise) -> Array:
@@ -40,3 +47,70 @@ def frame_offset(residuals: Residuals, law: Noise) -> Array:
         options={"initial_simplex": simplex, "xatol": PRECISION, "fatol": 1e-7, "maxiter": 300},
     )
     return np.asarray(found.x)
+
+
+@dataclass
+class LastingError:
+    """The part of an error that is the same throughout, told from a start not yet forgotten.
+
+    Sums over blocks of consecutive scans are kept, in memory that does not grow with them.
+
+    Attributes:
+        length: Of a block, scans.
+        blocks: Sums over the blocks, (K, 2) with K below MOST_BLOCKS.
+        begun: Sum over the scans after the last whole block, (2,).
+        scans: How many there were.
+    """
+
+    length: int = 1
+    blocks: list[Array] = field(default_factory=list)
+    begun: Array = field(default_factory=lambda: np.zeros(2))
+    scans: int = 0
+
+    def add(self, error: Array) -> None:
+        """Count the error (2,) of the next scan."""
+        self.begun = self.begun + error
+        self.scans += 1
+        if self.scans % self.length:
+            return
+        self.blocks.append(self.begun)
+        self.begun = np.zeros(2)
+        if len(self.blocks) == MOST_BLOCKS:
+            self.blocks = [
+                one + other for one, other in zip(self.blocks[::2], self.blocks[1::2], strict=True)
+            ]
+            self.length *= 2
+
+    def offset(self, claimed: float) -> float:
+        """Length of the mean error; NaN unless it is the same throughout.
+
+        Args:
+            claimed: Root mean square of the error that the estimator claims.
+
+        It is where there are `LEAST_SCANS` scans, the means over both halves differ by less than `AGREEMENT`
+        of it, and it exceeds `STANDARD_ERRORS` of its standard errors, which follow from how the blocks
+        scatter along it and how much each is like the one before (an autoregression of first order). Where
+        errors last so long that these do not tell, the error that is claimed stands for its standard error.
+        """
+        if self.scans < LEAST_SCANS:
+            return float("nan")
+        means = np.array(self.blocks) / self.length
+        mean = (np.sum(self.blocks, axis=0) + self.begun) / self.scans
+        size, half = float(np.linalg.norm(mean)), len(means) // 2
+        apart = means[:half].mean(axis=0) - means[-half:].mean(axis=0)
+        if not np.linalg.norm(apart) < AGREEMENT * size:
+            return float("nan")
+        error = _standard_error(means @ mean / size)
+        return size if size > STANDARD_ERRORS * (claimed if error is None else error) else float("nan")
+
+
+def _standard_error(values: Array) -> float | None:
+    """Of the mean of values (K,), each like the one before in part; None where nearly all are alike."""
+    off, count = values - values.mean(), len(values)
+    variance = float(off @ off) / count
+    if variance == 0:
+        return None
+    alike = float(off[1:] @ off[:-1]) / count / variance
+    alike = max(alike + (1 + 4 * alike) / count, 0.0)  # the estimate is too small by that (Kendall, 1954)
+    independent = count * (1 - alike) / (1 + alike)
+    return float(np.sqrt(variance / (independent - 1))) if independent > LEAST_INDEPENDENT else None

@@ -16,6 +16,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import one_line
 from ...filters import Problem, RangeMap
+from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.registry import build
 from ..consistency.lost import FALSE_ALARMS, LostTest
 from ..seeds import stream as random_stream
@@ -132,6 +133,8 @@ class Replays:
         """
         law = self.assumptions.law
         law = usual_law(problem.sensor.max_range, self.room) if law is None else law
+        beams = self.choice.places(self.log.sensor)
+        law = noise_of_beams(law, beams, len(self.log.sensor.bearings_rad))
         return LostTest(problem.sensor, self.false_alarms, law=law)
 
     def assumed_options(self, contestant: Contestant) -> dict[str, Any]:
@@ -215,7 +218,9 @@ def start_of(text: str, position_std_m: float, heading_std_rad: float) -> Start:
         x1, x2, heading = (float(part) for part in text.replace(",", " ").split())
         pose: Array = np.array([x1, x2, np.deg2rad(heading)])
     except ValueError:
-        raise ValueError(f"a start is x1,x2,heading (m, m, deg), truth or global, got {text!r}") from None
+        raise ValueError(
+            f"a start is x1,x2,heading (m, m, deg), truth, odometry or global, got {text!r}"
+        ) from None
     if not np.isfinite(pose).all():
         raise ValueError(f"a start must be finite, got {text!r}")
     return Start(pose, position_std_m, heading_std_rad)

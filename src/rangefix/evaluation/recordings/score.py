@@ -10,6 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...filters import StateSpace
 from ..consistency.scores import nees
+from .frame_offset import LastingError
 from .replay import Believed
 
 LEVEL = 0.95  # of the ellipsoids whose coverage is told
@@ -27,8 +28,8 @@ class Row:
         reason: Why it ended before the recording, or was not built; "" if it did neither.
         position_rmse_m: Root mean square error of the position, m.
         position_claimed_m: What it claims for that: the root of the mean trace of its covariance, m.
-        offset_m: Length of the mean error in the frame of the map, m: the part that is the same throughout,
-            as where the map lies off the frame of the truth.
+        offset_m: Length of the mean error in the frame of the map, m, where that is the same throughout, as
+            where the map lies off the frame of the truth; NaN where it is not: see `LastingError`.
         heading_rmse_deg: Of the heading, deg.
         heading_claimed_deg: What it claims for that, deg.
         anees: Mean of e' P^-1 e over 3: 1 where errors are as large as claimed.
@@ -83,7 +84,7 @@ class Score:
     lost: int = 0
     lost_at: int | None = None
     nees: float = 0.0
-    errors: Array = field(default_factory=lambda: np.zeros(3))
+    errors: LastingError = field(default_factory=LastingError)
     squares: Array = field(default_factory=lambda: np.zeros(3))
     variances: Array = field(default_factory=lambda: np.zeros(3))
     residuals: Counter[int] = field(default_factory=Counter)
@@ -109,7 +110,7 @@ class Score:
         self.judged += 1
         self.nees += ratio
         self.covered += ratio <= _limit()
-        self.errors += error
+        self.errors.add(error[:2])
         self.squares += error**2
         self.variances += np.diagonal(believed.covariance)
         return believed
@@ -133,7 +134,7 @@ class Score:
             row |= {
                 "position_rmse_m": float(np.sqrt(mean[0] + mean[1])),
                 "position_claimed_m": float(np.sqrt(claimed[0] + claimed[1])),
-                "offset_m": float(np.hypot(self.errors[0], self.errors[1])) / self.judged,
+                "offset_m": self.errors.offset(float(np.sqrt(claimed[0] + claimed[1]))),
                 "heading_rmse_deg": float(np.rad2deg(np.sqrt(mean[2]))),
                 "heading_claimed_deg": float(np.rad2deg(np.sqrt(claimed[2]))),
                 "anees": self.nees / self.judged / 3,

@@ -129,6 +129,16 @@ def _options_fit(
     return not wrong
 
 
+def unfit_value(name: str, value: object, plugin: PluginInfo) -> str:
+    """Why the value of an option of one of ours is of a wrong kind; "" if it is not."""
+    if isinstance(value, bool) and name not in plugin.flags:
+        return f"must be a number, got {str(value).lower()}"
+    if isinstance(value, str) and not isinstance(plugin.parameters.get(name), str):
+        kind = "true or false" if name in plugin.flags else "a number"
+        return f"must be {kind}, got {value!r}"
+    return ""
+
+
 def _sizes_fit(
     entry: EstimatorSection,
     variants: list[Variant],
@@ -139,8 +149,8 @@ def _sizes_fit(
     """Whether numbers among the options of one of ours are numbers, and small enough to end."""
     for given, name in zip(entry.options, entry.converted(), strict=True):
         for value in (variant.options[name] for variant in variants):
-            if isinstance(value, bool) and name not in plugin.flags:
-                mistakes.add((*at, "options", given), f"must be a number, got {str(value).lower()}")
+            if unfit := unfit_value(name, value, plugin):
+                mistakes.add((*at, "options", given), unfit)
                 return False
             if name in LARGEST_OPTIONS and isinstance(value, int | float) and value > LARGEST_OPTIONS[name]:
                 mistakes.add(

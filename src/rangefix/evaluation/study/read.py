@@ -122,11 +122,11 @@ def parse_study(
         StudyError: With every mistake, one line each.
     """
     if (deep := deep_line(text)) is not None:
-        raise StudyError([_too_deep(source, deep, text)])
+        raise StudyError([too_deep(source, deep, text)])
     try:
         raw = {"name": Path(source).stem} | tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise StudyError([_not_toml(source, error)]) from None
+        raise StudyError([not_toml(source, error)]) from None
     except (RecursionError, ValueError) as error:  # quoted names nest too; numbers of thousands of digits
         raise StudyError([f"{source}: not TOML that can be read: {one_line(error)}"]) from None
     changed = {key: value for key, value in (changes or {}).items() if value is not None}
@@ -138,7 +138,7 @@ def parse_study(
         if "path" in told:
             told["path"] = str(Path(told["path"]).absolute())
         typed |= {("map", key): typed["map",] for key in told}
-        changed["map"] = _inherited("map", raw.get("map"), told)
+        changed["map"] = inherited("map", raw.get("map"), told)
     keys = {key: value for key, value in (map_keys or {}).items() if value is not None}
     if keys:
         typed |= {("map", key): (given_as or {}).get(key, key) for key in keys}
@@ -155,7 +155,7 @@ def parse_study(
     return study
 
 
-def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
+def not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     """The mistake, with the line where others have it."""
     text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
     if place := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
@@ -163,7 +163,7 @@ def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     return f"{source}: not TOML: {text}"
 
 
-def _too_deep(source: str, line: int, text: str) -> str:
+def too_deep(source: str, line: int, text: str) -> str:
     """The mistake, with the key on whose line it is."""
     start = text.splitlines()[line - 1].lstrip("[ ")
     key = start.partition("=")[0].strip()
@@ -181,7 +181,7 @@ def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
     if isinstance(raw.get("assumed"), dict):
         filled["assumed"] = {}
         for name, told in raw["assumed"].items():
-            merged = _inherited(name, filled.get(name, _with_kind(name, {})), told)
+            merged = inherited(name, filled.get(name, _with_kind(name, {})), told)
             model = _model(name, merged)
             fixed = model.fixed & told.keys() if model else ()
             for key in fixed:
@@ -210,7 +210,7 @@ def _model(name: str, told: Any) -> type[Section] | None:
     return kinds_of(Study.model_fields[name]).get(str(told.get("kind", "")))
 
 
-def _inherited(name: str, true: Any, told: Any) -> Any:
+def inherited(name: str, true: Any, told: Any) -> Any:
     """A section of which some keys are told anew: the others stay, as far as its kind has them too."""
     if not isinstance(true, dict) or not isinstance(told, dict):
         return told

@@ -47,7 +47,7 @@ class SquaredCosine:
         if blocked.any():
             first = raster.centres.reshape(-1, 2)[blocked.argmax()]
             raise ValueError(
-                f"a squared-cosine prior needs a box that is all free: {100 * blocked.mean():.2g} % of that "
+                f"a squared-cosine prior needs a box that is all free: {100 * blocked.mean():.3g} % of that "
                 f"from ({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m is not, such as "
                 f"({first[0]:.2f}, {first[1]:.2f})"
             )

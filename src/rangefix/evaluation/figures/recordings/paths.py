@@ -13,6 +13,7 @@ from ....arrays import Array
 from ....filters import RangeMap
 from ...recordings.replay import Believed
 from ...recordings.trace import Trace
+from ..layout import wrapped
 from ..style import COLOURS, INK, label_positions
 
 HEIGHT, WIDEST = 5.5, 11.0  # inches
@@ -20,6 +21,8 @@ MOST_DRAWN = 1000  # walls that stay lines in files of lines; more are made pixe
 MARGIN_M = 1.0  # about the ways that were taken
 ELLIPSES = 40  # along a way
 LEVEL = 2.4477  # radius of an ellipse that holds a position in 95 % of Gaussian beliefs, in deviations
+TITLE = "Estimated paths, with ellipses claimed to hold the position in 95 %"
+TITLE_MARGIN = 0.1  # inches, beside a title
 GAP_M = 3.0  # between neighbours of a way, beyond which it is broken
 BEAM = "#D55E00"
 
@@ -46,7 +49,8 @@ def draw_paths(traces: Mapping[str, Trace], room: RangeMap) -> Figure:
         chosen = np.unique(np.linspace(0, len(trace.kept) - 1, ELLIPSES).round().astype(int))
         draw_ellipses(axes, trace.means[chosen, :2], trace.covariances[chosen, :2, :2], colour)
     axes.legend(loc="best", framealpha=0.9)
-    axes.set_title("Estimated paths, with ellipses claimed to hold the position in 95 %")
+    width = figure.get_size_inches()[0] - 2 * TITLE_MARGIN
+    figure.suptitle(wrapped(TITLE, width, "figure.titlesize"))
     return figure
 
 
@@ -77,7 +81,8 @@ def draw_beliefs(name: str, trace: Trace, room: RangeMap) -> Figure:
         draw_map(axes, room, lower, upper)
         draw_estimate(axes, believed)
         axes.set_title(f"scan {believed.step.scan}, {_spread(believed)}")
-    figure.suptitle(f"What {name} believes (darker = denser, on a square-root scale)")
+    title = f"What {name} believes (darker = denser, on a square-root scale)"
+    figure.suptitle(wrapped(title, size[0] - 2 * TITLE_MARGIN, "figure.titlesize"))
     return figure
 
 

@@ -1,0 +1,70 @@
+"""Where a replay begins, as the command line says it, and options that a recording cannot need."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...evaluation.recordings.log import Log
+from ...evaluation.recordings.readers.rosbag import RosbagLog
+from ...evaluation.recordings.replays import start_of
+from ...evaluation.recordings.setting import Start
+from ...filters import RangeMap, pose_space
+
+STD_M, STD_DEG = 0.2, 6.0  # of a start, unless given
+
+
+def read_start(text: str, std_m: float | None, std_deg: float | None) -> Start:
+    """The start as it is written, with how sure it is: deviations in m and deg; None = as is usual.
+
+    Raises:
+        ValueError: If it is no start, a deviation is not positive, or has no effect.
+    """
+    for name, value, unit in (("--start-std-m", std_m, "m"), ("--start-std-deg", std_deg, "deg")):
+        if value is None:
+            continue
+        if text == "global":
+            raise ValueError(f"{name} has no effect on a start anywhere on the map (--start global)")
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name} must be positive, got {value:g} {unit}")
+    stds = STD_M if std_m is None else std_m, float(np.deg2rad(STD_DEG if std_deg is None else std_deg))
+    return Start(None, *stds) if text in ("truth", "odometry") else start_of(text, *stds)
+
+
+def refuse_outside(start: Start, room: RangeMap, text: str, map_name: str) -> None:
+    """Refuse a start that leaves no free space.
+
+    Args:
+        start: The start.
+        room: The map.
+        text: How it was given.
+        map_name: What the map is called.
+
+    Raises:
+        ValueError: If the robot cannot be there.
+    """
+    if start.pose is None:
+        return
+    try:
+        start.prior(room, pose_space())
+    except ValueError:
+        place = f"odometry, which is {start.pose[0]:.2f},{start.pose[1]:.2f}," if text == "odometry" else ""
+        place = place or ",".join(text.replace(",", " ").split()[:2])
+        raise ValueError(f"--start {place} is not in the free space of {map_name}") from None
+
+
+def refuse_without_bag(
+    log: Log, path: Path, scan_topic: str | None, odometry_topic: str | None, base_frame: str | None
+) -> None:
+    """Refuse options of a bag where there is none.
+
+    Raises:
+        ValueError: If one is given.
+    """
+    if isinstance(log, RosbagLog):
+        return
+    given = {"--scan-topic": scan_topic, "--odometry-topic": odometry_topic, "--base-frame": base_frame}
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} has no effect on {path}: it is for a bag")
