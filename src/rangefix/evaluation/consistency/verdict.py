@@ -24,15 +24,16 @@ CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one o
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
 KNOWN = 2.0  # a factor whose lower bound is further from it is known as "at least" that bound
-Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed"]
+Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed", "pending"]
 WORST_FIRST: tuple[Kind, ...] = (
-    "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "honest",
+    "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "pending", "honest",
 )  # fmt: skip
 
 
 SHORT_WORDS: dict[Kind, str] = {
     "honest": "honest", "overconfident": "overconfident", "cautious": "cautious", "uneven": "uneven",
     "biased": "biased", "shape": "other shape", "unsure": "cannot tell", "failed": "no answer",
+    "pending": "not run yet",
 }  # fmt: skip
 
 
@@ -57,7 +58,8 @@ class Verdict:
         kind: "honest"; "overconfident", "cautious": squared errors are larger, smaller than claimed;
             "uneven": right on the whole, wrong in single components; "biased": right on the whole, but for a
             mean error; "shape": the covariance is right, the tails or the symmetry of the belief are not;
-            "unsure": too few runs; "failed": it gave no answer.
+            "unsure": too few runs; "failed": it gave no answer;
+            "pending": no run of it was made yet.
         factor: ANEES / n, squared error over claimed variance, with what is known of it at 95 %.
         words: One phrase.
         notes: What else a reader must know, a sentence each.
@@ -104,6 +106,8 @@ def decide(row: Row, family: int = 1) -> Verdict:
         row: The row.
         family: Rows among which false alarms are to be as rare as stated for one (Bonferroni).
     """
+    if not row.made:
+        return Verdict("pending", row.anees, f"not run yet (interrupted after 0 of {row.planned} runs)")
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
@@ -171,7 +175,7 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
         words += f", in all {len(rows)} {settings}"
     elif len(rows) > 1:
         where = beams_in_words(row.beams) + f", measurement {row.step + 1}" * moving
-        example = "" if worst.kind in ("unsure", "honest") else f"; worst: {where}"
+        example = "" if worst.kind in ("unsure", "pending", "honest") else f"; worst: {where}"
         words += f" (in {alike} of {len(rows)} {settings}{example})"
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
@@ -257,10 +261,12 @@ def _bias_words(name: str, bias: float) -> str:
 
 def _caveats(row: Row) -> tuple[str, ...]:
     notes = []
-    if row.ok < row.planned:
+    if row.pending:
+        notes.append(f"interrupted after {row.made} of {row.planned} runs, by which it is judged")
+    if row.ok < row.made:
         failed = ", ".join(f"{count} {name}" for name, count in row.failures.items())
-        some = f"judged by the {row.ok} of {row.planned} runs that went well ({failed})"
-        notes.append(some if row.ok else f"all {row.planned} runs failed ({failed})")
+        some = f"judged by the {row.ok} of {row.made} runs that went well ({failed})"
+        notes.append(some if row.ok else f"all {row.made} runs failed ({failed})")
     if row.collapsed.value > MENTION_SHARE:
         notes.append(
             f"in {format_percent(row.collapsed.value)} of the runs it collapsed: fewer than {MIN_EFFECTIVE} "
