@@ -48,6 +48,8 @@ class Levels(NamedTuple):
 
 WITH_DRAWS = Levels(0.0265, 0.0105, 0.006, 0.004)  # 4.7 %: draws of 39 studies scatter themselves
 WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
+FEW = 3  # runs; of fewer nothing is said but of errors on the whole: the same 39 or 78 draws judge everything
+OF_FEW = 0.02  # one-sided level for ANEES there, which one of 39 draws that lies beyond a truth does not reach
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def decide(row: Row, family: int = 1) -> Verdict:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
     known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
-    levels = Levels(*(level / family for level in (WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS)))
+    levels = _levels(evidence, family)
     ratios, biases = evidence.ratios(levels.components), evidence.biases(levels.components)
     uneven = ", ".join(
         ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
@@ -145,14 +147,26 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if shape:
         return Verdict("shape", known, shape, notes)
     if too_small:
-        return Verdict("unsure", known, f"cannot tell with {row.ok} runs", (_unseen(known), *notes))
+        return Verdict("unsure", known, _cannot_tell(row), (_unseen(known), *notes))
     _, low, high = tolerance
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         needed = _needed(tolerance, row.ok)
-        return Verdict("unsure", tolerance, f"cannot tell with {row.ok} runs", (needed, *notes))
+        return Verdict("unsure", tolerance, _cannot_tell(row), (needed, *notes))
     off = 100 * (max(high, 1 / low) - 1)
     close = f"squared errors and claimed variances agree to within {off:.2g} %, at 95 % confidence"
     return Verdict("honest", tolerance, "honest: errs as it claims", (close, *notes))
+
+
+def _levels(evidence: Evidence, family: int) -> Levels:
+    """The levels for a row that is one of a family."""
+    levels = WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS
+    if evidence.row.ok < FEW:
+        levels = Levels(min(levels.too_large, OF_FEW), levels.too_small, 0.0, 0.0)
+    return Levels(*(level / family for level in levels))
+
+
+def _cannot_tell(row: Row) -> str:
+    return f"cannot tell with {row.ok} {'run' if row.ok == 1 else 'runs'}"
 
 
 def decide_overall(rows: Sequence[Row]) -> Verdict:
