@@ -24,7 +24,9 @@ CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one o
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
 KNOWN = 2.0  # a factor whose lower bound is further from it is known as "at least" that bound
-Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed", "pending"]
+Kind = Literal[
+    "honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed", "pending"
+]
 WORST_FIRST: tuple[Kind, ...] = (
     "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "pending", "honest",
 )  # fmt: skip
@@ -49,7 +51,9 @@ class Levels(NamedTuple):
 WITH_DRAWS = Levels(0.0265, 0.0105, 0.006, 0.004)  # 4.7 %: draws of 39 studies scatter themselves
 WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
 FEW = 3  # runs; of fewer nothing is said but of errors on the whole: the same 39 or 78 draws judge everything
-OF_FEW = 0.02  # one-sided level for ANEES there, which one of 39 draws that lies beyond a truth does not reach
+OF_FEW = (
+    0.02  # one-sided level for ANEES there, which one of 39 draws that lies beyond a truth does not reach
+)
 
 
 @dataclass(frozen=True)
