@@ -192,7 +192,8 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
         for key in figures_a.keys() & figures_b.keys():
             pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
     total, (lost, gained) = int(counts.sum()), (int(counts[1, 0]), int(counts[0, 1]))
-    shares = [float(ok) / total if total else np.nan for ok in (counts[1].sum(), counts[:, 1].sum())]
+    well = int(counts[1].sum()), int(counts[:, 1].sum())
+    shares = (well[0] / total, well[1] / total) if total else (np.nan, np.nan)
     change = Interval(shares[1] - shares[0], np.nan, np.nan)
     p = _sign_test(lost, gained) if total else np.nan
     yield Difference(estimator, beams, -1, "ok", total, *shares, change, p)

@@ -78,7 +78,7 @@ class RunBlock:
     @property
     def made(self) -> NDArray[np.int8]:
         """Codes of `Status` of the runs that were made."""
-        return self.status[self.status != Status.PENDING.code]
+        return np.asarray(self.status[self.status != Status.PENDING.code])
 
     @cached_property
     def positive(self) -> BoolArray:
