@@ -89,7 +89,7 @@ def test_a_mesh_and_its_options(rangefix: Callable[..., Said], tmp_path: Path) -
         (("map.yaml", "--out", "room.txt"), "a picture is a .png, .svg, .pdf file"),
         (("map.yaml", "--reachable-from", "9", "9"), "is in no free cell"),
         (("map.png",), "give the .yaml of map_server"),
-        (("room:4x6", "--unit", "m"), "--unit: no effect on room:4x6"),
+        (("room:4x6", "--unit", "m"), "--unit has no effect on room:4x6"),
         (("nowhere.yaml",), "no such map file"),
     ],
 )

@@ -53,7 +53,7 @@ def test_narrow_screens(
         (("--criterion", "traec"), "trace"),
         (("--method", "best"), "exchange"),
         (("--candidates-deg", "north"), "--candidates-deg needs numbers"),
-        (("--candidates-deg", "0:90:0"), "--candidates-deg"),
+        (("--candidates-deg", "0:90:0"), "--candidates-deg 0:90:0: the step must not be 0"),
         (("--candidates-deg", "0,360"), "stands twice"),
         (("--candidates-deg", "180"), "blind sector"),
         (("--candidates-deg", "0,10", "--beams", "3"), "1 to 2 beams"),

@@ -17,7 +17,7 @@ WAIT_S = 120.0  # for an answer, on a machine that others use too; what takes so
 FINE, BAD_INPUT = 0, 2
 
 
-SAID = ("rangefix: ", "Usage: rangefix ", "Try 'rangefix ", "Error: ")  # how a line of a mistake begins
+SAID = ("rangefix: ",)  # how a line of a mistake begins
 
 
 @dataclass(frozen=True)

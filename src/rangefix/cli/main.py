@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import io
+import re
 import sys
 import traceback
 from _thread import interrupt_main
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from signal import SIGTERM, default_int_handler, signal
 from threading import Timer, current_thread, main_thread
 from types import TracebackType
@@ -30,6 +30,15 @@ from .run import run
 from .studies import new, studies, validate
 
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
+VALUE_FORMS = (  # what pydantic says of a value -> what we say
+    (r"Input should be greater than or equal to (\S+)", r"must be at least \1"),
+    (r"Input should be less than or equal to (\S+)", r"must be at most \1"),
+    (r"Input should be greater than (\S+)", r"must be greater than \1"),
+    (r"Input should be less than (\S+)", r"must be less than \1"),
+    (r"Input should be a valid integer.*", "must be a whole number"),
+    (r"Input should be a valid number.*", "must be a number"),
+    (r"Input should be a finite number.*", "must be a finite number"),
+)
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (studies, new, validate, run),
     "Results": (report, plot, table, compare),
@@ -61,10 +70,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         if isinstance(error.__cause__, KeyboardInterrupt):  # in the body of a class: Python wraps it there
             warn("stopped")
             sys.exit(ExitCode.INTERRUPTED)
-        if hasattr(error, "format_message"):  # a wrong command, option or argument: in typer's own form
-            _show_usage(error)
-            sys.exit(ExitCode.BAD_INPUT)
-        mistakes = explain(error)
+        wrong = hasattr(error, "format_message")  # a command, option or argument
+        mistakes = [in_a_line(error, arguments)] if wrong else explain(error)
         if mistakes is None:
             sys.excepthook = _print_traceback
             raise
@@ -72,13 +79,6 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             warn(line)
         code = ExitCode.BAD_INPUT
     sys.exit(code if isinstance(code, int) else ExitCode.FINE)
-
-
-def _show_usage(error: Any) -> None:
-    """How a command is used and what is wrong, as typer says it, but for what a terminal would obey."""
-    text = io.StringIO()
-    error.show(text)
-    print(printable(text.getvalue(), keep="\n"), end="", file=sys.stderr)
 
 
 def _print_traceback(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
@@ -108,6 +108,43 @@ def options(
     ] = False,
 ) -> None:
     """What holds for all commands."""
+
+
+def in_a_line(error: Any, arguments: Sequence[str]) -> str:
+    """What is wrong with an option, argument or command.
+
+    Args:
+        error: As typer raises it.
+        arguments: What was typed.
+    """
+    context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
+    if parameter is None or not error.message:  # an unknown or missing one
+        told = " ".join(error.format_message().split()).rstrip(".")
+        command = "rangefix" if context is None else context.command_path
+        return f"{told}: {command} -h shows how it is used"
+    if parameter.param_type_name == "option":
+        given = _typed(parameter, arguments)
+    else:
+        given = parameter.metavar or parameter.name.upper()
+    said = error.message
+    for form, ours in VALUE_FORMS:
+        said = re.sub(f"^{form}$", ours, said)
+    if parameter.nargs > 1 and said == "must be a number":
+        said = f"needs {parameter.nargs} numbers"
+    return f"{given}: {said}"
+
+
+def _typed(parameter: Any, arguments: Sequence[str]) -> str:
+    """An option as it was typed, with its values."""
+    for place, text in enumerate(arguments):
+        name, equals, _ = text.partition("=")
+        if name in parameter.opts:
+            values = [] if equals else arguments[place + 1 : place + 1 + parameter.nargs]
+            return " ".join([text, *(value or "''" for value in values)])
+        for short in (each for each in parameter.opts if not each.startswith("--")):
+            if text.startswith(short) and not text.startswith("--"):  # -n3
+                return text
+    return str(parameter.opts[0])
 
 
 def explain(error: Exception) -> list[str] | None:

@@ -82,7 +82,8 @@ class MapOptions:
                 raise ValueError(f"--sensor-height has no effect on {map_name}: it is for a mesh")
             if map_name.startswith("room:") and options:
                 names = ", ".join(f"--{name.replace('_', '-')}" for name in options)
-                raise ValueError(f"{names}: no effect on {map_name}")
+                have = "have" if len(options) > 1 else "has"
+                raise ValueError(f"{names} {have} no effect on {map_name}")
         if "outline" in options:
             options["outline"] = open_map(options["outline"])
         return open_map(map_name, **options)

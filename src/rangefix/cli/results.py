@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import Json, named, names_in, print_json, results_folder, say
+from .app import ExitCode, Json, named, names_in, print_json, results_folder, say, warn
+
+if TYPE_CHECKING:
+    from ..evaluation import Results
 
 Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
 
@@ -23,6 +26,32 @@ def _complete_figures(begun: str) -> list[str]:
     before, comma, name = begun.rpartition(",")
     names = [known for kind in figure_kinds() for known in (kind.name, *kind.other_names)]
     return [before + comma + known for known in names if known.startswith(name)]
+
+
+def _unfinished(*folders: Path) -> list[Results]:
+    """The results of the folders whose study was interrupted."""
+    from ..evaluation import load
+    from ..evaluation.results import MANIFEST, read_json
+
+    manifests = [each / MANIFEST for each in folders if (each / MANIFEST).exists()]
+    return [load(each.parent) for each in manifests if read_json(each).get("state") != "complete"]
+
+
+def _warn_of_interruptions(*results: Results, end: bool = True) -> None:
+    """Say which studies were interrupted.
+
+    Args:
+        results: The results that something was told of, each from a folder.
+        end: Whether to end with a code of its own where no run of one was made.
+
+    Raises:
+        typer.Exit: If it was asked for.
+    """
+    for each in results:
+        if each.interruption:
+            warn(f"{each.folder} was {each.interruption}: what is there counts what was finished")
+    if end and not all(any(each.made.values()) for each in results):
+        raise typer.Exit(ExitCode.NOTHING_RAN)
 
 
 def plot(
@@ -72,12 +101,16 @@ def plot(
     from ..evaluation.figures import Layout
 
     layout = Layout.in_mm(width_mm, font_size, titles=titles)
+    _warn_of_interruptions(*_unfinished(folder), end=False)
     paths = draw(folder, names_in(only), names_in(formats, USUAL), layout, dpi)
     if as_json:
         print_json({"figures": [str(path) for path in paths]})
-        return
-    for path in paths:
-        say(path)
+    else:
+        for path in paths:
+            say(path)
+    if not paths:
+        warn(f"{folder}: nothing to draw, as no run went well")
+        raise typer.Exit(ExitCode.NOTHING_RAN)
 
 
 def table(
@@ -104,7 +137,8 @@ def table(
     from ..evaluation.results import write_bytes
 
     form = form or SUFFIXES.get(out.suffix.lower() if out else "", "markdown")
-    text = comparison_table(load(folder), form)
+    results = load(folder)
+    text = comparison_table(results, form)
     if out is not None:
         write_bytes(out, text.encode("utf-8"))
     if as_json:
@@ -112,6 +146,7 @@ def table(
     else:
         for line in text.splitlines() if out is None else [str(out)]:
             say(line)
+    _warn_of_interruptions(results)
 
 
 def report(
@@ -143,6 +178,7 @@ def report(
         print_json({"report": str(path)})
     else:
         say(path)
+    _warn_of_interruptions(*_unfinished(*folders))
 
 
 def compare(
@@ -176,39 +212,45 @@ def compare(
     if b is None:
         _compare_estimators(a, as_json)
         return
-    comparison = compared(load(a), load(b))
+    both = load(a), load(b)
+    comparison = compared(*both)
     if as_json:
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
-        return
-    from .screen import console
-    from .tables import differences, preamble
+    else:
+        from .screen import console
+        from .tables import differences, preamble
 
-    screen = console()
-    for line in preamble(comparison, str(a), str(b)):
-        screen.say(line)
-    screen.print(differences(comparison))
+        screen = console()
+        for line in preamble(comparison, str(a), str(b)):
+            screen.say(line)
+        screen.print(differences(comparison))
+    _warn_of_interruptions(*both)
 
 
 def _compare_estimators(folder: Path, as_json: bool) -> None:
     from ..evaluation import compare_estimators, load
 
-    pairs = compare_estimators(load(folder))
+    results = load(folder)
+    pairs = compare_estimators(results)
     if as_json:
         print_json({"folder": str(folder), "pairs": [vars(pair) | {"words": pair.words} for pair in pairs]})
-        return
-    from .screen import console
-    from .tables import accuracy, accuracy_in_words
+    elif pairs or not results.interruption:
+        from .screen import console
+        from .tables import accuracy, accuracy_in_words
 
-    screen = console()
-    screen.print(accuracy(pairs))
-    for line in accuracy_in_words(pairs):
-        screen.say(line)
+        screen = console()
+        screen.print(accuracy(pairs))
+        for line in accuracy_in_words(pairs):
+            screen.say(line)
+    _warn_of_interruptions(results)
 
 
 def _fuse(a: Path, std: float, as_json: bool) -> None:
     from ..evaluation import fuse_estimates, load
 
-    found = fuse_estimates(load(a), std)
+    results = load(a)
+    _warn_of_interruptions(results)
+    found = fuse_estimates(results, std)
     if as_json:
         print_json({"folder": str(a), "fusions": [vars(each) | {"price": each.price} for each in found]})
         return

@@ -218,7 +218,7 @@ def run(
         raise typer.Exit(ExitCode.NOTHING_RAN)
     if not all(line.passed for line in lines):
         raise typer.Exit(ExitCode.GATE_FAILED)
-    if any(row.ok < row.planned for row in rows):
+    if any(row.ok < row.made for row in rows):
         raise typer.Exit(ExitCode.SOME_FAILED)
 
 

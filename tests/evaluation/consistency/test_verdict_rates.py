@@ -154,6 +154,20 @@ def test_wrong_tails_are_seen():
     assert found["shape"] > 100
 
 
+@pytest.mark.parametrize("runs", [1, 2])
+@pytest.mark.parametrize("name", ["Gaussian", "Student's t, 4 degrees"])
+def test_one_or_two_runs_accuse_no_exact_filter_too_often(name, runs):
+    """400 studies; more than 6 % by chance for fewer than 1 seed in 10 000. Of parts nothing is said."""
+    found = kinds(EXACT[name], runs, 400)
+    assert found.keys() <= {*NO_ALARM, "overconfident", "cautious"}
+    assert 400 - sum(found[kind] for kind in NO_ALARM) <= binom.isf(1e-4, 400, ALARMS)
+
+
+def test_one_run_is_called_one():
+    row = credibility(np.zeros((1, 2)), np.zeros((1, 2)), np.eye(2))
+    assert decide(row).words == "cannot tell with 1 run"
+
+
 @pytest.mark.parametrize("drawn", [True, False], ids=["samples", "no samples"])
 def test_a_rare_far_mode_is_no_fault(drawn):
     """100 studies of 50 runs; more than 6 % by chance for fewer than 1 seed in 10 000."""

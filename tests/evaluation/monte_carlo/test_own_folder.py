@@ -14,6 +14,7 @@ from rangefix.cli.main import main
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, write_report
 from rangefix.evaluation.drawing import draw
 from rangefix.evaluation.monte_carlo.own_folder import LOCK, locked
+from rangefix.evaluation.results import read_json, write_json
 
 from ..conftest import make_problem
 
@@ -89,6 +90,26 @@ def test_a_manifest_of_somebody_else_is_refused_unless_forced(tmp_path: Path, co
     run(experiment(), tmp_path, timing=False, force=True)
     assert (tmp_path / "app.js").exists()
     assert load(tmp_path).runs == 8
+
+
+@pytest.mark.parametrize(
+    ("differs", "said"),
+    [
+        ({"code": "other"}, "was made by another version of rangefix"),
+        ({"versions": {"numpy": "1"}}, "was made with another version of numpy"),
+        ({"code": "other", "seed": 7}, "has other settings than before"),
+    ],
+)
+def test_other_code_is_no_other_setting(tmp_path: Path, differs: dict[str, Any], said: str) -> None:
+    told: list[str] = []
+    run(experiment(), tmp_path, timing=False)
+    manifest = read_json(tmp_path / "manifest.json")
+    changed = manifest | {name: value for name, value in differs.items() if name != "versions"}
+    changed["versions"] = manifest["versions"] | differs.get("versions", {})
+    changed["plan"] = manifest["plan"] | {"world": "0" * 64}
+    write_json(tmp_path / "manifest.json", changed)
+    run(experiment(), tmp_path, timing=False, say=told.append)
+    assert told[0].startswith(f"{tmp_path} {said}: its numbers are made anew"), told
 
 
 def test_other_settings_replace_the_numbers_and_what_shows_them(tmp_path: Path) -> None:

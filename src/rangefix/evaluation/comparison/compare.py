@@ -15,7 +15,7 @@ from ...arrays import Array
 from ..consistency.intervals import Interval, Moments
 from ..consistency.metrics import Metric, RunBlock, metrics
 from ..consistency.summarise import run_blocks
-from ..results import Results
+from ..results import Results, Status
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
 COMPARED_AS = {"G": "mse", "P": "claimed"}  # run by run they are no covariances
@@ -29,7 +29,7 @@ class Difference:
         estimator, beams, step: Whose.
         figure: "mse_NAME" (mean squared error, m^2 or rad^2), "claimed_NAME" (mean claimed variance),
             "anees" (NEES / n), or "ok" (share of runs that went well).
-        runs: Pairs of runs that went well in both; for "ok", all that both have.
+        runs: Pairs of runs that went well in both; for "ok", all that were made in both.
         a, b: The figure in each, over these runs.
         change: b - a with its 95 % interval.
         p: Two-sided p-value of "no difference", runs paired by number; NaN where the runs do not say.
@@ -68,6 +68,8 @@ class Difference:
     @property
     def words(self) -> str:
         """What became of the figure from A to B."""
+        if not self.runs:
+            return "no run of both"
         if self.change.value == 0 and self.p == 1.0:
             return "the same"
         return ("larger" if self.b > self.a else "smaller") if self.significant else "no difference seen"
@@ -180,7 +182,8 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
     counts = np.zeros((2, 2), dtype=int)  # by ok in A, ok in B
     for first, end in _blocks(a, b):
         trials_a, trials_b = (results.source.trials(estimator, beams, first, end) for results in (a, b))
-        np.add.at(counts, (trials_a.ok.astype(int), trials_b.ok.astype(int)), 1)
+        made = (trials_a.status != Status.PENDING.code) & (trials_b.status != Status.PENDING.code)
+        np.add.at(counts, (trials_a.ok[made].astype(int), trials_b.ok[made].astype(int)), 1)
         both = trials_a.ok & trials_b.ok
         figures_a, figures_b = (
             _values(run_blocks(results, trials, first, both))
@@ -189,9 +192,11 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
         for key in figures_a.keys() & figures_b.keys():
             pairs.setdefault(key, _Pairs()).add(figures_a[key], figures_b[key])
     total, (lost, gained) = int(counts.sum()), (int(counts[1, 0]), int(counts[0, 1]))
-    shares = (float(counts[1].sum()) / total, float(counts[:, 1].sum()) / total)
+    well = int(counts[1].sum()), int(counts[:, 1].sum())
+    shares = (well[0] / total, well[1] / total) if total else (np.nan, np.nan)
     change = Interval(shares[1] - shares[0], np.nan, np.nan)
-    yield Difference(estimator, beams, -1, "ok", total, *shares, change, _sign_test(lost, gained))
+    p = _sign_test(lost, gained) if total else np.nan
+    yield Difference(estimator, beams, -1, "ok", total, *shares, change, p)
     for (step, figure), pair in sorted(pairs.items()):
         yield pair.difference(estimator, beams, step, figure)
 

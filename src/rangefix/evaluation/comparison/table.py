@@ -72,7 +72,8 @@ def _caption(results: Results, end: int) -> str:
     """What the table shows, in one line."""
     name = results.manifest.get("title") or results.manifest.get("name") or "study"
     after = f", after the last of {end + 1} measurements" if end else ""
-    return printable(f"{name}: {results.runs} runs{after}; 95 % intervals in brackets")
+    runs = results.interruption or f"{results.runs} runs"
+    return printable(f"{name}: {runs}{after}; 95 % intervals in brackets")
 
 
 def _columns(rows: Sequence[Row]) -> list[Column]:

@@ -75,6 +75,11 @@ class RunBlock:
             BeliefScores(*(array[sampled] for array in belief)) if belief and sampled.any() else None
         )
 
+    @property
+    def made(self) -> NDArray[np.int8]:
+        """Codes of `Status` of the runs that were made."""
+        return np.asarray(self.status[self.status != Status.PENDING.code])
+
     @cached_property
     def positive(self) -> BoolArray:
         """Which covariances are positive definite, (K,)."""
@@ -248,7 +253,7 @@ METRICS = (
         for level in LEVELS
     ),
     Metric("share_indefinite", "%", lambda runs: ~runs.positive, "share", label="covariance not positive"),
-    Metric("share_diverged", "%", lambda runs: runs.status == Status.DIVERGED.code, "share",
+    Metric("share_diverged", "%", lambda runs: runs.made == Status.DIVERGED.code, "share",
            label="diverged"),
     Metric("share_improbable", "%", lambda runs: runs.improbable, "share", shown=("csv", "terminal"),
            label="improbable measurements"),

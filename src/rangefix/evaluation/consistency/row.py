@@ -71,7 +71,7 @@ class Row:
         step: Number of the measurement, from 0.
         names: Names of the components.
         planned, ok: Runs planned, and runs that went well.
-        failures: Runs by status other than "ok", of those that occurred.
+        failures: Runs that failed by status, of those that occurred.
         G: Unconditional covariance E[(x - x^)(x - x^)'], (n, n).
         P: Mean of the claimed (conditional) covariances, (n, n).
         figures: Figure -> its interval, as in the table of `metrics.py`. The properties name our own.
@@ -85,6 +85,7 @@ class Row:
         null: How figures scatter where truths are draws from the beliefs; None without draws of all runs.
         directions: Mean squared errors over claimed variances along lines at right angles in the frame of the
             claims' principal axes, the least and the largest first and last, (n,); their mean is ANEES / n.
+        pending: Of the runs planned, those that were not made yet, as the study was interrupted.
     """
 
     estimator: str
@@ -104,6 +105,7 @@ class Row:
     ranks: Array | None = None
     null: NullDistribution | None = None
     directions: Array | None = None
+    pending: int = 0
 
     g = _components("G", "Diagonal of G.")
     p = _components("P", "Diagonal of P.")
@@ -116,6 +118,11 @@ class Row:
     indefinite = _figure("share_indefinite", "Share of ok runs whose P is not positive definite.")
     diverged = _figure("share_diverged", "Share of planned runs that no hypothesis explained.")
     improbable = _figure("share_improbable", "Share of ok runs whose evidence lies below the floor.")
+
+    @property
+    def made(self) -> int:
+        """Runs that were made, of those planned."""
+        return self.planned - self.pending
 
     def of_components(self, name: str) -> tuple[Interval, ...]:
         """A figure of each component."""
@@ -236,7 +243,7 @@ class Row:
         return self.pairs_of_stds(*bound, self.g, self.p)
 
     def _title(self) -> str:
-        return f"{self.where}: {self.ok} of {self.planned} runs ok"
+        return f"{self.where}: {self.ok} of {self.made} runs ok"
 
     def _lines(self, place: Place) -> Iterator[tuple[str, str]]:
         for metric, component, interval in self.shown(place):

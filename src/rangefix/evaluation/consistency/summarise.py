@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from ...arrays import Array, BoolArray
-from ..results import STATUSES, Results, Trials, failures_of
+from ..results import STATUSES, Results, Status, Trials, failures_of
 from .averages import AVERAGES, Mean
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, UNKNOWN, Interval
@@ -166,5 +166,6 @@ class Accumulator:
             one_truth=one_truth,
             ranks=self.ranks if self.ranks.ndim else None,
             null=self.null.distribution(figures, claims.diagonal()) if drawn else None,
+            pending=int(self.counts[Status.PENDING.code]),
             directions=np.asarray(np.linalg.eigvalsh(self.directions) / runs, float) if sound else None,
         )

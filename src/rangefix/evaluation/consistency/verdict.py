@@ -24,15 +24,18 @@ CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one o
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
 KNOWN = 2.0  # a factor whose lower bound is further from it is known as "at least" that bound
-Kind = Literal["honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed"]
+Kind = Literal[
+    "honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed", "pending"
+]
 WORST_FIRST: tuple[Kind, ...] = (
-    "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "honest",
+    "overconfident", "uneven", "biased", "shape", "cautious", "failed", "unsure", "pending", "honest",
 )  # fmt: skip
 
 
 SHORT_WORDS: dict[Kind, str] = {
     "honest": "honest", "overconfident": "overconfident", "cautious": "cautious", "uneven": "uneven",
     "biased": "biased", "shape": "other shape", "unsure": "cannot tell", "failed": "no answer",
+    "pending": "not run yet",
 }  # fmt: skip
 
 
@@ -47,6 +50,10 @@ class Levels(NamedTuple):
 
 WITH_DRAWS = Levels(0.0265, 0.0105, 0.006, 0.004)  # 4.7 %: draws of 39 studies scatter themselves
 WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
+FEW = 3  # runs; of fewer nothing is said but of errors on the whole: the same 39 or 78 draws judge everything
+OF_FEW = (
+    0.02  # one-sided level for ANEES there, which one of 39 draws that lies beyond a truth does not reach
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +64,8 @@ class Verdict:
         kind: "honest"; "overconfident", "cautious": squared errors are larger, smaller than claimed;
             "uneven": right on the whole, wrong in single components; "biased": right on the whole, but for a
             mean error; "shape": the covariance is right, the tails or the symmetry of the belief are not;
-            "unsure": too few runs; "failed": it gave no answer.
+            "unsure": too few runs; "failed": it gave no answer;
+            "pending": no run of it was made yet.
         factor: ANEES / n, squared error over claimed variance, with what is known of it at 95 %.
         words: One phrase.
         notes: What else a reader must know, a sentence each.
@@ -104,11 +112,13 @@ def decide(row: Row, family: int = 1) -> Verdict:
         row: The row.
         family: Rows among which false alarms are to be as rare as stated for one (Bonferroni).
     """
+    if not row.made:
+        return Verdict("pending", row.anees, f"not run yet (interrupted after 0 of {row.planned} runs)")
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
     known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
-    levels = Levels(*(level / family for level in (WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS)))
+    levels = _levels(evidence, family)
     ratios, biases = evidence.ratios(levels.components), evidence.biases(levels.components)
     uneven = ", ".join(
         ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
@@ -141,14 +151,26 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if shape:
         return Verdict("shape", known, shape, notes)
     if too_small:
-        return Verdict("unsure", known, f"cannot tell with {row.ok} runs", (_unseen(known), *notes))
+        return Verdict("unsure", known, _cannot_tell(row), (_unseen(known), *notes))
     _, low, high = tolerance
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         needed = _needed(tolerance, row.ok)
-        return Verdict("unsure", tolerance, f"cannot tell with {row.ok} runs", (needed, *notes))
+        return Verdict("unsure", tolerance, _cannot_tell(row), (needed, *notes))
     off = format_percent(max(high, 1 / low) - 1)
     close = f"squared errors and claimed variances agree to within {off}, at 95 % confidence"
     return Verdict("honest", tolerance, "honest: errs as it claims", (close, *notes))
+
+
+def _levels(evidence: Evidence, family: int) -> Levels:
+    """The levels for a row that is one of a family."""
+    levels = WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS
+    if evidence.row.ok < FEW:
+        levels = Levels(min(levels.too_large, OF_FEW), levels.too_small, 0.0, 0.0)
+    return Levels(*(level / family for level in levels))
+
+
+def _cannot_tell(row: Row) -> str:
+    return f"cannot tell with {row.ok} {'run' if row.ok == 1 else 'runs'}"
 
 
 def decide_overall(rows: Sequence[Row]) -> Verdict:
@@ -171,7 +193,7 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
         words += f", in all {len(rows)} {settings}"
     elif len(rows) > 1:
         where = beams_in_words(row.beams) + f", measurement {row.step + 1}" * moving
-        example = "" if worst.kind in ("unsure", "honest") else f"; worst: {where}"
+        example = "" if worst.kind in ("unsure", "pending", "honest") else f"; worst: {where}"
         words += f" (in {alike} of {len(rows)} {settings}{example})"
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
@@ -257,10 +279,12 @@ def _bias_words(name: str, bias: float) -> str:
 
 def _caveats(row: Row) -> tuple[str, ...]:
     notes = []
-    if row.ok < row.planned:
+    if row.pending:
+        notes.append(f"interrupted after {row.made} of {row.planned} runs, by which it is judged")
+    if row.ok < row.made:
         failed = ", ".join(f"{count} {name}" for name, count in row.failures.items())
-        some = f"judged by the {row.ok} of {row.planned} runs that went well ({failed})"
-        notes.append(some if row.ok else f"all {row.planned} runs failed ({failed})")
+        some = f"judged by the {row.ok} of {row.made} runs that went well ({failed})"
+        notes.append(some if row.ok else f"all {row.made} runs failed ({failed})")
     if row.collapsed.value > MENTION_SHARE:
         notes.append(
             f"in {format_percent(row.collapsed.value)} of the runs it collapsed: fewer than {MIN_EFFECTIVE} "

@@ -15,6 +15,7 @@ from ...arrays import Array
 from ..results import Picture, Results, Scene
 from .data import FigureData
 from .errors import ellipse
+from .layout import small
 from .room import BEAM, draw_density, draw_truth, draw_walls
 from .sheet import Sheet
 from .style import CLAIMED, label_positions, symbol
@@ -22,6 +23,7 @@ from .ticks import FittingLocator, even_numbers
 
 MAX_BESIDE = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
+SMALL, ENLARGED = 0.12, 0.4  # of the shorter side of a room: a belief that is shown enlarged, and how large
 BELL = np.linspace(-4, 4, 81)  # standard deviations at which its bell is drawn besides
 
 
@@ -61,7 +63,10 @@ def draw_posterior(data: FigureData, sheet: Sheet) -> None:
         trials = results.get(estimator, data.beams)
         mean, covariance = trials.mean[0, -1], trials.covariance[0, -1]
         sheet.title(block[0], data.labels[estimator])
-        _room(block[0], results, scene, pictures.get(estimator), mean, covariance)
+        shown = results, scene, pictures.get(estimator), mean, covariance
+        _room(block[0], *shown)
+        if (corners := _small(*shown, low, high)) is not None:
+            _enlarged(block[0], corners, low, high, *shown)
         if turning:
             place = int(np.flatnonzero(results.space.is_angle)[0])
             claim = mean[place], np.sqrt(max(covariance[place, place], 0.0))
@@ -73,10 +78,11 @@ def draw_posterior(data: FigureData, sheet: Sheet) -> None:
     for axes in panels[:, 0]:
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
-    more: dict[str, Artist] = {
-        "posterior density, darkest at its peak": Patch(facecolor="#4f94c4"),
-        "true heading": Line2D([], [], color=BEAM, linewidth=1.2, linestyle="--"),
-    }
+    more: dict[str, Artist] = {}
+    if any(pictures.get(estimator) is not None for estimator in estimators):
+        more["posterior density, darkest at its peak"] = Patch(facecolor="#4f94c4")
+    if turning:
+        more["true heading"] = Line2D([], [], color=BEAM, linewidth=1.2, linestyle="--")
     which = f"run {data.run}" if data.run else "the first run"
     title = data.heading(f"What is believed in {which}", with_beams=True)
     sheet.finish(title, panels[0], columns=2, more=more, note=data.silent)
@@ -91,7 +97,8 @@ def _room(
     where = results.space.position_indices
     if np.isfinite(mean).all():
         claim = covariance[np.ix_(where, where)]
-        label = "claimed: mean, 95 % ellipse, and the Gaussian of the heading"
+        of_heading = ", and the Gaussian of the heading" * bool(results.space.is_angle.any())
+        label = f"claimed: mean, 95 % ellipse{of_heading}"
         axes.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
         axes.plot(*mean[where], "o", markersize=4.5, markerfacecolor="white", color=CLAIMED, zorder=6,
                   label=label)  # fmt: skip
@@ -99,6 +106,64 @@ def _room(
     draw_truth(axes, scene, label="true position, its heading beside it")
     label_positions(axes)
     axes.spines[:].set_visible(False)
+
+
+def _small(
+    results: Results,
+    scene: Scene,
+    picture: Picture | None,
+    mean: Array,
+    covariance: Array,
+    low: Array,
+    high: Array,
+) -> tuple[Array, Array] | None:
+    """Corners of a square about a belief that is too small to be seen in a room; None where it is not."""
+    where = results.space.position_indices
+    middle, variances = mean[where], np.diagonal(covariance)[where]
+    half = 4 * float(np.sqrt(max(variances.max(), 0.0)))
+    if not (np.isfinite(mean).all() and 0 < half < SMALL * float((high - low).min())):
+        return None
+    if not ((middle > low) & (middle < high)).all():
+        return None
+    away = float(np.abs(scene["truth"][:2] - middle).max())
+    half = max(half, 1.2 * away) if away < 3 * half else half
+    return middle - half, middle + half
+
+
+def _enlarged(
+    axes: Axes,
+    corners: tuple[Array, Array],
+    low: Array,
+    high: Array,
+    results: Results,
+    scene: Scene,
+    picture: Picture | None,
+    mean: Array,
+    covariance: Array,
+) -> None:
+    """What lies between two corners once more, larger, in the corner of the room that is furthest away."""
+    lower, upper = corners
+    side, rim = ENLARGED * float((high - low).min()), 0.1 * float((high - low).min())
+    places = [np.array([x, y]) for x in (low[0] + rim, high[0] - rim - side)
+              for y in (low[1] + 2 * rim, high[1] - rim - side)]  # fmt: skip
+    seen = np.stack([(lower + upper) / 2, scene["truth"][:2]])
+    best = max(places, key=lambda place: float(np.linalg.norm(place + side / 2 - seen, axis=1).min()))
+    inset = axes.inset_axes((*best, side, side), transform=axes.transData, zorder=8)
+    if picture is not None and picture.density.max() > 0:
+        draw_density(inset, picture.density, picture.extent)
+    draw_walls(inset, scene)
+    where = results.space.position_indices
+    claim = covariance[np.ix_(where, where)]
+    inset.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
+    inset.plot(*mean[where], "o", markersize=3.5, markerfacecolor="white", color=CLAIMED, zorder=6)
+    draw_truth(inset, scene, 7.0, label="")
+    inset.set_xlim(lower[0], upper[0])
+    inset.set_ylim(lower[1], upper[1])
+    inset.set_aspect("equal")
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.set_xlabel(f"{upper[0] - lower[0]:.2g} m wide", fontsize=small(), labelpad=1.5)
+    axes.indicate_inset_zoom(inset, edgecolor="0.4", alpha=1.0, linewidth=0.8)
 
 
 def _view(scene: Scene, means: Iterable[Array]) -> tuple[Array, Array]:

@@ -117,6 +117,11 @@ def _module_source(module: str) -> str:
     return "not found"
 
 
+def own_code() -> str:
+    """What stands in a manifest for the source of this package that numbers depend on."""
+    return source_digest(PACKAGE, EXEMPT)
+
+
 def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
     """The key of the simulated runs, and the key of each estimator's trials by label.
 

@@ -6,7 +6,7 @@ import importlib
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
@@ -30,8 +30,10 @@ from ..results import (
     trials_path,
     world_path,
 )
+from .environment import LIBRARIES
 
 LOCK = ".lock"
+SETTINGS = ("config", "seed", "runs", "beam_sets", "estimators")  # of a manifest
 OURS = (TIMING, BOUNDS, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
 ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
 
@@ -118,13 +120,15 @@ def _lock(handle: int) -> None:
         return
 
 
-def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = False) -> Older:
+def what_is_older(
+    folder: Path, plan: FolderLayout, manifest: Mapping[str, Any], force: bool = False
+) -> Older:
     """What a folder holds that is older than the numbers of a study; what is not its own is refused.
 
     Args:
         folder: The folder of results.
         plan: What is to be there.
-        name: Of the study.
+        manifest: Of the study, as it is to be.
         force: Whether to remove the results of another study, and to replace a manifest that is not ours.
 
     Returns:
@@ -133,7 +137,7 @@ def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = Fal
     Raises:
         ResultsError: If the folder belongs to something else.
     """
-    path = folder / MANIFEST
+    path, name = folder / MANIFEST, manifest["name"]
     if not os.path.lexists(path):
         return Older()
     before = _manifest(path)
@@ -150,10 +154,12 @@ def what_is_older(folder: Path, plan: FolderLayout, name: str, force: bool = Fal
             )
         ours = [*_figures(folder), *_parts(folder), *(folder / each for each in OURS)]
         return Older(f"{folder}: the results of {owner[:80]!r} are removed", ours)
-    return _other_settings(folder, plan, before)
+    return _other_settings(folder, plan, before, manifest)
 
 
-def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) -> Older:
+def _other_settings(
+    folder: Path, plan: FolderLayout, before: dict[str, Any], manifest: Mapping[str, Any]
+) -> Older:
     """What other settings of the same study, or a part of its runs, have left in a folder."""
     now = json.loads(json.dumps(plan.as_json()))
     if before["plan"] == now and before.get("state") == "complete":
@@ -174,8 +180,22 @@ def _other_settings(folder: Path, plan: FolderLayout, before: dict[str, Any]) ->
         if found
     )
     lines = ["its numbers are made anew"] * anew + [f"{removed} are removed"] * bool(removed)
-    why = "is finished" if before["plan"] == now else "has other settings than before"
+    why = "is finished" if before["plan"] == now else _what_differs(before, manifest)
     return Older(f"{folder} {why}: {', '.join(lines)}" if lines else "", files)
+
+
+def _what_differs(before: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+    """Whether other settings made a folder, or the same settings and other code."""
+    plain = json.loads(json.dumps(manifest))
+    same = all(before.get(key) == plain[key] for key in SETTINGS)
+    if same and before.get("code") != plain["code"]:
+        return "was made by another version of rangefix"
+    versions, now = before.get("versions"), plain["versions"]
+    if same and isinstance(versions, dict):
+        others = [name for name in LIBRARIES if versions.get(name) != now[name]]
+        if others:
+            return f"was made with another version of {', '.join(others)}"
+    return "has other settings than before"
 
 
 def _manifest(path: Path) -> dict[str, Any] | None:

@@ -39,7 +39,7 @@ from ..results import (
 from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
 from .cost import check_disk, check_memory, estimate_line
 from .environment import environment
-from .keys import part_keys
+from .keys import own_code, part_keys
 from .own_folder import locked, remove_files, what_is_older
 from .progress import Progress, Tell, passing, shown
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
@@ -149,10 +149,11 @@ def run(
             stack.enter_context(tempfile.TemporaryDirectory(prefix="rangefix-")) if out is None else out
         )
         plan = FolderLayout.of(experiment, *part_keys(experiment))
-        manifest = plan.manifest(experiment, environment(), list(command_line or ()))
+        around = environment() | {"code": own_code()}
+        manifest = plan.manifest(experiment, around, list(command_line or ()))
         disk = check_disk(folder, plan, 0 if experiment.beliefs is False else KEPT_DRAWS)
         stack.enter_context(locked(folder))
-        older = what_is_older(folder, plan, experiment.name, force)
+        older = what_is_older(folder, plan, manifest, force)
         if not isinstance(study, Experiment):
             for line in study.check_plugins():  # nothing else is wrong: now code of others may be run
                 tell(line)

@@ -36,6 +36,7 @@ SIGNS: dict[Kind, tuple[str, str]] = {
     "shape": ("~", "wrong shape"),
     "unsure": ("?", "cannot tell"),
     "failed": ("\u00d7", "no answer"),
+    "pending": ("\u2026", "not run yet"),
 }
 MAX_REASONS_SHOWN = 8  # of the failures of one estimator
 
@@ -116,7 +117,7 @@ class ReportData:
     Attributes:
         results: The study; its manifest says where the numbers come from.
         steps: Measurements in a run.
-        ok, planned: Trials that went well, and those planned.
+        ok, made: Trials that went well, and those that were made.
         sampled: Whether an estimator's belief was sampled.
         estimators: Each estimator.
         table, scores: Of all settings after the last measurement.
@@ -128,7 +129,7 @@ class ReportData:
     results: Results
     steps: int
     ok: int
-    planned: int
+    made: int
     sampled: bool
     estimators: Sequence[EstimatorReport]
     table: Table
@@ -149,7 +150,7 @@ def collect(results: Results, gates: Sequence[Gate] = ()) -> ReportData:
         results,
         steps,
         ok=sum(row.ok for row in last),
-        planned=sum(row.planned for row in last),
+        made=sum(row.made for row in last),
         sampled=sampled,
         estimators=[_estimator(results, label, rows, worst) for label in results.estimators],
         table=overview(last),

@@ -67,7 +67,9 @@ class Cell(NamedTuple):
         if self.verdict is None:
             return None
         value = self.verdict.factor.value
-        return -1.0 if self.verdict.kind == "failed" or math.isnan(value) else min(value, CERTAIN)
+        return (
+            -1.0 if self.verdict.kind in ("failed", "pending") or math.isnan(value) else min(value, CERTAIN)
+        )
 
 
 class Line(NamedTuple):

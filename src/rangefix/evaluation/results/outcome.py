@@ -29,6 +29,7 @@ class Status(StrEnum):
     TIMEOUT = "timeout"
     ERROR = "error"
     SKIPPED = "skipped"
+    PENDING = "pending"  # not run yet: the study was interrupted. Never in a part
 
     @property
     def code(self) -> int:
@@ -37,12 +38,13 @@ class Status(StrEnum):
 
 
 STATUSES = tuple(status.value for status in Status)
-FAILURES = STATUSES[1:]
+FAILURES = tuple(status.value for status in Status if status not in (Status.OK, Status.PENDING))
 
 
 def failures_of(counts: IntArray) -> dict[str, int]:
-    """Runs by status other than "ok", from counts by code; statuses that did not occur are left out."""
-    return {name: int(count) for name, count in zip(FAILURES, counts[1:], strict=True) if count}
+    """Runs that failed by status, from counts by code; statuses that did not occur are left out."""
+    by_name = dict(zip(STATUSES, counts, strict=True))
+    return {name: int(by_name[name]) for name in FAILURES if by_name[name]}
 
 
 class Outcome(NamedTuple):

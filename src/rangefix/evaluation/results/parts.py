@@ -169,7 +169,7 @@ def _fault(part: Part) -> str:
     """What of a part of trials cannot be, or ""."""
     status, failed = part["status"], part["failed"]
     ok = status == Status.OK.code
-    if ((status < 0) | (status >= len(STATUSES))).any():
+    if ((status < 0) | (status >= len(STATUSES)) | (status == Status.PENDING.code)).any():
         return "status: no such status"
     if len(failed) != len(part["reasons"]) or not np.array_equal(failed, np.flatnonzero(~ok)):
         return "failed: they are not the runs that are not ok"

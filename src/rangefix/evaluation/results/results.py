@@ -99,6 +99,25 @@ class Results:
         first = self.source.world(0, 1)[0][0, 0]
         return self.runs > 1 and all(bool((start == first).all()) for start in starts)
 
+    @cached_property
+    def made(self) -> dict[tuple[str, str], int]:
+        """(estimator, beams) -> runs that were made; fewer than planned where the study was interrupted."""
+        pairs = list(product(self.estimators, self.beam_sets))
+        if self.manifest.get("state") == "complete":
+            return dict.fromkeys(pairs, self.runs)
+        return {
+            pair: self.runs - sum(self.source.trials(*pair, *block).pending for block in self.blocks())
+            for pair in pairs
+        }
+
+    @property
+    def interruption(self) -> str:
+        """How far an interrupted study came, "interrupted after 0 of 400000 runs"; "" of a finished one."""
+        if self.manifest.get("state") == "complete":
+            return ""
+        least, most = min(self.made.values()), max(self.made.values())
+        return f"interrupted after {least if least == most else f'{least} to {most}'} of {self.runs} runs"
+
     def blocks(self) -> list[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""
         return run_blocks(self.runs, MAX_RUNS_IN_MEMORY)
@@ -141,7 +160,7 @@ class Results:
 def load(folder: Path | str) -> Results:
     """Read the results of a folder, finished or not, without pickle.
 
-    Of an interrupted study the trials that are not there have status "skipped". A study of no more than
+    Of an interrupted study the trials that are not there have status "pending". A study of no more than
     MAX_RUNS_IN_MEMORY runs is read and checked at once; the parts of a larger one when they are asked for.
 
     Raises:

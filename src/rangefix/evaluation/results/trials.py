@@ -30,7 +30,7 @@ class Trials:
         log_evidence: Log density of the measurements so far, nats, (M, T).
         log_evidence_floor: Below it they were improbable, (M, T).
         status: Codes of `Status`, (M,).
-        reasons: Run -> why it is not ok.
+        reasons: Run -> why it failed.
         beliefs: What draws from the beliefs come to, by the names in `BeliefScores`, (M, T, ...) each; empty
             where none were drawn.
         diagnostics: What the estimator says of its own computation, by the names in `DIAGNOSTICS`, (M, T)
@@ -91,6 +91,7 @@ class Trials:
         size = f"{runs} x {steps} x {components} runs, steps and components"
         counts = {"ok": self.ok.sum()} | self.failures
         told = ", ".join(f"{count} {status}" for status, count in counts.items())
+        told += f", {self.pending} not run yet" if self.pending else ""
         return printable(f"Trials of {self.estimator} on beams {self.beams}: {size}; {told}")
 
     def belief(self, step: int, runs: BoolArray | None = None) -> BeliefScores | None:
@@ -110,8 +111,13 @@ class Trials:
 
     @property
     def failures(self) -> dict[str, int]:
-        """Runs by status other than "ok"; statuses that did not occur are left out."""
+        """Runs that failed by status; statuses that did not occur are left out."""
         return failures_of(np.bincount(self.status, minlength=len(STATUSES)))
+
+    @property
+    def pending(self) -> int:
+        """How many runs were not made yet, as the study was interrupted."""
+        return int((self.status == Status.PENDING.code).sum())
 
 
 class Source(Protocol):
@@ -146,7 +152,7 @@ class InMemory:
 
 @dataclass(frozen=True)
 class InFolder:
-    """A folder of parts; those missing from an interrupted run are "skipped"."""
+    """A folder of parts; those missing from an interrupted study are "pending"."""
 
     folder: Path
     plan: FolderLayout
@@ -172,7 +178,7 @@ class InFolder:
             "covariance": np.full((runs, steps, size, size), np.nan),
             "log_evidence": np.full((runs, steps), np.nan),
             "log_evidence_floor": np.full((runs, steps), np.nan),
-            "status": np.full(runs, Status.SKIPPED.code, dtype=np.int8),
+            "status": np.full(runs, Status.PENDING.code, dtype=np.int8),
         }
         reasons: dict[int, str] = {}
         beliefs: dict[str, Array] = {}
@@ -181,8 +187,6 @@ class InFolder:
         for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
-                missed = range(max(low, first), min(high, end))
-                reasons |= dict.fromkeys(missed, "not run: the study was interrupted")
                 continue
             part = read_trials(self.folder, self.plan, estimator, beams, low, high)
             mine, its = _overlap(low, high, first, end)

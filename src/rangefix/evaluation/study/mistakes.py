@@ -107,6 +107,7 @@ class Mistakes:
             for meant in get_close_matches(str(fault["loc"][-1]), _keys(inner), n=1)
         }  # fmt: skip
         told: list[tuple[Path, str]] = []
+        told_of: list[Any] = []  # the faults themselves
         for fault, (path, inner) in zip(faults, places, strict=True):
             form = "float_type" if isinstance(fault["input"], list) else "list_type"
             if fault["type"] == form and sum(other[: len(path)] == path for other, _ in places) > 1:
@@ -119,9 +120,16 @@ class Mistakes:
             if isinstance(misfit := fault.get("ctx", {}).get("error"), Misfit):
                 path = (*path, *misfit.path)
             told.append((path, text))
-        for path, text in told:
-            if path[0] != "assumed" or (path[1:], text) not in told:
+            told_of.append(fault)
+        for (path, text), fault in zip(told, told_of, strict=True):
+            if fault["type"] == "extra_forbidden" and self.typed.get(path, "").startswith("--"):
+                self.noted.append((path, f"{self.typed[path]} has no effect on {self._map()}"))
+            elif path[0] != "assumed" or (path[1:], text) not in told:
                 self.add(path, text)
+
+    def _map(self) -> str:
+        """The map, as it was given."""
+        return printable(self.typed.get(("map",), "the map of this study").removeprefix("--map "))
 
     def check(self) -> None:
         """Raise StudyError if there is any mistake."""

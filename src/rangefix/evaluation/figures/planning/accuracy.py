@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from ....arrays import Array
@@ -15,6 +15,7 @@ HEIGHT = 6.5  # inches
 ELLIPSES = 1.0  # m from one to the next
 LARGE = 0.45  # of that: half the length of the ellipse of a place as uncertain as most get
 SOLID = "#c9c9c9"
+ALIKE = 1.01  # the largest deviation over the least, where all count as one
 
 
 def draw_accuracy(found: AccuracyMap, segments: Array) -> Figure:
@@ -39,9 +40,11 @@ def draw_accuracy(found: AccuracyMap, segments: Array) -> Figure:
     axes = panels[0]
     known = std[np.isfinite(std)]
     low, high = (float(np.quantile(known, share)) for share in (0.005, 0.995)) if len(known) else (0.1, 1.0)
-    norm = LogNorm(low, max(high, 1.01 * low))
+    norm, ticks = _scale(low, high)
     image = axes.imshow(std, origin="lower", extent=extent, cmap=INK, norm=norm, interpolation="nearest")
-    figure.colorbar(image, ax=axes, label="expected deviation of the position, m", shrink=0.8)
+    bar = figure.colorbar(image, ax=axes, label="expected deviation of the position, m", shrink=0.8)
+    bar.minorticks_off()
+    bar.set_ticks(list(ticks), labels=[f"{tick:.3g}" for tick in ticks])
     every = max(1, round(ELLIPSES / step))
     rows, columns = np.meshgrid(
         np.arange(every // 2, len(found.x2), every),
@@ -83,3 +86,11 @@ def draw_accuracy(found: AccuracyMap, segments: Array) -> Figure:
         panel.set_xlim(extent[:2])
         panel.set_ylim(extent[2:])
     return figure
+
+
+def _scale(low: float, high: float) -> tuple[Normalize, Array]:
+    """The colours of deviations and ticks beside them, m: where all are alike from 0 on, with that one."""
+    if high < ALIKE * low:
+        middle = (low + high) / 2
+        return Normalize(0.0, 2 * middle), np.array([0.0, middle])
+    return LogNorm(low, high), np.geomspace(low, high, 5)

@@ -81,7 +81,9 @@ def draw_beliefs(name: str, trace: Trace, room: RangeMap) -> Figure:
         draw_map(axes, room, lower, upper)
         draw_estimate(axes, believed)
         axes.set_title(f"scan {believed.step.scan}, {_spread(believed)}")
-    title = f"What {name} believes (darker = denser, on a square-root scale)"
+    drawn = any(image is not None and image.density.max() > 0 for _, image in images)
+    how = " (darker = denser, on a square-root scale)" if drawn else ": ellipses claimed to hold 95 %"
+    title = f"What {name} believes{how}"
     figure.suptitle(wrapped(title, size[0] - 2 * TITLE_MARGIN, "figure.titlesize"))
     return figure
 

@@ -1,0 +1,69 @@
+"""Of a study that was interrupted, runs that were not made are no failures, and every command says so."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from rangefix.evaluation import load, load_study, run, summarise
+from rangefix.evaluation.consistency.verdict import decide
+from rangefix.evaluation.results import read_json, write_json
+
+from .conftest import Said
+
+STUDY = """runs = 8
+[map]
+kind = "rectangle"
+width_m = 4.0
+length_m = 6.0
+[sensor]
+bearings_deg = [326.3, 0.0, 33.7]
+std_m = 0.05
+[[estimators]]
+name = "ekf"
+[[estimators]]
+name = "ekf"
+label = "second"
+"""
+
+
+def interrupted(folder: Path, *left: str) -> Path:
+    """Results of a study that was stopped when some estimators had run."""
+    study, out = folder / "study.toml", folder / "out"
+    study.write_text(STUDY)
+    run(load_study(study), out, timing=False)
+    write_json(out / "manifest.json", read_json(out / "manifest.json") | {"state": "running"})
+    for label in {"ekf", "second"} - {*left}:
+        shutil.rmtree(out / "parts" / label)
+    return out
+
+
+def test_without_a_run_every_command_says_so(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    out = interrupted(tmp_path)
+    (out / "scene.npz").unlink()  # which is saved last
+    for command in ("report", "table", "plot", "compare"):
+        said = rangefix(command, out)
+        assert said.code == 3, command
+        assert "interrupted after 0 of 8 runs" in said.err.splitlines()[0], command
+        assert "no answer" not in said.out, command
+    assert rangefix("compare", out, out).code == 3
+    page = (out / "report.html").read_text()
+    assert "This study was interrupted after 0 of 8 runs" in page
+    assert "Not run yet (interrupted after 0 of 8 runs)" in page
+    assert "runs failed" not in page
+    assert "Gave no answer" not in page
+
+
+def test_what_is_there_is_told_with_a_warning(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """One estimator has run, the other has not."""
+    out = interrupted(tmp_path, "ekf")
+    rows = {row.estimator: row for row in summarise(load(out))}
+    assert (rows["ekf"].made, rows["second"].made) == (8, 0)
+    assert not rows["second"].failures
+    assert decide(rows["second"]).short == "not run yet"
+    for command in ("report", "table", "plot", "compare"):
+        said = rangefix(command, out)
+        assert said.code == 0, command
+        far = "interrupted after 0 to 8 of 8 runs"
+        assert said.err == f"rangefix: {out} was {far}: what is there counts what was finished\n"
