@@ -254,17 +254,20 @@ def test_beams_with_noise_of_their_own() -> None:
 
 
 def test_places_that_were_ruled_out_are_looked_at_again_where_no_others_are_left() -> None:
-    """Readings that nothing of a belief explains are held against the whole prior; if that fails, refused."""
+    """Readings that nothing of a belief explains are held against the whole prior; if that fails it stays."""
     problem = make_problem(0.05)
     sensor = problem.sensor
     assert isinstance(sensor, Rangefinder)
     limited = replace(problem, sensor=replace(sensor, max_incidence=np.deg2rad(70.0)))
-    planner = Planner(limited, EVEN, seed=1)
+    told: list[str] = []
+    planner = Planner(limited, EVEN, seed=1, tell=told.append)
     chosen, state = [7, 3, 9], np.array([[1.0, 4.0]])
     readings = some_beams(planner.sensor, np.array(chosen)).expected(state)[0]
     alone = planner.belief_after(chosen, readings)
     elsewhere = Cells.of(problem.space, np.array([[3.5, 0.5]]), np.ones(1), 0.05)  # a wall is grazed there
     again = planner.belief_after(chosen, readings, elsewhere)
     np.testing.assert_array_equal(again.covariance, alone.covariance)
+    assert planner.belief_after([6], np.array([1e6]), elsewhere) is elsewhere
+    assert told == ["readings that no cell explains: what was believed before the last one is kept"]
     with pytest.raises(ValueError, match="no place explains the readings"):
-        planner.belief_after([6], np.array([1e6]), elsewhere)
+        planner.belief_after([6], np.array([1e6]))

@@ -401,10 +401,12 @@ class Planner:
             chosen: Their places among the candidates, b of them; one may stand several times.
             readings: m, (b,).
             before: What was believed after the earlier ones of them: places that it rules out are not looked
-                at again, which saves most of the work, unless the readings are possible nowhere else.
+                at again, which saves most of the work, unless the readings are possible nowhere else. Where
+                no cell of the prior explains them either, for they are possible on a strip that cells miss,
+                it stays, as a filter's belief does; that is told.
 
         Raises:
-            ValueError: If no place explains the readings.
+            ValueError: If no cell explains the readings, and nothing was believed before.
         """
         problem = replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
         key = tuple(chosen)
@@ -421,7 +423,11 @@ class Planner:
             return belief
         if before is None:
             raise ValueError("no place explains the readings")
-        return self.belief_after(chosen, readings)
+        try:
+            return self.belief_after(chosen, readings)
+        except ValueError:
+            self.tell("readings that no cell explains: what was believed before the last one is kept")
+            return before
 
     @cached_property
     def _covered(self) -> dict[tuple[int, ...], CoarseCells]:
