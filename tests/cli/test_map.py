@@ -175,5 +175,5 @@ def test_unit_and_axis_of_a_map_given_to_a_command(
     (tmp_path / "study.toml").write_text(STUDY)
     said = rangefix(command, "study.toml", "--map", "room:4x6", "--unit", "foot", "--up", "y")
     assert (said.code, said.out) == (2, "")
-    assert "--unit: unknown key" in said.err
-    assert "--up: unknown key" in said.err
+    assert "--unit has no effect on room:4x6" in said.err
+    assert "--up has no effect on room:4x6" in said.err

@@ -50,8 +50,10 @@ class Levels(NamedTuple):
 
 WITH_DRAWS = Levels(0.0265, 0.0105, 0.006, 0.004)  # 4.7 %: draws of 39 studies scatter themselves
 WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
-FEW = 3  # runs; of fewer nothing is said but of errors on the whole: the same 39 or 78 draws judge everything
-OF_FEW = (
+FEW_RUNS = (
+    3  # runs; of fewer nothing is said but of errors on the whole: the same 39 or 78 draws judge everything
+)
+LEVEL_OF_FEW_RUNS = (
     0.02  # one-sided level for ANEES there, which one of 39 draws that lies beyond a truth does not reach
 )
 
@@ -164,8 +166,8 @@ def decide(row: Row, family: int = 1) -> Verdict:
 def _levels(evidence: Evidence, family: int) -> Levels:
     """The levels for a row that is one of a family."""
     levels = WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS
-    if evidence.row.ok < FEW:
-        levels = Levels(min(levels.too_large, OF_FEW), levels.too_small, 0.0, 0.0)
+    if evidence.row.ok < FEW_RUNS:
+        levels = Levels(min(levels.too_large, LEVEL_OF_FEW_RUNS), levels.too_small, 0.0, 0.0)
     return Levels(*(level / family for level in levels))
 
 
