@@ -51,7 +51,7 @@ def test_a_title_speaks_of_a_density_only_where_one_is_drawn() -> None:
     for picture, words in ((None, ": ellipses claimed to hold 95 %"), (image, " (darker = denser")):
         trace: Any = SimpleNamespace(images=[(believed, picture)])
         figure = draw_beliefs("ekf", trace, RectangularRoom(4.0, 6.0))
-        assert figure.get_suptitle().startswith(f"What ekf believes{words}")
+        assert " ".join(figure.get_suptitle().split()).startswith(f"What ekf believes{words}")
 
 
 def test_equal_deviations_have_one_plain_number() -> None:

@@ -134,8 +134,8 @@ def test_an_interrupted_study_is_reported_as_such(study: Path, tmp_path: Path) -
     shutil.rmtree(folder / "parts" / "sure")
     shown = " ".join("".join(read(write_report(folder).read_text(encoding="utf-8")).data).split())
     assert "This study was interrupted" in shown
-    assert "Not run yet (interrupted after 0 of 240 runs)" in shown
-    assert "This study was interrupted after 0 to 240 of 240 runs" in shown
+    assert "Not run yet (interrupted after 0 of 120 runs)" in shown
+    assert "This study was interrupted after 0 to 120 of 120 runs" in shown
 
 
 def test_steps_and_sampled_beliefs(drive: Path) -> None:
