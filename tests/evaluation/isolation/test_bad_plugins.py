@@ -86,9 +86,9 @@ FAULTS = {  # what is run -> status of all trials (but those skipped), and the r
     ),
     "bad.py:Dies": ("error", r"estimate\(\) at measurement 1 ended the process \(exit code 3\)"),
     "bad.py:DiesWhenBuilt": ("error", r"estimator .*: building it ended the process \(SIGSEGV\)"),
-    "bad.py:HangsWhenBuilt": ("timeout", r"estimator .*: building it took longer than 4 s"),
+    "bad.py:HangsWhenBuilt": ("timeout", r"estimator .*: building it took longer than 3 s"),
     "dies.py:make": ("error", r"estimator .*: importing it ended the process \(exit code 5\)"),
-    "hangs.py:make": ("timeout", r"estimator .*: importing it took longer than 4 s"),
+    "hangs.py:make": ("timeout", r"estimator .*: importing it took longer than 3 s"),
     "bad.py:WrongShape": ("error", r"estimate\(\) at measurement 1 failed: .* shape \(1, 3\), not \(1, 2\)"),
     "bad.py:Nan": ("nan", r"estimate\(\): an estimate is not finite at measurement 1"),
     "bad.py:NotPositive": (
@@ -148,7 +148,7 @@ def ran(folder: Path) -> dict[str, Results]:
         return run(made, timing=False)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(guard, "BUILD_EXTRA_S", 3.0)
+        patch.setattr(guard, "BUILD_EXTRA_S", 2.0)
         patch.setattr(guard, "FIRST_RUNS_EXTRA_S", 1.0)
         patch.setattr(guard, "MAX_LOST_IN_A_ROW", 2)
         return {
@@ -183,8 +183,8 @@ def test_a_study_warns_of_plug_ins_and_runs(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """One line for each before anything runs, with key and line of the file; exit code 1; JSON unspoilt."""
-    monkeypatch.setattr(look, "LOOK_TIMEOUT_S", 4.0)
-    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 3.0)
+    monkeypatch.setattr(look, "LOOK_TIMEOUT_S", 3.0)
+    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 2.0)
     names = [f"{folder}/{name}" for name in ("hangs.py:make", "bad.py:ExitsWhenBuilt", "bad.py:Prints")]
     text = STUDY + "".join(f'[[estimators]]\nname = "{name}"\n' for name in names)
     (tmp_path / "s.toml").write_text(text)

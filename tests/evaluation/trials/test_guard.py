@@ -131,12 +131,12 @@ def test_one_that_always_hangs_is_given_up(guarded, monkeypatch):
 
 
 def test_a_builder_that_hangs(plugin, monkeypatch):
-    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 3.0)
+    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 2.0)
     monkeypatch.setattr(experiment, "TRIAL_TIMEOUT_S", 1.0)
     estimators = {"slow": NamedEstimator(f"{plugin}:Slow"), "ekf": NamedEstimator("ekf")}
     results = run(Experiment(make_problem(), estimators, runs=5))
     assert results.get("slow").failures == {"timeout": 5}
-    assert results.get("slow").reasons[0] == f"estimator '{plugin}:Slow': building it took longer than 4 s"
+    assert results.get("slow").reasons[0] == f"estimator '{plugin}:Slow': building it took longer than 3 s"
     assert results.get("ekf").ok.all()
 
 
