@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Mapping
+from functools import lru_cache
 from hashlib import sha256
 from math import prod
 from pathlib import Path
@@ -133,8 +134,9 @@ def _array(name: str, content: IO[bytes], size: int, form: Form | None) -> NDArr
     version = npy.read_magic(content)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"{name}: format {version}")
-    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-    shape, fortran, dtype = read_header(content)
+    length = content.read(2 if version == (1, 0) else 4)
+    header = length + content.read(int.from_bytes(length, "little"))
+    shape, fortran, dtype = _read_header(version, header)
     if dtype.kind not in "fiubU" or dtype.itemsize == 0 or dtype.shape:
         raise ValueError(f"{name}: dtype {dtype}")
     if len(shape) > MAX_RANK or any(length < 0 for length in shape):
@@ -148,6 +150,14 @@ def _array(name: str, content: IO[bytes], size: int, form: Form | None) -> NDArr
         )
     data = bytearray(content.read())
     return np.ndarray(shape, dtype, data, order="F" if fortran else "C")
+
+
+@lru_cache(maxsize=512)  # parts of a study have the same ones: numpy compiles each as an expression of Python
+def _read_header(version: tuple[int, int], header: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether columns come first, and type of an array, of its header and that one's length."""
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, fortran, dtype = read(io.BytesIO(header))
+    return shape, fortran, dtype
 
 
 def checksum(arrays: Arrays) -> str:
