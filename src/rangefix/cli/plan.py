@@ -20,10 +20,6 @@ RESOLUTION_DEG = 0.36  # of the paper's rangefinder
 MEASURED = "beams"  # a word for --candidates-deg: those of the study
 
 
-class _ZeroStep(Exception):
-    """Directions from here to there by no step."""
-
-
 def criteria() -> tuple[str, ...]:
     """Names of what may be made least."""
     from ..evaluation.planning.expected_covariance import CRITERIA
@@ -136,12 +132,10 @@ def read_candidates(text: str | None, problem: Problem) -> Array:
     try:
         if ":" in text:
             low, high, step = map(float, text.split(":"))
-            if step == 0:
-                raise _ZeroStep
             degrees = low + step * np.arange(np.floor((high - low) / step * (1 + 1e-12)) + 1)
         else:
             degrees = np.array([float(part) for part in text.replace(",", " ").split()])
-    except _ZeroStep:
+    except ZeroDivisionError:
         raise ValueError(f"--candidates-deg {text}: the step must not be 0") from None
     except ValueError:
         raise ValueError(

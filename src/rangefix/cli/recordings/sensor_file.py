@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from ...arrays import wrap
 from ...errors import suggestion
 from ...evaluation.recordings.log import LaserDescription
 from ...evaluation.recordings.options import ReadingOptions
@@ -84,8 +85,8 @@ class SensorFile:
         """Whether a key of the file is used, or says what the log says."""
         assert self.section is not None
         if name in BEAMS:
-            off = np.abs(self.section.bearings[:, None] - laser.bearings_rad)
-            return bool((np.abs((off + np.pi) % (2 * np.pi) - np.pi).min(axis=1) < np.deg2rad(CLOSE)).all())
+            off = np.abs(wrap(self.section.bearings[:, None] - laser.bearings_rad))
+            return bool((off.min(axis=1) < np.deg2rad(CLOSE)).all())
         if name == "max_range_m":
             return bool(np.isclose(self.section.max_range_m, laser.reach_m, rtol=CLOSE))
         if name == "min_range_m":

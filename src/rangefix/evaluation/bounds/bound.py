@@ -9,7 +9,7 @@ import numpy as np
 from ...arrays import Array
 from ...filters.models.motion import Stationary
 from ...filters.models.rangefinder import Rangefinder
-from ...filters.models.wrapped_noise import Tempered
+from ...filters.models.wrapped_noise import Tempered, law_and_weight
 from ...filters.problem import Problem
 
 
@@ -47,9 +47,10 @@ def require_static(problem: Problem) -> None:
 def without_weight(problem: Problem) -> Problem:
     """The problem with the law that its readings are drawn by: their weight is how estimators take them."""
     sensor = problem.sensor
-    if isinstance(sensor, Rangefinder) and isinstance(sensor.noise, Tempered):
-        return replace(problem, sensor=replace(sensor, noise=sensor.noise.noise))
-    return problem
+    if not isinstance(sensor, Rangefinder):
+        return problem
+    law, _ = law_and_weight(sensor.noise)
+    return problem if law is sensor.noise else replace(problem, sensor=replace(sensor, noise=law))
 
 
 def require_full_weight(problem: Problem) -> None:

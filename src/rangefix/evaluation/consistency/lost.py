@@ -31,7 +31,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters import Noise, Sensor
 from ...filters.models.correlated import Correlated, shared_errors
-from ...filters.models.wrapped_noise import Tempered
+from ...filters.models.wrapped_noise import law_and_weight
 from .misfits import cut_squares
 from .misfits.misfits_of_scan import ScanOnMap
 
@@ -121,7 +121,7 @@ class LostTest:
         if self.shared is not None:
             return float(cut_squares.covariance(self.shared.correlation(scan.beams, scan.ends)).mean())
         beams = len(scan.beams)
-        weight = self.noise.weight if isinstance(self.noise, Tempered) else 1.0
+        _, weight = law_and_weight(self.noise)
         alike = np.array(min(1.0, (1 / weight - 1) / max(1, beams - 1)))
         return (cut_squares.variance() + (beams - 1) * float(cut_squares.covariance(alike))) / beams
 

@@ -29,7 +29,7 @@ from ...filters import (
 )
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...maps import OccupancyMap
-from .log import UNLIMITED_M, LaserDescription
+from .log import LaserDescription
 
 DRIFT = (0.02, 0.02, 0.02, 0.02)  # alphas of `Odometry`: 14 % of a move, 14 % of a turn
 WIDE_STD_M = 0.1
@@ -115,8 +115,7 @@ def usual_law(longest_m: float, room: RangeMap) -> Correlated:
         longest_m: The longest reading.
         room: The map.
     """
-    reach = longest_m if np.isfinite(longest_m) else UNLIMITED_M
-    mixture = BeamMixture(0.97, 0.01, 0.0, 0.02, WIDE_STD_M, 1.0, reach)
+    mixture = BeamMixture(0.97, 0.01, 0.0, 0.02, WIDE_STD_M, 1.0, longest_m)
     return Correlated(LostBeams(Biased(mixture, bias_of(room)), 0.02), places=USUAL_MAP_ERRORS)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray
 from ...filters import Gaussian, RangeProportional, Sensor
-from ...filters.models.wrapped_noise import Tempered, reading_bias
+from ...filters.models.wrapped_noise import law_and_weight, reading_bias
 
 SHORTFALL_DRAWS = 50_000  # readings from which the shortfall of other noise than Gaussian is found
 LONG = 10.0  # m
@@ -53,7 +53,7 @@ def _shortfall(sensor: Sensor, measurement: Array) -> tuple[float, float, BoolAr
     fit = drawn - reading_bias(sensor.noise)
     short = sensor.beam_log_density(drawn, fit) - sensor.beam_log_density(drawn, expected)
     short = short[~np.isnan(drawn)]
-    weight = sensor.noise.weight if isinstance(sensor.noise, Tempered) else 1.0
+    _, weight = law_and_weight(sensor.noise)
     mean, variance = float(short.mean()), float(short.var()) / weight
     if not (0 < mean < np.inf and 0 < variance < np.inf):
         return 0.5, 0.5, np.isfinite(measurement)

@@ -20,7 +20,7 @@ from ...arrays import Array, IntArray, keep_copies
 from ..problem import Noise, Sensor
 from .noise import CumulativeNoise
 from .normal_scores import normal_scores, readings_at
-from .wrapped_noise import Tempered, WrapsNoise
+from .wrapped_noise import WrapsNoise, law_and_weight
 
 WAVES = 256  # of a random field; its fourth moment is off by 1 / (2 WAVES) of a Gaussian's
 NUGGET = 1e-9  # of a variance, on the diagonal of correlations, which rounding must not make indefinite
@@ -227,8 +227,7 @@ def random_field(points: Array, length: float, rng: Generator) -> Array:
 
 def shared_errors(noise: Noise) -> tuple[Correlated | None, float]:
     """What beams share by a noise, and the weight that it is given; None, 1 for beams that share nothing."""
-    weight = noise.weight if isinstance(noise, Tempered) else 1.0
-    law = noise.noise if isinstance(noise, Tempered) else noise
+    law, weight = law_and_weight(noise)
     return (law, weight) if isinstance(law, Correlated) else (None, 1.0)
 
 

@@ -173,6 +173,11 @@ class Tempered:
         return self.noise.variance(expected) / self.weight
 
 
+def law_and_weight(noise: Noise) -> tuple[Noise, float]:
+    """The law by which readings scatter, and what one weighs: 1 unless it is tempered."""
+    return (noise.noise, noise.weight) if isinstance(noise, Tempered) else (noise, 1.0)
+
+
 def wider_gaussian(noise: Noise) -> Gaussian | None:
     """The Gaussian noise that a tempered one weighs as; None for all other noise."""
     if isinstance(noise, Tempered) and type(noise.noise) is Gaussian:

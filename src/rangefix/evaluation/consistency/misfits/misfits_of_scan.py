@@ -13,7 +13,7 @@ from ....filters import Noise, Sensor
 from ....filters.models.noise import log_below
 from ....filters.models.noise_of_beams import noise_of_beams
 from ....filters.models.rangefinder import LIMIT_ROUNDING
-from ....filters.models.wrapped_noise import Tempered, reading_step
+from ....filters.models.wrapped_noise import law_and_weight, reading_step
 from .cut_squares import CAP
 
 LEAST_TAIL = 1e-12  # of a probability, beyond which scores are cut off anyhow
@@ -62,7 +62,7 @@ class ScanOnMap:
         coarser the step: 0.87 for a step of a deviation, 0.54 for 2.5. They raise fewer alarms than stated.
         """
         sensor, reading = self.sensor, self.reading[self.beams]
-        law = self.law.noise if isinstance(self.law, Tempered) else self.law
+        law, _ = law_and_weight(self.law)
         noise = noise_of_beams(law, self.beams, len(self.reading))
         expected = np.asarray(sensor.expected(np.asarray(states, dtype=float)))[:, self.beams]
         silent, close = np.isposinf(reading), np.isneginf(reading)
