@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cached_property
 from typing import Any, overload
 from zlib import crc32
 
@@ -47,22 +46,25 @@ def streams(seed: int, purpose: str, runs: Iterable[int]) -> list[Generator]:
 class _Seed(ISpawnableSeedSequence):
     """A SeedSequence whose words for PCG64 are known already; it makes a real one when asked for more."""
 
+    __slots__ = ("_entropy", "_made", "_words")  # one of these for each run and purpose
+
     def __init__(self, entropy: NDArray[np.uint32], words: NDArray[np.uint64]) -> None:
         self._entropy, self._words = entropy, words
+        self._made: SeedSequence | None = None
 
-    @cached_property
     def _real(self) -> SeedSequence:
-        return SeedSequence(self._entropy)
+        self._made = SeedSequence(self._entropy) if self._made is None else self._made
+        return self._made
 
     def generate_state(self, n_words: int, dtype: Any = np.uint32) -> Any:
         """As of `SeedSequence`."""
         if n_words == len(self._words) and dtype is np.uint64:
             return self._words
-        return self._real.generate_state(n_words, dtype)
+        return self._real().generate_state(n_words, dtype)
 
     def spawn(self, n_children: int) -> Any:
         """As of `SeedSequence`."""
-        return self._real.spawn(n_children)
+        return self._real().spawn(n_children)
 
 
 def seed_words(entropy: NDArray[np.uint32]) -> NDArray[np.uint64]:

@@ -122,12 +122,16 @@ def own_code() -> str:
     return source_digest(PACKAGE, EXEMPT)
 
 
-def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
+def part_keys(experiment: Experiment, code: str | None = None) -> tuple[str, dict[str, str]]:
     """The key of the simulated runs, and the key of each estimator's trials by label.
 
     They hold the config, the seed, the source of this package and of the plug-in, and the versions of the
     libraries that compute. The number of runs and the other estimators are not in them: more runs or more
     estimators reuse what there is.
+
+    Args:
+        experiment: The experiment.
+        code: What `own_code` says, if it was asked already.
     """
     problem = experiment.identity or _identity((experiment.truth, experiment.assumed))
     world = hash_of(
@@ -136,7 +140,7 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
         experiment.block,
         experiment.control_sequence.tolist(),
         None if experiment.start is None else np.asarray(experiment.start, dtype=float).tolist(),
-        source_digest(PACKAGE, EXEMPT),
+        own_code() if code is None else code,
         _world_source(experiment),
         {name: version_of(name) for name in LIBRARIES},
     )
@@ -154,7 +158,7 @@ def part_keys(experiment: Experiment) -> tuple[str, dict[str, str]]:
 
 def code_fingerprint(experiment: Experiment) -> dict[str, str | None]:
     """What must be the same on all machines that compute: our source, the libraries and the plug-ins."""
-    prints: dict[str, str | None] = {"rangefix": source_digest(PACKAGE, EXEMPT)}
+    prints: dict[str, str | None] = {"rangefix": own_code()}
     prints |= {name: version_of(name) for name in LIBRARIES} | _world_source(experiment)
     builders = experiment.estimators.items()
     return prints | {f"estimator {label!r}": plugin_source(builder) for label, builder in builders}

@@ -148,8 +148,8 @@ def run(
         folder = Path(
             stack.enter_context(tempfile.TemporaryDirectory(prefix="rangefix-")) if out is None else out
         )
-        plan = FolderLayout.of(experiment, *part_keys(experiment))
         around = environment() | {"code": own_code()}
+        plan = FolderLayout.of(experiment, *part_keys(experiment, around["code"]))
         manifest = plan.manifest(experiment, around, list(command_line or ()))
         disk = check_disk(folder, plan, 0 if experiment.beliefs is False else KEPT_DRAWS)
         stack.enter_context(locked(folder))

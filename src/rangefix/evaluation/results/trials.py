@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,7 +15,9 @@ from ...errors import printable
 from .draws import HalfArray
 from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, diagnostics_of, failures_of
-from .parts import read_trials, read_world
+from .parts import Part, read_trials, read_world
+
+MOST_KEPT = 1 << 23  # bytes of parts that are kept in memory when they were read
 
 
 @dataclass(frozen=True)
@@ -152,11 +154,16 @@ class InMemory:
 
 @dataclass(frozen=True)
 class InFolder:
-    """A folder of parts; those missing from an interrupted study are "pending"."""
+    """A folder of parts; those missing from an interrupted study are "pending".
+
+    The first parts that are read, up to `MOST_KEPT` bytes, are kept: summaries go through all of them again
+    and again, and opening a part takes longer than adding up what is in it.
+    """
 
     folder: Path
     plan: FolderLayout
     complete: bool
+    kept: dict[Path, Part] = field(default_factory=dict, repr=False, compare=False)
 
     def world(self, first: int, end: int) -> tuple[Array, Array]:
         """True states and measurements, read part by part into arrays of their full size."""
@@ -164,8 +171,9 @@ class InFolder:
         truth = np.full((end - first, steps, size), np.nan)
         measurement = np.full((end - first, steps, beams), np.nan)
         for low, high in self.plan.blocks(first, end):
-            if self.complete or world_path(self.folder, low, high).exists():
-                part = read_world(self.folder, self.plan, low, high)
+            path = world_path(self.folder, low, high)
+            if self.complete or path.exists():
+                part = self._part(path, read_world, low, high)
                 mine, its = _overlap(low, high, first, end)
                 truth[mine], measurement[mine] = part["truth"][its], part["measurement"][its]
         return truth, measurement
@@ -188,7 +196,7 @@ class InFolder:
             path = trials_path(self.folder, estimator, beams, low, high)
             if not self.complete and not path.exists():
                 continue
-            part = read_trials(self.folder, self.plan, estimator, beams, low, high)
+            part = self._part(path, read_trials, estimator, beams, low, high)
             mine, its = _overlap(low, high, first, end)
             for name, array in arrays.items():
                 array[mine] = part[name][its]
@@ -206,6 +214,15 @@ class InFolder:
         return Trials(
             estimator, beams, reasons=reasons, beliefs=beliefs, diagnostics=diagnostics, draws=draws, **arrays
         )
+
+    def _part(self, path: Path, read: Callable[..., Part], *told: Any) -> Part:
+        if path in self.kept:
+            return self.kept[path]
+        part = read(self.folder, self.plan, *told)
+        parts = (part, *self.kept.values())
+        if sum(array.nbytes for each in parts for array in each.values()) <= MOST_KEPT:
+            self.kept[path] = part
+        return part
 
 
 def _overlap(low: int, high: int, first: int, end: int) -> tuple[slice, slice]:

@@ -89,7 +89,9 @@ def add_terms(terms: Terms, runs: IntArray, expected: Array, first: int, last: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_best(terms: Terms, beams: IntArray, tops: Array, bands: Array, log_prior: Array, out: Array) -> None:
+def add_best(
+    terms: Terms, beams: IntArray, tops: Array, bands: Array, log_prior: Array, least: float, out: Array
+) -> None:  # fmt: skip
     """The most that prior times likelihood can be in cells of which intervals of ranges are known.
 
     Args:
@@ -98,6 +100,7 @@ def add_best(terms: Terms, beams: IntArray, tops: Array, bands: Array, log_prior
         tops: The most that each term can be anywhere, (M, K).
         bands: Two intervals of each cell and beam, (G, b, 4).
         log_prior: A bound on it in each cell, (G,).
+        least: What a term counts at least, nats.
         out: Bounds, (M, G).
     """
     for run in range(out.shape[0]):
@@ -119,7 +122,7 @@ def add_best(terms: Terms, beams: IntArray, tops: Array, bands: Array, log_prior
                 near = one if aim == np.inf or abs(one - aim) <= abs(two - aim) else two
                 if aim == np.inf:
                     near = max(one, two)
-                out[run, cell] += term_at(terms, run, term, near)
+                out[run, cell] += max(term_at(terms, run, term, near), least)
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,15 @@ class Likelihood:
         if self.terms.gaussian:
             return np.zeros(self.terms.aim.shape)
         return np.asarray(np.maximum(self.terms.tables.max(axis=2), self.terms.beyond))
+
+    @cached_property
+    def where_it_fits(self) -> Array:
+        """What the log density of all readings comes to where they fit, (M,).
+
+        A nat for each reading below the most that it could be: twice as far as Gaussian ones are on average.
+        """
+        told = (self.terms.precision > 0).sum(axis=1)
+        return np.asarray(self.terms.common + self.tops.sum(axis=1) - told)
 
     def in_scales(self, run: IntArray, lengths: Array) -> Array:
         """Lengths of each beam as shares of the runs' scales, (N, B); 0 where a beam says nothing."""

@@ -7,7 +7,7 @@ every axis, with ranges cast anew.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from ...arrays import Array, BoolArray, IntArray
 from ..problem import Problem
 from ..space import StateSpace
 from .coarse_cells import CoarseCells, models_at
+from .denser_boxes import AMISS_NATS, SEARCH_NATS, denser_boxes, most_in_cells
 from .halving import BENT_SCALES, Halving
-from .likelihood import IMPOSSIBLE_NATS, Likelihood, add_best
+from .likelihood import IMPOSSIBLE_NATS, Likelihood
 from .pool import Pool, weighted_moments
 from .quadrature import NODES, Sums, integrate, nodes
-from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners
+from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners, prior_model
 
-SEARCH_NATS = 40.0  # below the best bound: coarse cells worse than that are looked at only if need be
 REST_SHARE = 1e-6  # of a belief: what all cells that were not looked at may hold
 WORTH_HALVING = 1e-3  # of the worst cell's error: the others may prove to hold less
 DROPPED_SHARE = 1e-9  # of a belief: cells that hold less are left out
@@ -65,6 +65,16 @@ class Refined:
         moments = self.mean[chosen], self.covariance[chosen]
         return Refined(*moments, self.log_integral[chosen], self.error[chosen], pool)
 
+    def with_runs(self, runs: IntArray, theirs: Refined) -> Refined:
+        """The same, written to, with some of its runs (R,) replaced by others' answers."""
+        pool = theirs.pool.rows(np.ones(len(theirs.pool.run), dtype=np.bool_))
+        pool.run = runs[pool.run]
+        kept = self.pool.rows(~np.isin(self.pool.run, runs))
+        joined = replace(self, pool=Pool.joined([kept, pool]))
+        for name in ("mean", "covariance", "log_integral", "error"):
+            getattr(joined, name)[runs] = getattr(theirs, name)
+        return joined
+
 
 @dataclass(frozen=True)
 class Refinement:
@@ -84,22 +94,22 @@ class Refinement:
 
     def answer(self, likelihood: Likelihood) -> Refined:
         """Mean, covariance and evidence of M runs."""
-        bounds = self._bounds(likelihood)
+        bounds = most_in_cells(self.problem, self.coarse, likelihood)
         floor = bounds.max(axis=1) - SEARCH_NATS
         found = self._refined(likelihood, bounds, floor)
         lower = found.log_integral + np.log(REST_SHARE / np.exp(self.coarse.log_volumes).sum())
         lower = np.where(found.log_integral > -np.inf, lower, -np.inf)
         rest = np.where(bounds < floor[:, None], bounds, -np.inf).max(axis=1)
         again = np.flatnonzero((lower < floor) & (rest >= lower) & (rest > IMPOSSIBLE_NATS))
-        if not len(again):
-            return found
-        more = self._refined(likelihood.rows(again), bounds[again], lower[again])
-        more.pool.run = again[more.pool.run]
-        for name in ("mean", "covariance", "log_integral", "error"):
-            getattr(found, name)[again] = getattr(more, name)
-        kept = found.pool.rows(~np.isin(found.pool.run, again))
-        pool = Pool.joined([kept, more.pool])
-        return Refined(found.mean, found.covariance, found.log_integral, found.error, pool)
+        if len(again):
+            more = self._refined(likelihood.rows(again), bounds[again], lower[again])
+            found = found.with_runs(again, more)
+        wanted = likelihood.where_it_fits + self.coarse.prior.most.max() - AMISS_NATS
+        for run in np.flatnonzero(found.log_integral < wanted):
+            alone = np.array([run])
+            closer = self._looked_closely(likelihood.rows(alone), bounds[alone], wanted[run])
+            found = found if closer is None else found.with_runs(alone, closer)
+        return found
 
     def boxes(self, likelihood: Likelihood, found: Refined) -> tuple[Array, Array, Array]:
         """One run's cells in boxes about the nodes of rules: centres, sizes (N, n) and log masses (N,)."""
@@ -128,29 +138,44 @@ class Refinement:
     def _halving(self) -> Halving:
         return Halving(self.problem)
 
-    def _bounds(self, likelihood: Likelihood) -> Array:
-        """The most that prior times likelihood may be in each coarse cell, (M, G)."""
-        column = np.full(len(self.problem.sensor.bearings), -1)
-        column[self.coarse.beams] = np.arange(len(self.coarse.beams))
-        bounds = np.empty((len(likelihood.readings), len(self.coarse.centres)))
-        terms = likelihood.terms
-        add_best(
-            terms, column[terms.beam], likelihood.tops, self.coarse.bands, self.coarse.prior.most, bounds
-        )
-        return bounds
-
     def _refined(self, likelihood: Likelihood, bounds: Array, floor: Array) -> Refined:
-        coarse, runs = self.coarse, len(floor)
-        started = np.nonzero((bounds >= floor[:, None]) & (bounds > IMPOSSIBLE_NATS))
-        run, cell = map(np.ascontiguousarray, started)  # as views, all loops would be compiled twice
+        chosen = (bounds >= floor[:, None]) & (bounds > IMPOSSIBLE_NATS)
+        return self._worked_out(likelihood, self._coarse_pool(likelihood, bounds, chosen))
+
+    def _coarse_pool(self, likelihood: Likelihood, bounds: Array, chosen: BoolArray) -> Pool:
+        """The coarse cells that are chosen for each run, (M, G)."""
+        coarse = self.coarse
+        run, cell = map(np.ascontiguousarray, np.nonzero(chosen))  # as views, loops would be compiled twice
         centre, step = coarse.centres[cell], coarse.steps[cell]
         prior = PriorModel(*(part[cell] for part in coarse.prior))
         if coarse.models is None:
             model = models_at(self.problem, centre, step, prior.anchor)
         else:
             model = RangeModel(*(part[cell] for part in coarse.models))
-        pool = self._halving.pool(likelihood, run, centre, step, model, prior, bounds[run, cell])
-        left = np.full(runs, self.most_cells) - np.bincount(run, minlength=runs)
+        return self._halving.pool(likelihood, run, centre, step, model, prior, bounds[run, cell])
+
+    def _looked_closely(self, likelihood: Likelihood, bounds: Array, wanted: float) -> Refined | None:
+        """One run whose readings fit nowhere in the coarse cells, of which bounds are given, (1, G).
+
+        None if prior times likelihood does not reach `wanted`, its log, where places lie denser either.
+        """
+        found = denser_boxes(self.problem, self.coarse, likelihood, wanted)
+        if found is None:
+            return None
+        centre, step = found.centres[: self.most_cells // 2], found.steps[: self.most_cells // 2]
+        prior = prior_model(self.problem, centre, step)
+        model = models_at(self.problem, centre, step, prior.anchor)
+        run, bound = np.zeros(len(centre), dtype=np.int64), np.full(len(centre), found.best + UNSEEN_NATS)
+        boxes = self._halving.pool(likelihood, run, centre, step, model, prior, bound)
+        others = bounds >= found.best - SEARCH_NATS
+        others[:, found.cells] = False
+        pool = Pool.joined([boxes, self._coarse_pool(likelihood, bounds, others)])
+        return self._worked_out(likelihood, pool)
+
+    def _worked_out(self, likelihood: Likelihood, pool: Pool) -> Refined:
+        """Integrate the cells of some runs, and halve those that jumps cross."""
+        runs = len(likelihood.readings)
+        left = np.full(runs, self.most_cells) - np.bincount(pool.run, minlength=runs)
         for _ in range(MAX_ROUNDS):
             pool, errors = self._integrated(likelihood, pool, left, runs, False)
             split = self._to_halve(pool, errors, left, runs)

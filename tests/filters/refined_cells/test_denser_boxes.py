@@ -1,0 +1,66 @@
+"""Objects thinner than the places in a coarse cell are apart: a position that they alone explain is found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rangefix.filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
+from rangefix.filters.optional_methods import numerical_error
+from rangefix.filters.refined_cells.denser_boxes import MOST_RANGES
+from rangefix.filters.space import deviations_apart
+from rangefix.maps import FloorPlan
+
+POLE = 0.012  # m wide
+BEARINGS = np.deg2rad([10.0, 100.0, 190.0, 280.0])
+NUMBERS = [0, 4, 7, 10, 18, 21, 24]  # without denser boxes 7 to 24 are hundreds of deviations off
+
+
+def two_poles(number: int) -> tuple[Problem, np.ndarray]:
+    """A hall whose walls are out of reach, and a reading of both its poles: one line on each, which cross."""
+    rng, space = np.random.default_rng(number), position_space()
+    truth = np.array([20.0, 12.0]) + rng.uniform(-1, 1, 2)
+    holes = []
+    for bearing, distance in zip(BEARINGS, (1.5, 1.3), strict=False):
+        corner = truth + distance * np.array([np.sin(bearing), np.cos(bearing)]) - POLE / 2
+        holes.append(corner + POLE * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
+    hall = FloorPlan([[0, 0], [40, 0], [40, 24], [0, 24]], holes)
+    sensor = Rangefinder(hall, BEARINGS, Gaussian(0.02), space, max_range=3.0)
+    middle = truth + rng.uniform(-0.2, 0.2, 2)
+    prior = Uniform(hall, space, middle - 6.8, middle + 6.8)
+    return Problem(space, Stationary(space), sensor, prior), sensor.sample(truth, rng).reshape(1, -1)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_where_two_thin_poles_are_seen(number: int) -> None:
+    """A square centimetre of 180 square metres; against the exact filter, to the accuracy asked for."""
+    problem, reading = two_poles(number)
+    rngs = [np.random.default_rng(number)]
+    exact, refined = build("exact", problem), build("point-mass", problem)
+    right = exact.estimate(exact.update(exact.init(problem.prior, rngs), reading, rngs))
+    belief = refined.update(refined.init(problem.prior, rngs), reading, rngs)
+    found = refined.estimate(belief)
+    assert deviations_apart(problem.space, right, found)[0] < 0.02
+    assert abs(right.log_evidence[0] - found.log_evidence[0]) < 0.01
+    error = numerical_error(refined, belief, 1)  # its second lattice may have missed it, and says so
+    assert error is not None
+    assert error[0] > 0.002
+
+
+def test_a_reading_that_nothing_explains_is_soon_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As amiss everywhere: too much to look at, so no ray is cast for it."""
+    problem, reading = two_poles(0)
+    filter = build("point-mass", problem)
+    rngs = [np.random.default_rng(0)]
+    belief = filter.init(problem.prior, rngs)
+    cast: list[int] = []
+    expected = Rangefinder.expected
+
+    def counting(sensor: Rangefinder, states: np.ndarray) -> np.ndarray:
+        cast.append(np.size(states) // 2)
+        return expected(sensor, states)
+
+    monkeypatch.setattr(Rangefinder, "expected", counting)
+    after = filter.update(belief, np.full_like(reading, 1e6), rngs)
+    assert not np.isfinite(filter.estimate(after).log_evidence[0])
+    assert sum(cast) * len(BEARINGS) < MOST_RANGES / 10
