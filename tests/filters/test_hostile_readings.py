@@ -10,14 +10,17 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 CASES = range(IN_TESTS // (RUNS * UPDATES))
-FEW = {"adaptive-point-mass": 5, "exact": 5, "particle": 5}  # runs of those that take milliseconds for each
+SLOW = ("adaptive-point-mass", "exact", "particle", "point-mass")  # milliseconds for each run
+CELLS = "rangefix.filters.point_mass:PointMassFilter"  # of a given size: what `point-mass` is with `cell`
 LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 
 
-@pytest.mark.parametrize(("name", "number"), [(name, number) for name in BUILT_IN for number in CASES])
+@pytest.mark.parametrize(
+    ("name", "number"), [(name, number) for name in (*BUILT_IN, CELLS) for number in CASES]
+)
 def test_hostile_updates(name: str, number: int) -> None:
     """Moments are finite, covariances positive definite, and a usual run is the same among hostile ones."""
-    suffer(name, Attack.of(number, FEW.get(name, RUNS)))
+    suffer(name, Attack.of(number, 5 if name in SLOW else RUNS))
 
 
 @pytest.mark.parametrize("number", [*CASES, 1037])  # a beam without a return, and then too close
@@ -27,7 +30,7 @@ def test_hostile_updates_of_lattices(number: int) -> None:
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", [*BUILT_IN, CELLS])
 def test_many_hostile_updates(name: str) -> None:
     """The same fifty times over, by other seeds."""
     for number in range(1000, 1000 + IN_STUDIES // (RUNS * UPDATES)):

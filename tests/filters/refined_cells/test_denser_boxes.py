@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from rangefix.filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
+from rangefix.filters import (
+    Gaussian,
+    Noise,
+    Problem,
+    Quantised,
+    Rangefinder,
+    RangeProportional,
+    Stationary,
+    Uniform,
+    build,
+    position_space,
+)
 from rangefix.filters.optional_methods import numerical_error
 from rangefix.filters.refined_cells.denser_boxes import MOST_RANGES
 from rangefix.filters.space import deviations_apart
@@ -45,6 +58,21 @@ def test_where_two_thin_poles_are_seen(number: int) -> None:
     error = numerical_error(refined, belief, 1)  # its second lattice may have missed it, and says so
     assert error is not None
     assert error[0] > 0.002
+
+
+@pytest.mark.parametrize(
+    "noise", [Gaussian(0.02), RangeProportional(0.02, 0.01), Quantised(Gaussian(0.02), 0.01)]
+)
+def test_what_nothing_explains_is_impossible(noise: Noise) -> None:
+    """Not a number of nats that some table ends at."""
+    problem, reading = two_poles(0)
+    problem = replace(problem, sensor=replace(problem.sensor, noise=noise))
+    filter, rngs = build("point-mass", problem), [np.random.default_rng(0)]
+    belief = filter.update(filter.init(problem.prior, rngs), np.full_like(reading, 1e9), rngs)
+    mean, covariance, log_evidence = filter.estimate(belief)
+    assert log_evidence[0] == -np.inf
+    np.testing.assert_array_equal(mean[0], problem.prior.mean)
+    np.testing.assert_array_equal(covariance[0], problem.prior.covariance)
 
 
 def test_a_reading_that_nothing_explains_is_soon_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ HALVINGS = 12  # of a noise's deviation, in search of the width of its peak
 PEAK_NATS = 0.5  # what is lost at one width from the peak
 LIKELY_M = 1e9  # a reading beyond it is taken as one there: it is far from every wall
 IMPOSSIBLE_NATS = -1e9  # at a log density below it no digits are left
+LEAST_NATS = 2 * IMPOSSIBLE_NATS  # in tables, which are interpolated: one of it makes all impossible
 POINTS = 1025  # of a table of a beam's log density by the expected range
 SEARCHED = 512  # ranges among which the steepest is found, where a beam did not return
 TAIL_SHARE = 0.35  # of the distance to a reading: by so much a range may change where noise has heavy tails
@@ -235,8 +236,8 @@ class Likelihood:
         share = np.linspace(0.0, 1.0, POINTS)
         points = first[..., None] + share * (last - first)[..., None]
         ranges = np.maximum(centre[..., None] + scale[..., None] * np.sinh(points), 0.0)
-        tables = np.maximum(self._of_terms(ranges), IMPOSSIBLE_NATS)
-        beyond = np.maximum(self._of_terms(np.full((*centre.shape, 1), np.inf))[..., 0], IMPOSSIBLE_NATS)
+        tables = np.maximum(self._of_terms(ranges), LEAST_NATS)
+        beyond = np.maximum(self._of_terms(np.full((*centre.shape, 1), np.inf))[..., 0], LEAST_NATS)
         return Terms(
             beam, np.where(np.isnan(reading), 0.0, np.where(finite, centre, reading)), precision,
             np.zeros(runs), False, centre, first, (POINTS - 1) / (last - first), tables, beyond,

@@ -35,6 +35,7 @@ MAX_ROUNDS = 40
 NEGLIGIBLE_SHARE = 1e-7  # of a belief: cells that may err by less are not halved
 LEFT_SHARE = 0.5  # of what is allowed: what cells that are not halved in a round may err by
 UNSEEN_NATS = 20.0  # by which a cell may be likelier than was thought where something was not seen in it
+MOST_NATS = 400.0  # above a belief's mass that a cell is said to hold: times MOST_COUNTED it is a number
 MOST_COUNTED = 1e100  # times its mass that a cell counts, of a belief that is all but a point
 CUT_NODES = 4  # along each axis of a cell in which the prior ends
 
@@ -105,7 +106,7 @@ class Refinement:
             more = self._refined(likelihood.rows(again), bounds[again], lower[again])
             found = found.with_runs(again, more)
         wanted = likelihood.where_it_fits + self.coarse.prior.most.max() - AMISS_NATS
-        for run in np.flatnonzero(found.log_integral < wanted):
+        for run in np.flatnonzero((found.log_integral < wanted) & (wanted > IMPOSSIBLE_NATS)):
             alone = np.array([run])
             closer = self._looked_closely(likelihood.rows(alone), bounds[alone], wanted[run])
             found = found if closer is None else found.with_runs(alone, closer)
@@ -208,8 +209,10 @@ class Refinement:
             log_total = log_sums(pool.run, pool.log_mass, runs)
             counts, share = self._counts(pool, log_total, runs)
             with np.errstate(over="ignore", invalid="ignore"):
-                most = np.exp(np.minimum(pool.bound + pool.log_volume - log_total[pool.run], 500.0)) * counts
-                coarse = np.exp(np.minimum(pool.coarse - log_total[pool.run], 500.0)) * counts
+                most = (
+                    np.exp(np.minimum(pool.bound + pool.log_volume - log_total[pool.run], MOST_NATS)) * counts
+                )
+                coarse = np.exp(np.minimum(pool.coarse - log_total[pool.run], MOST_NATS)) * counts
             fresh = ~pool.rough & (counts > 2 * pool.weigh) & (most > NEGLIGIBLE_SHARE)
             if not fresh.any():
                 break
