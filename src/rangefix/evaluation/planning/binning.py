@@ -11,6 +11,7 @@ from ...compiled import njit
 
 TWELFTH = 1 / 12  # of a bin squared: the variance within a bin, which the table of readings takes off
 FARTHEST = 1e300  # m; an expected range beyond it is none
+ROW = 12  # numbers that a bin sums up: three times three, and each time one that is not used
 NARROW = 0.6  # variance of a cell's range, in bins squared, up to which three neighbours hold it
 
 
@@ -49,51 +50,63 @@ def _bin_places(
 ) -> None:  # fmt: skip
     """Mass and first moments of x1 and x2: the loop that plans wait for, without loops in it.
 
-    Indices are unsigned: one that may be negative costs numba a branch.
+    Each bin keeps sums of its cells' moments, of these times how far the range lies off the middle of the
+    bin, and of these times that squared; what neighbours are given follows from them in the end. Cells that
+    give to every other bin have rows of their own. Indices are unsigned: one that may be negative costs numba
+    a branch.
     """
-    bins = out.shape[2] - 1
-    local = np.empty((bins + 1) * 4)  # mass, x1, x2 and nothing, bin by bin
-    table = local.reshape((bins + 1, 4))[:, :3]
+    bins, cells = out.shape[2] - 1, weights.size
+    moments = np.empty((cells, 3))
+    moments[:, 0], moments[:, 1], moments[:, 2] = weights, weights * values[:, 0], weights * values[:, 1]
+    sums = np.empty(2 * bins * ROW)
+    table = np.empty((bins + 1, 3))
     centre, along = np.empty(2), np.empty(2)
-    scale, one, two, four, eight = 1.0 / step, np.uintp(1), np.uintp(2), np.uintp(4), np.uintp(8)
+    scale, row_length, others = 1.0 / step, np.uintp(ROW), np.uintp(bins)
+    first, second, third = np.uintp(0), np.uintp(ROW // 3), np.uintp(2 * ROW // 3)
+    one, two = np.uintp(1), np.uintp(2)
     for direction in range(ranges.shape[0]):
-        local[:] = 0.0
-        for cell in range(ranges.shape[1]):
-            weight, distance = weights[cell], ranges[direction, cell]
-            x1, x2 = values[cell, 0], values[cell, 1]
+        sums[:], table[:] = 0.0, 0.0
+        for cell in range(cells):
+            distance = ranges[direction, cell]
             slope_1, slope_2 = scale * slopes[direction, cell, 0], scale * slopes[direction, cell, 1]
             along_1, along_2 = slope_1 * squares[cell, 0], slope_2 * squares[cell, 1]
             spread = along_1 * slope_1 + along_2 * slope_2
             if spread < 4.0 * NARROW and distance < FARTHEST:
-                near_by = spread < NARROW  # the three are neighbours, else every other one
-                share, reach = (1.0, four) if near_by else (0.5, eight)
                 place = (distance - low) * scale
                 near = np.uintp(place)
                 off = place - float(near) - 0.5
-                half = 0.5 * weight * share
-                even, odd = half * share * (off * off + spread + TWELFTH), half * off
-                first, last, middle = even - odd, even + odd, weight - 2.0 * even
-                slant_1, slant_2 = half * along_1, half * along_2
-                here = near * four
-                before, after = here - reach, here + reach
-                local[before] += first
-                local[before + one] += first * x1 - slant_1
-                local[before + two] += first * x2 - slant_2
-                local[here] += middle
-                local[here + one] += middle * x1
-                local[here + two] += middle * x2
-                local[after] += last
-                local[after + one] += last * x1 + slant_1
-                local[after + two] += last * x2 + slant_2
+                square = off * off + spread + TWELFTH
+                row = (near if spread < NARROW else near + others) * row_length
+                mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
+                sums[row + first] += mass
+                sums[row + first + one] += x1
+                sums[row + first + two] += x2
+                sums[row + second] += off * mass
+                sums[row + second + one] += off * x1 + mass * along_1
+                sums[row + second + two] += off * x2 + mass * along_2
+                sums[row + third] += square * mass
+                sums[row + third + one] += square * x1
+                sums[row + third + two] += square * x2
             else:
-                centre[0], centre[1] = x1, x2
+                centre[0], centre[1] = values[cell, 0], values[cell, 1]
                 along[0], along[1] = along_1 * step, along_2 * step
-                _add_wide(
-                    table, weight, distance, spread * step * step, centre, along, low, step, least, most
-                )
-        for column in range(3):
-            for each in range(bins + 1):
-                out[direction, column, each] = table[each, column]
+                variance = spread * step * step
+                _add_wide(table, weights[cell], distance, variance, centre, along, low, step, least, most)
+        by_bin = out[direction]
+        by_bin[:] = table.T
+        rows = sums.reshape((2, bins, 3, ROW // 3))
+        for kind in range(2):
+            reach, share = 1 + kind, 0.5**kind
+            for each in range(bins):
+                if rows[kind, each, 0, 0] == 0.0:
+                    continue
+                for column in range(3):
+                    total = rows[kind, each, 0, column]
+                    odd = 0.5 * share * rows[kind, each, 1, column]
+                    even = 0.5 * share * share * rows[kind, each, 2, column]
+                    by_bin[column, each - reach] += even - odd
+                    by_bin[column, each] += total - 2.0 * even
+                    by_bin[column, each + reach] += even + odd
 
 
 @njit(cache=True, nogil=True)
