@@ -55,6 +55,14 @@ class RangeMap(Protocol):
 
 
 @runtime_checkable
+class CanLookAlong(Protocol):
+    """The optional method of a map: what many points see along some directions, sooner than `cast`."""
+
+    def look_along(self, points: Array, directions: Array) -> tuple[Array, Array] | None:
+        """Ranges (D, N), m, and their derivatives by x1 and x2 (D, N, 2); None where it cannot say."""
+
+
+@runtime_checkable
 class CanSeeBetween(Protocol):
     """The optional method of a map: whether two points see each other, faster than a beam says it."""
 

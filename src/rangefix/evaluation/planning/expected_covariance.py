@@ -84,9 +84,13 @@ class Views:
     @staticmethod
     def of(cells: Cells, sensor: Rangefinder) -> Views:
         """Cast the beams of a sensor from the centres of cells."""
-        ranges, slopes = sensor.look(cells.centres)
-        ranges = np.ascontiguousarray(ranges.T)
-        slopes = np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32)
+        looks = sensor.look_along(cells.centres)
+        if looks is None:
+            ranges, slopes = sensor.look(cells.centres)
+            ranges = np.ascontiguousarray(ranges.T)
+            slopes = np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32)
+        else:
+            ranges, slopes = looks
         low, high = range_ends(ranges, slopes, cells.widths)
         ends = (low, high) if low <= high else (0.0, 1.0)  # where no wall is met anywhere, any will do
         return Views(sensor, ranges, slopes, ends)

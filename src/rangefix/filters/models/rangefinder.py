@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, BoolArray, short_repr, wrap
 from ..mount import CENTRED, Mount
-from ..problem import Noise, RangeMap
+from ..problem import CanLookAlong, Noise, RangeMap
 from ..space import StateSpace
 from .correlated import Correlated, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
@@ -146,6 +146,18 @@ class Rangefinder:
             lost = self._grazing(gradients)
             ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
         return ranges, self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
+
+    def look_along(self, states: Array) -> tuple[Array, Array] | None:
+        """The same beam by beam, (B, N) m and (B, N, n), for positions (N, n) at a known heading.
+
+        None where the map has no quicker way than `look`, or the incidence is limited. Derivatives may be in
+        single precision.
+        """
+        known = self.space.names == ("x1", "x2") and self.max_incidence >= RIGHT_ANGLE
+        if not known or not isinstance(self.room, CanLookAlong):
+            return None
+        poses = self.mount.laser_poses(self.space.poses(states))
+        return self.room.look_along(poses[:, :2], poses[0, 2] + self.bearings)
 
     def _grazing(self, gradients: Array) -> BoolArray:
         """Which beams are lost: |d range / d x| is 1 / cos(incidence), and 0 for a wall met edge-on."""
