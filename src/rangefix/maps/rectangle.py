@@ -155,7 +155,7 @@ class RectangularRoom:
         sines, cosines = unit_vectors(directions)
         from_centre = points - halves
         half_1, half_2 = halves.tolist()
-        inside = look_along_in_rectangle(from_centre, half_1, half_2, sines, cosines, ranges, slopes)
+        inside = look_along_in_rectangle(from_centre, half_1, half_2, sines, cosines, EDGE_ON, ranges, slopes)
         return (ranges, slopes) if inside else None
 
     def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..arrays import Array, IntArray
 from ..compiled import njit
-from .base import EDGE_ON as NO_SLOPE
 
 BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
 TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it, as beams along walls do
@@ -78,14 +77,16 @@ def cast_at_segments(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def look_along_in_rectangle(
-    points: Array, half_1: float, half_2: float, sines: Array, cosines: Array, ranges: Array, slopes: Array
-) -> bool:
+    points: Array, half_1: float, half_2: float, sines: Array, cosines: Array, edge_on: float,
+    ranges: Array, slopes: Array,
+) -> bool:  # fmt: skip
     """Distances to the nearer of the two walls ahead, and by how much they change with the place.
 
     Args:
         points: In the room, from its centre, m, (N, 2).
         half_1, half_2: Halves of the room's sizes, m.
         sines, cosines: Of the directions, (D,).
+        edge_on: How small these are along a wall, which is then met by its edge.
         ranges: Gets the distances, m, (D, N).
         slopes: Gets their derivatives by x1 and x2, (D, N, 2); 0 along a wall.
 
@@ -100,8 +101,8 @@ def look_along_in_rectangle(
         steep_1 = 1.0 / abs(sine) if sine != 0.0 else math.inf
         steep_2 = 1.0 / abs(cosine) if cosine != 0.0 else math.inf
         sign_1, sign_2 = math.copysign(1.0, sine), math.copysign(1.0, cosine)
-        slope_1 = -1.0 / sine if abs(sine) > NO_SLOPE else 0.0
-        slope_2 = -1.0 / cosine if abs(cosine) > NO_SLOPE else 0.0
+        slope_1 = -1.0 / sine if abs(sine) > edge_on else 0.0
+        slope_2 = -1.0 / cosine if abs(cosine) > edge_on else 0.0
         for place in range(points.shape[0]):
             one = (half_1 - sign_1 * points[place, 0]) * steep_1
             two = (half_2 - sign_2 * points[place, 1]) * steep_2
