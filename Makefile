@@ -47,7 +47,7 @@ test: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 -m "not benchmark and not study and not fuzz and not chaos"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not benchmark and not study and not fuzz and not chaos"
 
 study: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 -m study

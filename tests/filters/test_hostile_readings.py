@@ -10,7 +10,12 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 CASES = range(IN_TESTS // (RUNS * UPDATES))
-SLOW = ("adaptive-point-mass", "exact", "particle", "point-mass")  # milliseconds for each run
+FEW = {"adaptive-point-mass": 5, "exact": 5, "particle": 5, "point-mass": 2}  # runs: they take milliseconds
+    "adaptive-point-mass": 5,
+    "exact": 5,
+    "particle": 5,
+    "point-mass": 2,
+}  # of those that take milliseconds
 CELLS = "rangefix.filters.point_mass:PointMassFilter"  # of a given size: what `point-mass` is with `cell`
 LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 
@@ -20,7 +25,7 @@ LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 )
 def test_hostile_updates(name: str, number: int) -> None:
     """Moments are finite, covariances positive definite, and a usual run is the same among hostile ones."""
-    suffer(name, Attack.of(number, 5 if name in SLOW else RUNS))
+    suffer(name, Attack.of(number, FEW.get(name, RUNS)))
 
 
 @pytest.mark.parametrize("number", [*CASES, 1037])  # a beam without a return, and then too close

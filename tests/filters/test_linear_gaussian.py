@@ -140,8 +140,13 @@ def test_the_problems_are_linear(motion):
     np.testing.assert_allclose(problem.sensor.expected(states), tangent, atol=1e-9)
 
 
-@pytest.mark.parametrize("motion", POSED)
-@pytest.mark.parametrize("name", BUILT_IN)
+SLOW = ("adaptive-point-mass", "constant velocity")  # four components: a minute
+PAIRS = [(name, motion) for name in BUILT_IN for motion in POSED]
+
+
+@pytest.mark.parametrize(
+    ("name", "motion"), [pytest.param(*pair, marks=[pytest.mark.study] * (pair == SLOW)) for pair in PAIRS]
+)
 def test_every_registered_estimator_equals_the_kalman_filter(name, motion):
     """After five measurements, with moves between: within the stated error, or within that of its draws.
 

@@ -231,7 +231,7 @@ def test_the_weight_of_readings_is_no_part_of_their_law() -> None:
     sensor = problem.sensor
     assert isinstance(sensor, Rangefinder)
     lighter = replace(problem, sensor=replace(sensor, noise=Tempered(Gaussian(0.2), 0.1)))
-    names = ("optimum", "known-walls", "ziv-zakai", "weiss-weinstein")
+    names = ("optimum", "known-walls", "ziv-zakai")
     ekf = {"ekf": NamedEstimator("ekf")}
     rows = [list(bounds_of(Experiment(each, ekf, runs=1), names)) for each in (problem, lighter)]
     for row, other in zip(*rows, strict=True):
