@@ -10,12 +10,8 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 CASES = range(IN_TESTS // (RUNS * UPDATES))
-FEW = {"adaptive-point-mass": 5, "exact": 5, "particle": 5, "point-mass": 2}  # runs: they take milliseconds
-    "adaptive-point-mass": 5,
-    "exact": 5,
-    "particle": 5,
-    "point-mass": 2,
-}  # of those that take milliseconds
+# runs of those that take milliseconds for each
+FEW = {"adaptive-point-mass": 5, "exact": 5, "particle": 5, "point-mass": 2}
 CELLS = "rangefix.filters.point_mass:PointMassFilter"  # of a given size: what `point-mass` is with `cell`
 LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 
