@@ -22,7 +22,8 @@ from ..models.uniform_prior import Uniform
 from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import JUMP_NATS, Nodes, Tables, joined, moments_of_any, nodes_for, tabulate
+from .any_noise import JUMP_NATS, Nodes, moments_of_any, nodes_for
+from .density_tables import Tables, joined, tabulate
 from .integrals import Pieces, Rules, moments, rules
 from .partition import partition
 
