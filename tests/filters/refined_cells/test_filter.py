@@ -142,6 +142,18 @@ def test_an_unknown_heading() -> None:
     assert deviations_apart(space, estimates[1], estimates[0])[0] < 0.03
 
 
+def test_a_run_is_the_same_among_others() -> None:
+    """To rounding: a corner far from all readings of one beam has cells that are worth the same."""
+    problem = still(RectangularRoom(4.0, 6.0), np.array([0.3]), 0.05, heading=1.2)
+    readings = np.array([[0.66], [0.93], [3.2], [0.16], [0.15], [6.8], [np.inf], [1.1]])
+    filter = RefinedPointMassFilter(problem, most_cells=20_000)
+    together = filter.update(filter.init(problem.prior, rngs(8)), readings, rngs(8)).estimate
+    for run, reading in enumerate(readings):
+        alone = filter.update(filter.init(problem.prior, rngs(1)), reading[None], rngs(1)).estimate
+        np.testing.assert_allclose(alone.mean[0], together.mean[run], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(alone.covariance[0], together.covariance[run], rtol=1e-11, atol=1e-15)
+
+
 def test_too_few_cells_are_told() -> None:
     """A limit that is too low for a ridge gives an answer with a large error."""
     problem = still(RectangularRoom(8.0, 6.0), np.array([0.3]), 0.01)

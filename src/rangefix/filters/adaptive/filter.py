@@ -239,7 +239,8 @@ class AdaptivePointMassFilter(BriefRepr):
         where, left = self.problem.space.position_indices, FINE_POINTS_MOVED
         modes: list[Lattice] = []
         for mode in before.modes:
-            reach = np.argsort(-np.linalg.norm(mode.basis[where], axis=0))  # axes that go far come first
+            far = np.linalg.norm(mode.basis[where], axis=0)
+            reach = np.argsort(-far, kind="stable")  # axes that go far come first
             most = int(np.log2(max(left / kept_count(mode), 1)))
             axes = np.isin(np.arange(len(reach)), reach[:most])
             if axes.any() and (axes := axes & coarse_axes(mode, self.problem.motion, control)).any():

@@ -220,7 +220,7 @@ def halved(
     heavy = index[logs > max(limits.level, logs.max() - limits.margin)]
     steps = np.array(list(product(*[(-1, 0, 1) if axis else (0,) for axis in axes])))
     keys, basis = _keys(index), lattice.basis / finer
-    order = np.argsort(keys)
+    order = np.argsort(keys, kind="stable")
     before = replace(lattice, basis=basis, index=index[order], keys=keys[order], logs=logs[order])
     start = (heavy[:, None] + steps).reshape(-1, len(axes))
     return grow(lattice.space, log_density, lattice.origin, basis, start, limits, before)

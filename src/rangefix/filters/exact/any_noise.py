@@ -1,8 +1,8 @@
 """The same moments for noise of any kind: pieces are halved until every beam's density is smooth on them.
 
-What a beam's reading says of its expected range is tabulated once for each measurement. A piece is bounded by
-the tables, left out where it cannot count, halved across the beam whose density varies most, and integrated by
-Gauss-Legendre rules once no density varies much.
+What a beam's reading says of its expected range is tabulated once for each measurement. A piece is bounded
+by the tables, left out where it cannot count, halved across the beam whose density varies most, and
+integrated by Gauss-Legendre rules once no density varies much.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def moments_of_any(
     """
     limits = np.empty(len(pieces.counts))
     _limit(pieces, tables, limits)
-    order = np.argsort(-limits)
+    order = np.argsort(-limits, kind="stable")
     return float(_sum_pieces(pieces, tables, prior, rule, nodes, order, limits, mean, covariance))
 
 

@@ -116,7 +116,7 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
         middle = 0.5 * (left + right)
         spanning = np.flatnonzero((start < middle) & (stop > middle))
         heights = walls[spanning, 1] + slopes[spanning] * (middle - start[spanning])
-        order = spanning[np.argsort(heights)]
+        order = spanning[np.argsort(heights, kind="stable")]
         pairs = set(zip(order[:-1].tolist(), order[1:].tolist(), strict=True))
         blocked = upright[np.abs(start[upright] - left) <= 2 * THIN_M]
         apart = left > before + 2 * THIN_M

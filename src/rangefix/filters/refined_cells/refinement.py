@@ -174,23 +174,31 @@ class Refinement:
         return self._worked_out(likelihood, pool)
 
     def _worked_out(self, likelihood: Likelihood, pool: Pool) -> Refined:
-        """Integrate the cells of some runs, and halve those that jumps cross."""
-        runs = len(likelihood.readings)
+        """Integrate the cells of some runs, and halve those that jumps cross, until none of a run need be.
+
+        A run whose cells are done is put aside: what it answers does not hang on how long others take.
+        """
+        runs, done = len(likelihood.readings), []
         left = np.full(runs, self.most_cells) - np.bincount(pool.run, minlength=runs)
         for _ in range(MAX_ROUNDS):
             pool, errors = self._integrated(likelihood, pool, left, runs, False)
             split = self._to_halve(pool, errors, left, runs)
-            if not split.any():
-                pool, errors = self._integrated(likelihood, pool, left, runs, True)
-                split = self._to_halve(pool, errors, left, runs)
-                if not split.any():
-                    break
+            calm = ~np.isin(pool.run, pool.run[split])
+            whole, whole_errors = self._integrated(likelihood, pool.rows(calm), left, runs, True)
+            again = self._to_halve(whole, whole_errors, left, runs)
+            ended = ~np.isin(whole.run, whole.run[again])
+            done.append((whole.rows(ended), whole_errors[ended]))
+            pool = Pool.joined([pool.rows(~calm), whole.rows(~ended)])
+            split = np.concatenate([split[~calm], again[~ended]])
+            if not len(pool.run):
+                break
             left -= (2**self.problem.space.size - 1) * np.bincount(pool.run[split], minlength=runs)
             parents = pool.rows(split)
             pool = Pool.joined([pool.rows(~split), self._halving.halved(likelihood, parents)])
         else:  # what was halved last has not been looked at
-            pool, errors = self._integrated(likelihood, pool, left, runs, True)
-        return self._finished(pool, errors, runs)
+            done.append(self._integrated(likelihood, pool, left, runs, True))
+        errors = np.concatenate([some for _, some in done])
+        return self._finished(Pool.joined([some for some, _ in done]), errors, runs)
 
     def _integrated(
         self, likelihood: Likelihood, pool: Pool, left: IntArray, runs: int, broken: bool
@@ -203,7 +211,8 @@ class Refinement:
         for _ in range(2):
             log_total = log_sums(pool.run, pool.log_mass, runs)
             order = np.flatnonzero(fresh)
-            order = order[np.argsort(-(pool.bound + pool.log_volume)[order])]
+            most = (pool.bound + pool.log_volume)[order]
+            order = order[np.argsort(-most, kind="stable")]  # ties too: no other run may change the order
             integrate(pool.boxes, likelihood.terms, order, log_total, left, pool.sums)
             pool.rough[order] = False
             log_total = log_sums(pool.run, pool.log_mass, runs)
@@ -276,7 +285,7 @@ class Refinement:
         for run in np.flatnonzero(sums > allowed):
             rows = np.flatnonzero((pool.run == run) & (errs > NEGLIGIBLE_SHARE))
             rows = rows[errs[rows] > WORTH_HALVING * errs[rows].max(initial=0.0)]
-            rows = rows[np.argsort(errs[rows])]
+            rows = rows[np.argsort(errs[rows], kind="stable")]
             rows = rows[np.cumsum(errs[rows]) > LEFT_SHARE * allowed]
             most = min(HALVED_AT_ONCE, max(0, int(left[run])) // (2**self.problem.space.size - 1))
             split[rows[len(rows) - min(most, len(rows)) :]] = True
