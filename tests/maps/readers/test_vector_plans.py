@@ -63,6 +63,15 @@ def test_rooms_side_by_side(tmp_path):
     assert plan.is_free([7.0, 1.0])
 
 
+def test_polygons_that_cover_one_another(tmp_path):
+    """An outline that is drawn twice counts once; rooms that fill an outline leave nothing, which is told."""
+    plan = open_map(geojson(tmp_path / "twice.geojson", *2 * [polygon(HALL)], polygon(PILLAR)), unit="m")
+    assert list(plan.is_free([[4.5, 1.5], [1.0, 1.0]])) == [False, True]
+    rooms = [polygon([[x, 0], [x + 4, 0], [x + 4, 5], [x, 5], [x, 0]]) for x in (0, 4)]
+    with pytest.raises(MapError, match="the polygons within another fill it"):
+        open_map(geojson(tmp_path / "filled.geojson", polygon(HALL), *rooms), unit="m")
+
+
 def test_degrees_are_not_guessed(tmp_path):
     """Within +-180 and +-90 the unit is asked for; beyond, numbers are metres."""
     path = geojson(tmp_path / "plan.geojson", polygon(HALL))

@@ -223,10 +223,16 @@ def _corners(ring: Any, shapely: Any) -> list[tuple[float, float]]:
 def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, list[Any]]:
     """Outline and inner walls: an outline with what nobody stands in, or rooms side by side."""
     largest = max(polygons, key=lambda polygon: shapely.Polygon(polygon.exterior).area)
-    others = [polygon for polygon in polygons if polygon is not largest]
+    others = [polygon for polygon in polygons if not polygon.equals(largest)]  # one may be drawn twice
     whole = shapely.Polygon(largest.exterior).buffer(NEAR)
     if all(whole.contains(other) for other in others):
-        return _one_polygon(largest.difference(shapely.unary_union(others)), path), []
+        outline = largest.difference(shapely.unary_union(others))
+        if outline.is_empty:
+            raise MapError(
+                f"{path}: the polygons within another fill it, and nobody stands in those: keep the rooms, or "
+                "the outline with its pillars"
+            )
+        return _one_polygon(outline, path), []
     return _one_polygon(shapely.unary_union(polygons), path), [polygon.boundary for polygon in polygons]
 
 
