@@ -229,8 +229,8 @@ def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, li
         outline = largest.difference(shapely.unary_union(others))
         if outline.is_empty:
             raise MapError(
-                f"{path}: the polygons within another fill it, and nobody stands in those: keep the rooms, or "
-                "the outline with its pillars"
+                f"{path}: the polygons within another fill it, and nobody stands in those: keep the rooms, "
+                "or the outline with its pillars"
             )
         return _one_polygon(outline, path), []
     return _one_polygon(shapely.unary_union(polygons), path), [polygon.boundary for polygon in polygons]
