@@ -52,6 +52,12 @@ def test_an_outline_a_pillar_and_a_wall(tmp_path, shapes, name):
     assert list(plan.is_free([[4.5, 1.5], [1.0, 1.0], [9.0, 1.0]])) == [False, True, False]
 
 
+def test_geojson_with_a_mark_of_utf_8(tmp_path):
+    path = geojson(tmp_path / "plan.geojson", polygon(HALL))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert open_map(path, unit="m").bounds[1].tolist() == [8, 5]
+
+
 def test_rooms_side_by_side(tmp_path):
     """Make one plan, with a wall where they meet."""
     rooms = (

@@ -56,7 +56,7 @@ def read_geojson(
     if content is None:
         _check_bytes(path)
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(path.read_text(encoding="utf-8-sig"))
         except (ValueError, RecursionError) as error:
             raise MapError(f"{path}: not a GeoJSON file ({one_line(error)})") from None
     if not is_geojson(content):
