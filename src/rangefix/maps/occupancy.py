@@ -15,6 +15,7 @@ from .grid_walls import GridWalls
 from .walls import InWalls, Walls
 
 FREE, WALL, UNKNOWN = 0, 1, 2
+SHORTEST_CELL, LONGEST = 1e-6, 1e6  # m
 Unknown = Literal["excluded", "free", "wall"]
 UNKNOWNS: tuple[Unknown, ...] = ("excluded", "free", "wall")
 WallLines = Literal["edges", "centre"]
@@ -64,6 +65,12 @@ class OccupancyMap(InWalls):
             raise MapError(f"{name}: the resolution must be positive, got {resolution} m")
         if corner.shape != (2,) or not np.isfinite([*corner, yaw]).all():
             raise MapError(f"{name}: the origin is x1, x2 (m) and a yaw (rad), all finite")
+        longest = resolution * max(cells.shape)
+        if not (resolution >= SHORTEST_CELL and longest <= LONGEST):
+            raise MapError(
+                f"{name}: {cells.shape[0]} x {cells.shape[1]} cells of {resolution:g} m: cells are of "
+                f"{SHORTEST_CELL:g} m or more, and maps up to {LONGEST / 1000:g} km long"
+            )
         if unknown not in UNKNOWNS:
             raise MapError(f"{name}: unknown cells are {', '.join(UNKNOWNS)}, not {unknown!r}")
         walls = (cells == WALL) | (cells == UNKNOWN if unknown == "wall" else False)

@@ -12,8 +12,11 @@ import pytest
 from rangefix.evaluation import parse_study
 from rangefix.evaluation.recordings.calibrate import Arrays, _memory, calibrate, fit_noise
 from rangefix.evaluation.recordings.log import RecordingError
-from rangefix.evaluation.recordings.residuals import Residuals
+from rangefix.evaluation.recordings.open_log import open_log
+from rangefix.evaluation.recordings.readers.tum import tum_line
+from rangefix.evaluation.recordings.residuals import Residuals, find_residuals
 from rangefix.evaluation.recordings.sensor_text import _rounded_down
+from rangefix.evaluation.recordings.steps import Choice
 from rangefix.filters import (
     BeamMixture,
     Biased,
@@ -25,6 +28,8 @@ from rangefix.filters import (
     pose_space,
 )
 from rangefix.maps import RectangularRoom
+
+from .conftest import ANGLES, MOUNT, ROOM, drive, ranges_at
 
 LAW = LostBeams(Biased(BeamMixture(0.9, 0.02, 0.0, 0.08, 0.04, 1.0, 8.0), 0.05), 0.03)
 SHARED = Correlated(LAW, places=(PlaceError(0.4, 0.12), PlaceError(0.4, 1.0)))
@@ -180,3 +185,23 @@ def test_the_command_writes_a_sensor_of_a_study(tmp_path: Path, capsys: pytest.C
         main(words)
     assert ended.value.code == 2
     assert "residuals need poses" in capsys.readouterr().err
+
+
+def test_a_clock_that_stands_still_has_no_truth(tmp_path: Path) -> None:
+    """Scans with the time of one before are not compared with the true pose then: they are not there."""
+    times, poses = drive(40)
+    (tmp_path / "truth.tum").write_text("".join(tum_line(*each) for each in zip(times, poses, strict=True)))
+    stalled = np.where(np.arange(40) < 10, times, np.maximum(times[10], times - 2.0))
+    np.savez(
+        tmp_path / "drive.npz",
+        time_s=stalled,
+        ranges_m=ranges_at(poses),
+        bearings_deg=np.rad2deg(-ANGLES),
+        odometry=np.column_stack([poses[:, :2], np.rad2deg(poses[:, 2])]),
+        forward_m=MOUNT.forward,
+        left_m=MOUNT.left,
+        yaw_deg=np.rad2deg(MOUNT.yaw),
+    )
+    found = find_residuals(ROOM, open_log(tmp_path / "drive.npz"), Choice(), truth=tmp_path / "truth.tum")
+    assert len(found.poses) == 11 + np.count_nonzero(np.diff(stalled[10:]) > 0)
+    np.testing.assert_allclose(found.poses[:11], poses[:11], atol=1e-8)

@@ -148,3 +148,29 @@ def test_damaged_packing(tmp_path: Path) -> None:
         list(open_log(tmp_path / "a.log").scans())
     with pytest.raises(RecordingError, match="no file"):
         open_log(tmp_path / "b.log")
+
+
+def test_a_mark_of_utf_8_costs_no_scan(tmp_path: Path) -> None:
+    path = tmp_path / "drive.log"
+    path.write_bytes(
+        b"\xef\xbb\xbf" + b"".join(b"FLASER 1 2.0 0 0 0 0 0 0 %d h 1\n" % time for time in (1, 2))
+    )
+    assert [scan.time_s for scan in open_log(path).scans()] == [1.0, 2.0]
+
+
+def test_a_parameter_that_is_no_number(tmp_path: Path) -> None:
+    """The line says which it is."""
+    path = tmp_path / "drive.log"
+    path.write_text("# x\nPARAM robot_frontlaser_offset wide\nFLASER 1 2.0 0 0 0 0 0 0 1.0 h 1.0\n")
+    with pytest.raises(RecordingError, match="line 2: no finite number: PARAM robot_frontlaser_offset wide"):
+        open_log(path)
+
+
+def test_scans_alike_of_a_robot_that_moves(tmp_path: Path) -> None:
+    """Readings that are the same at the same time elsewhere are no repetition: the odometry is another."""
+    path = tmp_path / "drive.log"
+    lines = [f"FLASER 1 2.0 {x} 0 0 {x} 0 0 1.0 h 1.0\n" for x in (0.0, 0.5, 0.5)]
+    path.write_text("".join(lines))
+    tally: Counter[str] = Counter()
+    assert len(list(open_log(path).scans(tally))) == 2
+    assert tally["scans that stand in the file twice in a row (left out)"] == 1

@@ -268,3 +268,34 @@ def test_the_place_can_be_given() -> None:
     placed = ReadingOptions(left_m=-0.3).placed(laser)
     assert (placed.forward_m, placed.left_m, placed.yaw_rad) == (0.5, -0.3, 0.1)
     assert Mount(0.5) == Mount(forward=0.5)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+def test_a_bag_in_the_folder_of_another(
+    tmp_path: Path, new_bag: Callable[[Path, str], Bag], kind: str
+) -> None:
+    """A file that the metadata.yaml beside it does not name is read itself, and not the bag that it names."""
+    for name, beams in (("one", 3), ("other", 5)):
+        bag = new_bag(tmp_path / name, kind)
+        bag.scan(1.0, np.full(beams, 2.0))
+        bag.close()
+    one, other = tmp_path / "one" / f"one.{kind}", tmp_path / "other" / f"other.{kind}"
+    moved = other.rename(one.with_name(other.name))
+    assert len(open_log(moved).sensor.bearings_rad) == 5
+    assert len(open_log(one).sensor.bearings_rad) == 3
+    assert len(open_log(one.parent).sensor.bearings_rad) == 3
+    (one.parent / "metadata.yaml").write_text("of: something else")
+    assert len(open_log(moved).sensor.bearings_rad) == 5
+
+
+@pytest.mark.parametrize("name", ["drive", "drive.BAG", "drive.mcap", "drive.bag.active"])
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_bags_by_what_they_hold(
+    tmp_path: Path, new_bag: Callable[[Path, str], Bag], kind: str, name: str
+) -> None:
+    """The name of the file says nothing."""
+    bag = new_bag(tmp_path / "bag", kind)
+    bag.scan(1.0, np.full(3, 2.0))
+    bag.close()
+    file = (tmp_path / "bag" if kind == "bag" else tmp_path / "bag" / "bag.mcap").rename(tmp_path / name)
+    assert len(list(open_log(file).scans())) == 1

@@ -243,3 +243,47 @@ def test_scans_in_motion() -> None:
     assert np.median(np.abs(taken - still)) > 0.05
     unknown = Scan(0.0, taken, start, None)
     np.testing.assert_array_equal(without_motion(unknown, laser), taken)
+
+
+@pytest.mark.parametrize(
+    "head", ["\ufefftime_s,range_m@0", '"time_s","range_m@0"', "time_s ,range_m@0", "\ntime_s,range_m@0"]
+)
+def test_tables_that_begin_otherwise(tmp_path: Path, head: str) -> None:
+    """A mark of UTF-8, quotes, a space or an empty line before the names of the columns."""
+    path = tmp_path / "drive.csv"
+    path.write_text(f"{head}\n1,2\n2,3\n", encoding="utf-8")
+    assert [float(scan.ranges_m[0]) for scan in open_log(path).scans()] == [2.0, 3.0]
+
+
+def test_a_csv_of_others(tmp_path: Path) -> None:
+    """It is no log of CARMEN without scans: its columns are what is wrong. A log of that name is one."""
+    path = tmp_path / "drive.csv"
+    path.write_text("time;range\n1;2\n")
+    with pytest.raises(RecordingError, match="no column is called 'time;range'"):
+        open_log(path)
+    path.write_text("FLASER 1 2.0 0 0 0 0 0 0 1.0 host 1.0\n")
+    assert len(list(open_log(path).scans())) == 1
+
+
+def test_a_trajectory_with_a_mark_of_utf_8(tmp_path: Path) -> None:
+    path = tmp_path / "truth.tum"
+    path.write_text("\ufeff1 2 3 0 0 0 0 1\n", encoding="utf-8")
+    assert [time for time, _ in read_tum(path)] == [1.0]
+
+
+def test_some_columns_of_odometry_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    path.write_text("time_s,odometry_x1_m,odometry_x2_m,range_m@0\n1,2,3,4\n")
+    assert any("no odometry" in note for note in open_log(path).notes)
+
+
+def test_arrays_of_the_laser_hold_one_number(tmp_path: Path) -> None:
+    """A place for each scan is refused, and not passed over."""
+    path = tmp_path / "drive.npz"
+    arrays = {"time_s": np.arange(2.0), "ranges_m": np.ones((2, 3)), "bearings_deg": np.arange(3.0)}
+    np.savez(path, **arrays, forward_m=np.full(2, 0.3))  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match=r"drive.npz: forward_m: one number is meant, got 2"):
+        open_log(path)
+    np.savez(path, **arrays, odometry=np.full((2, 3), 1e9))  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match=r"drive.npz, scan 1: odometry"):
+        open_log(path)

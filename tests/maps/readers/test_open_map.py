@@ -30,6 +30,16 @@ def test_a_plan_as_written_by_hand(tmp_path):
     assert load(path) == FloorPlan([(0, 0), (4, 0), (4, 6), (0, 6)], walls=[(0, 2, 3, 2)])
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("room.toml", "width = 4\r\nlength = 6\r\n"), ("room.json", '{"width": 4, "length": 6}')],
+)
+def test_a_plan_with_a_mark_of_utf_8(tmp_path, name, text):
+    """As some editors write it before a text."""
+    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load(tmp_path / name) == RectangularRoom(4, 6)
+
+
 def test_meshes(off):
     """By suffix, and as MeshRoom.load does."""
     room = load(off, sensor_height=0.9, resolution=0.1)

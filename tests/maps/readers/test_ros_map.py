@@ -148,6 +148,17 @@ BAD = {
         "must be .* above 0",
     ),
     "nan": ("image: map.pgm\nresolution: .nan\norigin: [0, 0, 0]\n", "resolution must be a finite number"),
+    "many digits": (
+        "image: map.pgm\nresolution: 1" + 400 * "0" + "\norigin: [0, 0, 0]\n",
+        "resolution must be",
+    ),
+    "too large": ("image: map.pgm\nresolution: 1e300\norigin: [0, 0, 0]\n", "maps up to 1000 km long"),
+    "too small": ("image: map.pgm\nresolution: 1e-30\norigin: [0, 0, 0]\n", "cells are of 1e-06 m or more"),
+    "long name": (
+        f"image: {400 * 'a'}.pgm\nresolution: 1\norigin: [0, 0, 0]\n",
+        "image cannot be called 'aaa",
+    ),
+    "no name": ('image: "a\\0.pgm"\nresolution: 1\norigin: [0, 0, 0]\n', "image cannot be called"),
     "two numbers": ("image: map.pgm\nresolution: 1\norigin: [0, 0]\n", "origin is"),
     "infinite": ("image: map.pgm\nresolution: 1\norigin: [0, .inf, 0]\n", "origin y must be"),
     "mode": ("image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\nmode: heat\n", "trinary, scale, raw"),

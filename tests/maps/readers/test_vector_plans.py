@@ -52,6 +52,12 @@ def test_an_outline_a_pillar_and_a_wall(tmp_path, shapes, name):
     assert list(plan.is_free([[4.5, 1.5], [1.0, 1.0], [9.0, 1.0]])) == [False, True, False]
 
 
+def test_geojson_with_a_mark_of_utf_8(tmp_path):
+    path = geojson(tmp_path / "plan.geojson", polygon(HALL))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert open_map(path, unit="m").bounds[1].tolist() == [8, 5]
+
+
 def test_rooms_side_by_side(tmp_path):
     """Make one plan, with a wall where they meet."""
     rooms = (
@@ -61,6 +67,15 @@ def test_rooms_side_by_side(tmp_path):
     plan = open_map(geojson(tmp_path / "plan.geojson", *rooms), unit="m")
     np.testing.assert_allclose(plan.ranges([1.0, 1.0, 0.0], ROUND), [4.0, 3.0, 1.0, 1.0])
     assert plan.is_free([7.0, 1.0])
+
+
+def test_polygons_that_cover_one_another(tmp_path):
+    """An outline that is drawn twice counts once; rooms that fill an outline leave nothing, which is told."""
+    plan = open_map(geojson(tmp_path / "twice.geojson", *2 * [polygon(HALL)], polygon(PILLAR)), unit="m")
+    assert list(plan.is_free([[4.5, 1.5], [1.0, 1.0]])) == [False, True]
+    rooms = [polygon([[x, 0], [x + 4, 0], [x + 4, 5], [x, 5], [x, 0]]) for x in (0, 4)]
+    with pytest.raises(MapError, match="the polygons within another fill it"):
+        open_map(geojson(tmp_path / "filled.geojson", polygon(HALL), *rooms), unit="m")
 
 
 def test_degrees_are_not_guessed(tmp_path):
@@ -126,6 +141,67 @@ def test_a_drawing_without_a_unit(tmp_path):
                 open_map(path)
         plan = open_map(path, unit="mm") if asked else open_map(path)
         np.testing.assert_allclose(plan.bounds[1], [8, 5])
+
+
+@pytest.mark.parametrize(
+    ("number", "metres"), [(4, 0.001), (7, 1000.0), (10, 0.9144), (14, 0.1), (15, 10.0), (21, 0.3048006)]
+)
+def test_the_unit_of_the_header(tmp_path, number, metres):
+    """Yards and decimetres are no metres; what is given comes before what the header states."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=number)
+    space.add_lwpolyline(HALL)
+    drawing.saveas(path)
+    np.testing.assert_allclose(open_map(path).bounds[1], [8 * metres, 5 * metres], rtol=1e-6)
+    np.testing.assert_allclose(open_map(path, unit="m").bounds[1], [8, 5])
+
+
+def test_a_unit_that_is_not_read(tmp_path):
+    """Light years are asked for, and not taken for metres."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=19)
+    space.add_lwpolyline(HALL)
+    drawing.saveas(path)
+    with pytest.raises(MapError, match=r"plan.dxf: give its unit: .*\$INSUNITS 19"):
+        open_map(path)
+    np.testing.assert_allclose(open_map(path, unit="m").bounds[1], [8, 5])
+
+
+def test_blocks_on_the_layer_of_their_reference(tmp_path):
+    """What a block has on layer 0 is where the block is put, through blocks in blocks; other layers stay."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
+    inner = drawing.blocks.new("inner")
+    inner.add_lwpolyline(HALL)
+    inner.add_line(*WALL, dxfattribs={"layer": "DOORS"})
+    drawing.blocks.new("outer").add_blockref("inner", (0, 0))
+    space.add_blockref("outer", (0, 0), dxfattribs={"layer": "WALLS"})
+    drawing.saveas(path)
+    plan = open_map(path, layers=["WALLS"])
+    assert (plan.bounds[1].tolist(), len(plan.walls)) == ([8, 5], 0)
+    assert len(open_map(path).walls) == 1
+    with pytest.raises(MapError, match="no lines"):
+        open_map(path, layers=["0"])
+
+
+def test_dimensions_and_leaders_are_no_walls(tmp_path):
+    """Their lines are not in the room; those of multilines are."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
+    space.add_lwpolyline(HALL)
+    space.add_linear_dim(base=(0, 2.5), p1=(0, 0.5), p2=(8, 0.5)).render()
+    space.add_leader([(2, 2), (4, 4), (5, 4)])
+    drawing.saveas(path)
+    plan = open_map(path)
+    assert (plan.bounds[1].tolist(), len(plan.walls)) == ([8, 5], 0)
+    space.add_mline([(3, 0), (3, 3)])
+    drawing.saveas(path)
+    assert len(open_map(path).walls) == 2
+
+
+def test_a_block_that_holds_itself(tmp_path):
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
+    drawing.blocks.new("itself").add_blockref("itself", (1, 0))
+    space.add_blockref("itself", (0, 0))
+    drawing.saveas(path)
+    with pytest.raises(MapError, match=r"plan.dxf: a broken drawing \(a block holds itself\)"):
+        open_map(path)
 
 
 BAD = {

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 from pathlib import Path
 
 from .log import Log, RecordingError
 from .options import SAYS_ALL, ReadingOptions
 from .readers.carmen import CarmenLog
 from .readers.rosbag import RosbagLog
+from .readers.rosbag_file import KINDS
 from .readers.table import ArrayLog, TableLog
 
-BAGS = (b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3")
+BAGS = tuple(KINDS)
+CARMEN = (b"#", b"FLASER", b"ROBOTLASER", b"PARAM", b"ODOM")
 ARCHIVE = b"PK\x03\x04"
 TABLE = b"time_s,"
 LONGEST_MAGIC = 16
@@ -50,10 +53,11 @@ def _reader(path: Path, options: ReadingOptions) -> Log:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from None
     if not start:
         raise RecordingError(f"{path} is empty")
-    if start.startswith(BAGS) or path.suffix in (".bag", ".db3", ".mcap"):
+    if start.startswith(BAGS) or path.suffix.lower() in KINDS.values():
         return RosbagLog(path, options)
     if start.startswith(ARCHIVE) or path.suffix == ".npz":
         return ArrayLog(path, options)
-    if start.startswith(TABLE):
+    text = start.removeprefix(codecs.BOM_UTF8)  # which some programs put before UTF-8
+    if text.startswith(TABLE) or (path.suffix.lower() == ".csv" and not text.startswith(CARMEN)):
         return TableLog(path, options)
     return CarmenLog(path, options)

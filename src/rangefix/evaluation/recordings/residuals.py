@@ -26,6 +26,7 @@ from ...filters.models.wrapped_noise import LostBeams, Tempered
 from .log import LaserDescription, Log, RecordingError
 from .readers.track import Track
 from .readers.tum import read_tum
+from .replay import truth_by_time
 from .setting import DRIFT, DRIFT_FLOOR
 from .steps import Choice, Step, steps, survey
 
@@ -136,8 +137,8 @@ def _true(log: Log, choice: Choice, truth: str | Path) -> Iterator[tuple[Step, A
     if str(truth) == ODOMETRY:
         yield from ((step, step.odometry) for step in steps(log, choice))
         return
-    track = Track(read_tum(Path(truth)), GAP_S)
-    yield from ((step, track.at(step.time_s)) for step in steps(log, choice))
+    at = truth_by_time(Track(read_tum(Path(truth)), GAP_S))
+    yield from ((step, at(step)) for step in steps(log, choice))
 
 
 def _followed(

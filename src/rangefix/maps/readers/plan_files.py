@@ -62,7 +62,7 @@ def read_plan(path: Path, **options: Any) -> RectangularRoom | FloorPlan:
     if suffix == ".geojson" and "layers" not in options:
         return read_geojson(path, **options)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         content = tomllib.loads(text) if suffix == ".toml" else json.loads(text)
         if is_geojson(content) and "layers" not in options:
             return read_geojson(path, content, **options)

@@ -154,9 +154,12 @@ def _number(path: Path, key: str, value: Any, above: float = -np.inf) -> float:
     if isinstance(value, str):  # YAML 1.1 takes 1e-3 for a text
         with suppress(ValueError):
             value = float(value)
-    if isinstance(value, int | float) and np.isfinite(float(value)) and value > above:
-        return float(value)
-    raise MapError(f"{path}: {key} must be a finite number{' above 0' if above == 0 else ''}, got {value!r}")
+    with suppress(OverflowError):  # of a whole number of more than 308 digits
+        if isinstance(value, int | float) and np.isfinite(float(value)) and value > above:
+            return float(value)
+    raise MapError(
+        f"{path}: {key} must be a finite number{' above 0' if above == 0 else ''}, got {value!r:.60}"
+    )
 
 
 def image_path(path: Path, image: str, anywhere: bool) -> Path:
@@ -166,12 +169,16 @@ def image_path(path: Path, image: str, anywhere: bool) -> Path:
         MapError: If it lies elsewhere, or there is none.
     """
     found = path.parent / image
-    if not anywhere and not found.resolve().is_relative_to(path.parent.resolve()):
+    try:
+        inside, there = found.resolve().is_relative_to(path.parent.resolve()), found.is_file()
+    except (OSError, ValueError):  # of a name that is too long, or that no file can have
+        raise MapError(f"{path}: its image cannot be called {image[:60]!r}") from None
+    if not (anywhere or inside):
         raise MapError(
             f"{path}: its image {image!r} lies outside the folder of the .yaml; put it there and write its "
             "name alone, or allow it by image_anywhere"
         )
-    if not found.is_file():
+    if not there:
         raise MapError(f"{path}: there is no image {image!r}")
     return found
 

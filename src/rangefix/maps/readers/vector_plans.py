@@ -16,6 +16,7 @@ from ...errors import one_line
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh_files import UNITS
+from .dxf_parts import CURVES, parts, stated_metres
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 VECTORS = (".geojson", ".dxf")
 GEOJSON = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon", "MultiPolygon", "LineString",
            "MultiLineString")  # fmt: skip
-DXF_UNITS = {1: "inch", 2: "foot", 4: "mm", 5: "cm", 6: "m"}  # of the header's $INSUNITS
-CURVES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 LARGEST, SMALLEST = 300.0, 1.0  # m of a plan; beyond them its unit is asked for
 MOST_BYTES, MOST_CURVES = 1 << 27, 500_000
 SAGITTA = 0.005  # m between a curve and the lines that stand for it
@@ -57,7 +56,7 @@ def read_geojson(
     if content is None:
         _check_bytes(path)
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(path.read_text(encoding="utf-8-sig"))
         except (ValueError, RecursionError) as error:
             raise MapError(f"{path}: not a GeoJSON file ({one_line(error)})") from None
     if not is_geojson(content):
@@ -74,7 +73,7 @@ def read_geojson(
             f"{path}: its coordinates may be degrees, as GeoJSON has them, or metres: give unit = 'm' if "
             f"they are ({box[2] - box[0]:.4g} x {box[3] - box[1]:.4g} m), else project them to metres first"
         )
-    return _plan_of(shapes, unit or "m", path, reachable_from)
+    return _plan_of(shapes, _metres(unit or "m", path), path, reachable_from)
 
 
 def read_dxf(
@@ -102,21 +101,24 @@ def read_dxf(
         drawing = ezdxf.readfile(path)
     except Exception as error:  # whatever a broken file makes of it
         raise MapError(f"{path}: not a DXF file that can be read ({one_line(error)})") from None
-    stated = DXF_UNITS.get(int(drawing.header.get("$INSUNITS", 0)))
-    scale = UNITS[_unit(unit or stated or "m", path)]
+    stated = None if unit else stated_metres(drawing, path)
+    scale = _metres(unit, path) if unit else stated or 1.0
     known = {layer.dxf.name for layer in drawing.layers} | {each.dxf.layer for each in drawing.modelspace()}
     if missing := sorted(set(layers or ()) - known):
         raise MapError(f"{path}: no layer {', '.join(missing)}; there are {', '.join(sorted(known))}")
     lines = []
-    parts = ezdxf.disassemble.recursive_decompose(drawing.modelspace())
     try:
-        for number, entity in enumerate(islice(parts, MOST_CURVES + 1)):
+        for number, (entity, layer) in enumerate(islice(parts(drawing.modelspace()), MOST_CURVES + 1)):
             if number == MOST_CURVES:
                 raise MapError(f"{path}: more than {MOST_CURVES} entities; name the layers of its walls")
-            if entity.dxftype() in CURVES and (layers is None or entity.dxf.layer in layers):
+            if entity.dxftype() in CURVES and (layers is None or layer in layers):
                 curve = ezdxf.path.make_path(entity).flattening(SAGITTA / scale)
                 corners = [(corner.x, corner.y) for corner in curve]
                 lines += [shapely.LineString(corners)] if len(corners) > 1 else []
+    except MapError:
+        raise
+    except RecursionError:
+        raise MapError(f"{path}: a broken drawing (a block holds itself)") from None
     except (ValueError, TypeError, ezdxf.DXFError) as error:
         raise MapError(f"{path}: a broken drawing ({one_line(error)})") from None
     lines = [line for line in lines if line.length > 0]
@@ -125,7 +127,7 @@ def read_dxf(
     if unit is None and stated is None and not SMALLEST <= size.max() <= LARGEST:
         sizes = [f"{' x '.join(f'{each * UNITS[name]:.4g}' for each in size)} m in {name}" for name in UNITS]
         raise MapError(f"{path}: give its unit: it would be {'; '.join(sizes)}")
-    return _plan_of(lines, unit or stated or "m", path, reachable_from)
+    return _plan_of(lines, scale, path, reachable_from)
 
 
 def _library(name: str, path: Path) -> Any:
@@ -134,7 +136,7 @@ def _library(name: str, path: Path) -> Any:
 
     try:
         library = importlib.import_module(name)
-        for part in {"ezdxf": ("disassemble", "path"), "shapely": ("geometry", "ops", "affinity")}[name]:
+        for part in {"ezdxf": ("path",), "shapely": ("geometry", "ops", "affinity")}[name]:
             importlib.import_module(f"{name}.{part}")
         return library
     except ModuleNotFoundError:
@@ -146,10 +148,10 @@ def _check_bytes(path: Path) -> None:
         raise MapError(f"{path}: has more than {MOST_BYTES} bytes: too large for a floor plan")
 
 
-def _unit(unit: str, path: Path) -> str:
+def _metres(unit: str, path: Path) -> float:
     if unit not in UNITS:
         raise MapError(f"{path}: no unit {unit!r}; there are {', '.join(UNITS)}")
-    return unit
+    return UNITS[unit]
 
 
 def _geometries(content: dict[str, Any]) -> Iterable[dict[str, Any]]:
@@ -179,11 +181,10 @@ def _box(shapes: Sequence[BaseGeometry], path: Path) -> Any:
 
 
 def _plan_of(
-    shapes: Sequence[BaseGeometry], unit: str, path: Path, reachable_from: ArrayLike | None
+    shapes: Sequence[BaseGeometry], scale: float, path: Path, reachable_from: ArrayLike | None
 ) -> FloorPlan:
-    """One floor plan of lines and polygons."""
+    """One floor plan of lines and polygons, whose unit is so many metres."""
     shapely: Any = _library("shapely", path)
-    scale = UNITS[_unit(unit, path)]
     if scale != 1.0:
         shapes = [shapely.affinity.scale(shape, scale, scale, origin=(0, 0)) for shape in shapes]
     parts = [part for shape in shapes for part in getattr(shape, "geoms", [shape])]
@@ -222,10 +223,16 @@ def _corners(ring: Any, shapely: Any) -> list[tuple[float, float]]:
 def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, list[Any]]:
     """Outline and inner walls: an outline with what nobody stands in, or rooms side by side."""
     largest = max(polygons, key=lambda polygon: shapely.Polygon(polygon.exterior).area)
-    others = [polygon for polygon in polygons if polygon is not largest]
+    others = [polygon for polygon in polygons if not polygon.equals(largest)]  # one may be drawn twice
     whole = shapely.Polygon(largest.exterior).buffer(NEAR)
     if all(whole.contains(other) for other in others):
-        return _one_polygon(largest.difference(shapely.unary_union(others)), path), []
+        outline = largest.difference(shapely.unary_union(others))
+        if outline.is_empty:
+            raise MapError(
+                f"{path}: the polygons within another fill it, and nobody stands in those: keep the rooms, "
+                "or the outline with its pillars"
+            )
+        return _one_polygon(outline, path), []
     return _one_polygon(shapely.unary_union(polygons), path), [polygon.boundary for polygon in polygons]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import zlib
 from collections import Counter
@@ -215,6 +216,8 @@ class CarmenLog(FileLog):
                     raise RecordingError(
                         f"{self.path}, line {number}: longer than {LONGEST_LINE} bytes: no log of CARMEN"
                     )
+                if number == 1:
+                    text = text.removeprefix(codecs.BOM_UTF8)
                 kind, _, rest = text.partition(b" ")
                 name = kind.decode("ascii", "replace")
                 if name in LASERS:
@@ -225,7 +228,13 @@ class CarmenLog(FileLog):
                 elif name == "PARAM":
                     words = rest.split()
                     if len(words) >= 2 and words[0].decode("ascii", "replace") in (*OFFSET, *MAXIMUM):
-                        parameters[words[0].decode()] = _number(words[1])
+                        try:
+                            parameters[words[0].decode()] = _number(words[1])
+                        except ValueError:
+                            told = text.decode("ascii", "replace").strip()[:80]
+                            raise RecordingError(
+                                f"{self.path}, line {number}: no finite number: {told}"
+                            ) from None
                 elif tally is not None and name in ("RLASER", "ROBOTLASER2", "RAWLASER1", "RAWLASER2"):
                     tally[f"{name} lines, of another laser (left out)"] += 1
 

@@ -43,4 +43,6 @@ def checked_times(scans: Iterator[Scan], tally: Counter[str]) -> Iterator[Scan]:
 
 
 def _same(scan: Scan, before: Scan) -> bool:
-    return scan.ranges_m.tobytes() == before.ranges_m.tobytes()
+    at, was = scan.odometry, before.odometry
+    where = at is was if at is None or was is None else at.tobytes() == was.tobytes()
+    return where and scan.ranges_m.tobytes() == before.ranges_m.tobytes()

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 MISSING = "bags are read by the package rosbags: pip install 'rangefix[logs]'"
+ROS1, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3"  # how files begin
+KINDS = {ROS1: ".bag", MCAP: ".mcap", SQLITE: ".db3"}
 STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
@@ -90,13 +92,54 @@ class Messages:
 
 @contextmanager
 def _as_bag(path: Path) -> Iterator[Path]:
-    """A path that the library takes: a .db3 or .mcap alone gets a metadata.yaml in a folder for the time."""
-    if path.suffix not in STORAGES:
+    """A path that the library takes.
+
+    A file is linked into a folder for the time: by a name with the suffix of what it holds, and a .db3 or
+    .mcap beside a metadata.yaml. One that belongs to a bag, as the metadata.yaml beside it says, stands for
+    all of it.
+    """
+    if path.is_dir():
         yield path
         return
-    if (path.parent / "metadata.yaml").exists():
+    if _belongs_to_folder(path):
         yield path.parent
         return
+    suffix = _suffix(path)
+    if suffix == path.suffix and suffix not in STORAGES:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        link = (Path(folder) / "bag").with_suffix(suffix)
+        link.symlink_to(path.resolve())
+        if suffix in STORAGES:
+            _write_metadata(link)
+        yield Path(folder) if suffix in STORAGES else link
+
+
+def _suffix(path: Path) -> str:
+    """The suffix that a file's content has; its own where that says nothing."""
+    with open(path, "rb") as file:
+        start = file.read(16)
+    return next((suffix for magic, suffix in KINDS.items() if start.startswith(magic)), path.suffix)
+
+
+def _belongs_to_folder(path: Path) -> bool:
+    """Whether the metadata.yaml beside a file names it."""
+    beside = path.parent / "metadata.yaml"
+    if not beside.exists():
+        return False
+    import yaml
+
+    try:
+        told = yaml.safe_load(beside.read_text(encoding="utf-8"))
+        names = told["rosbag2_bagfile_information"]["relative_file_paths"]
+        return path.name in {Path(name).name for name in names}
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):  # it is of something else
+        return False
+
+
+def _write_metadata(path: Path) -> None:
+    """The metadata.yaml that makes a bag of a .db3 or .mcap."""
     from rosbags.rosbag2.storage_mcap import McapReader
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
@@ -131,8 +174,5 @@ def _as_bag(path: Path) -> Iterator[Path]:
     }
     import json  # which is YAML, too
 
-    with TemporaryDirectory() as folder:
-        (Path(folder) / path.name).symlink_to(path.resolve())
-        text = json.dumps({"rosbag2_bagfile_information": information})
-        (Path(folder) / "metadata.yaml").write_text(text)
-        yield Path(folder)
+    text = json.dumps({"rosbag2_bagfile_information": information})
+    path.with_name("metadata.yaml").write_text(text)

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from math import prod
 from typing import IO, Any
 from zipfile import BadZipFile, ZipFile
@@ -114,7 +115,8 @@ class TableLog(FileLog):
     def notes(self) -> tuple[str, ...]:
         """What was assumed where the table says nothing."""
         notes = () if self.sensor.is_placed else (UNPLACED,)
-        return notes if POSE[0] in self._columns else (*notes, "no odometry: no columns " + ", ".join(POSE))
+        has_odometry = set(POSE) <= set(self._columns)
+        return notes if has_odometry else (*notes, "no odometry: no columns " + ", ".join(POSE))
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
         laser = self.sensor
@@ -134,9 +136,7 @@ class TableLog(FileLog):
         columns = self._columns
         if "time_s" not in columns:
             raise RecordingError(f"{self.path}: no column time_s")
-        for number, cells in self._lines():
-            if number == 1:
-                continue
+        for number, cells in islice(self._lines(), 1, None):
             if len(cells) != len(columns):
                 raise RecordingError(
                     f"{self.path}, line {number}: {len(cells)} cells, where there are {len(columns)} columns"
@@ -149,7 +149,7 @@ class TableLog(FileLog):
 
     def _lines(self) -> Iterator[tuple[int, list[str]]]:
         try:
-            with open(self.path, encoding="utf-8", newline="") as file:
+            with open(self.path, encoding="utf-8-sig", newline="") as file:
                 number = 0
                 while text := file.readline(LONGEST_LINE):
                     number += 1
@@ -192,7 +192,11 @@ class ArrayLog(FileLog):
         small = self._small
         if "bearings_deg" not in small:
             raise RecordingError(f"{self.path}: no array bearings_deg")
-        told = {name: float(small[name][0]) for name in LASER if name in small and small[name].size == 1}
+        if several := [name for name in LASER if name in small and small[name].size != 1]:
+            raise RecordingError(
+                f"{self.path}: {', '.join(several)}: one number is meant, got {small[several[0]].size}"
+            )
+        told = {name: float(small[name][0]) for name in LASER if name in small}
         try:
             laser = described(small["bearings_deg"], told, self.options)
         except RecordingError as error:
@@ -233,7 +237,11 @@ class ArrayLog(FileLog):
             for row in range(lengths.pop()):
                 time = float(self._block(files["time_s"], 1, "time_s")[0])
                 ranges = self._block(files["ranges_m"], beams, "ranges_m")
-                pose = pose_of(self._block(files["odometry"], 3, "odometry")) if "odometry" in files else None
+                place = self._block(files["odometry"], 3, "odometry") if "odometry" in files else None
+                try:
+                    pose = None if place is None else pose_of(place)
+                except RecordingError as error:
+                    raise RecordingError(f"{self.path}, scan {row + 1}: {error}") from None
                 if not np.isfinite(time):
                     raise RecordingError(f"{self.path}: time_s of scan {row + 1} is no finite number")
                 yield Scan(time, readings(ranges, laser), pose)
@@ -253,7 +261,8 @@ class ArrayLog(FileLog):
         except Exception as error:  # of a damaged header: ValueError, SyntaxError and more
             raise RecordingError(f"{self.path}: {name} is no array: {error}") from None
         if dtype != np.float64 or (fortran and len(shape) > 1):
-            raise RecordingError(f"{self.path}: {name} must be float64 in C order, got {dtype}")
+            order = " in Fortran order" if fortran and len(shape) > 1 else ""
+            raise RecordingError(f"{self.path}: {name} must be float64 in C order, got {dtype}{order}")
         return tuple(shape)
 
     def _block(self, file: IO[bytes], count: int, name: str) -> Array:

@@ -26,7 +26,7 @@ def read_tum(path: Path) -> Iterator[tuple[float, Array]]:
     """
     some = False
     try:
-        with open(path, encoding="utf-8") as file:
+        with open(path, encoding="utf-8-sig") as file:
             number = 0
             while text := file.readline(LONGEST_LINE):
                 number += 1

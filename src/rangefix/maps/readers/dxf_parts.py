@@ -1,0 +1,52 @@
+"""What a DXF drawing is made of: its curves, also those in blocks, each with its layer, and its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ..base import MapError
+
+CURVES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
+FREE_LAYER = "0"  # what is on it in a block is on the layer of the block's reference
+UNITLESS = 0
+METRES = {  # by the number that a header's $INSUNITS has
+    1: 0.0254, 2: 0.3048, 3: 1609.344,  # inch, foot, mile
+    4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0,  # mm, cm, m, km
+    9: 2.54e-5, 10: 0.9144,  # mil, yard
+    13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0,  # micrometre, dm, dam, hm
+    21: 1200 / 3937, 22: 100 / 3937, 23: 3600 / 3937,  # foot, inch and yard of the US survey
+}  # fmt: skip
+
+
+def stated_metres(drawing: Any, path: Path) -> float | None:
+    """How many metres the unit is that a drawing's header states; None where it states none.
+
+    Raises:
+        MapError: If it states one in which no building is drawn.
+    """
+    number = int(drawing.header.get("$INSUNITS", UNITLESS))
+    if number == UNITLESS:
+        return None
+    if number not in METRES:
+        raise MapError(f"{path}: give its unit: its header states one that is not read ($INSUNITS {number})")
+    return METRES[number]
+
+
+def parts(entities: Iterable[Any], layer: str = FREE_LAYER) -> Iterator[tuple[Any, str]]:
+    """Entities with their layers, blocks and multilines taken apart; dimensions and leaders stay whole.
+
+    Args:
+        entities: Of the drawing, or of a block.
+        layer: Where the block's reference is.
+    """
+    for entity in entities:
+        own = entity.dxf.get("layer", FREE_LAYER)
+        own = layer if own == FREE_LAYER else own
+        if entity.dxftype() == "INSERT" and entity.mcount > 1:
+            yield from parts(entity.multi_insert(), own)
+        elif entity.dxftype() in ("INSERT", "MLINE"):
+            yield from parts(entity.virtual_entities(), own)
+        else:
+            yield entity, own
