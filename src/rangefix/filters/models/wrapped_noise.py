@@ -218,4 +218,4 @@ def _with_variance(noise: Noise) -> Noise:
     if not (isinstance(noise, WrapsNoise) and is_dataclass(noise)):
         return noise
     inner = _with_variance(noise.noise)
-    return noise if inner is noise.noise else replace(noise, noise=inner)  # type: ignore[type-var]
+    return noise if inner is noise.noise else replace(noise, noise=inner)
