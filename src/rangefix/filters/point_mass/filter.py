@@ -218,7 +218,8 @@ class PointMassFilter(BriefRepr):
             return np.zeros(len(self.grid.centres))
         logs = self._log_weights(belief, run)
         weights: Array = np.exp(logs - logs.max())
-        return weights / weights.sum()
+        weights /= weights.sum()
+        return weights
 
     def sample(self, belief: PointMassBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Draws from the cells and within them, with the claimed mean and covariance, (M, size, n).
