@@ -7,6 +7,7 @@ import pytest
 
 from rangefix.arrays import Array
 from rangefix.filters import (
+    BeamMixture,
     Gaussian,
     Noise,
     Problem,
@@ -19,6 +20,7 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
+from rangefix.filters.adaptive.filter import AdaptivePointMassFilter
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(width=4.0, length=6.0)
@@ -211,3 +213,16 @@ def test_a_posterior_too_wide_for_the_cells_allowed_is_refused() -> None:
     reading = problem.sensor.expected(np.array([[2.0, 3.0, 0.0]]))
     with pytest.raises(ValueError, match="fills more than 1000 cells"):
         fixes(ADAPTIVE, problem, reading, table_rays=500_000, most_cells=1000)
+
+
+def test_walls_beyond_the_reach_of_a_mixture_are_no_slips_of_the_table() -> None:
+    """In a room longer than its noise reads, the table's allowance is that of noise that reads farther."""
+    room, space = RectangularRoom(9.0, 3.0), pose_space()
+
+    def allowance(reach: float) -> tuple[float, float]:
+        noise = BeamMixture(0.7, 0.1, 0.1, 0.1, std=0.05, rate=1.0, max_range=reach)
+        sensor = Rangefinder(room, np.linspace(-2, 2, 5), noise, space)
+        problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+        return AdaptivePointMassFilter(problem, table_rays=50_000).table.allowance
+
+    np.testing.assert_allclose(allowance(4.0), allowance(20.0), atol=0.5)

@@ -186,6 +186,14 @@ def test_scores_and_readings_are_inverse(noise: Any) -> None:
     assert normal_scores(noise, readings, expected) == pytest.approx(scores, abs=1e-7)
 
 
+def test_shared_errors_of_heavy_tails_can_be_drawn() -> None:
+    """Student's t without a variance: the scores of readings at given scores are these scores."""
+    noise, scores = StudentT(0.05, 1.5), np.array([-2.0, -0.3, 0.0, 1.1, 2.5])
+    expected = np.full(5, 3.0)
+    readings = readings_at(noise, scores, expected, np.random.default_rng(0))
+    np.testing.assert_allclose(normal_scores(noise, readings, expected), scores, atol=1e-6)
+
+
 def test_readings_drawn_together_keep_their_law_and_correlation() -> None:
     """20 000 scans: each beam's deviation, neighbours' and next scans' correlation, to 4.5 standard errors.
 

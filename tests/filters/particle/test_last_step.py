@@ -207,3 +207,28 @@ def test_claims_equal_errors_over_a_drive_among_walls():
     assert abs(average.mean() - 1) < 5 * average.std() / np.sqrt(30)
     excess = (squares - variances).mean(1)
     assert (np.abs(excess.mean(0)) < 5 * excess.std(0) / np.sqrt(30)).all()
+
+
+def test_a_run_that_stays_keeps_the_moves_of_its_last_step():
+    """Run 0 rests while run 1 moves: bit for bit what it gives alone."""
+    motion = Odometry(POSE, (0.05, 0.05, 0.05, 0.05))
+    sensor = Rangefinder(PLAN, np.linspace(-2, 2, 5), Gaussian(0.05), POSE)
+    prior = GaussianPrior([0.6, 0.9, 0.3], np.diag([0.05, 0.05, 0.02]), POSE, PLAN)
+    estimator = ParticleFilter(Problem(POSE, motion, sensor, prior), particles=300)
+    rng = np.random.default_rng(0)
+    readings = sensor.sample(np.repeat(prior.sample(2, rng)[None], 5, axis=0), rng)
+    move = np.array([0.3, 0.0, 0.1])
+
+    def run(runs):
+        rngs = [np.random.default_rng([1, m]) for m in range(runs)]
+        belief = estimator.update(estimator.init(prior, rngs), readings[0, :runs], rngs)
+        belief = estimator.predict(belief, move, rngs)
+        belief = estimator.update(belief, readings[1, :runs], rngs)
+        belief = estimator.predict(belief, np.stack([0 * move, move])[:runs], rngs)
+        for reading in readings[2:, :runs]:
+            belief = estimator.update(belief, reading, rngs)
+        return belief
+
+    alone, together = run(1), run(2)
+    for name in ("states", "log_weights", "starts", "controls"):
+        np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[0])

@@ -252,6 +252,21 @@ def test_what_no_cell_allows_is_flagged_and_keeps_the_estimate_from_before() -> 
     assert np.diagonal(after.covariance[1]).max() < np.diagonal(was.covariance[1]).max()
 
 
+def test_a_run_in_which_nothing_is_possible_hides_no_other() -> None:
+    """Its probabilities are 0 and it has no picture; a run beside it has both."""
+    space = position_space()
+    sensor = Rangefinder(RectangularRoom(4.0, 6.0), np.array([0.0, 1.0]), Gaussian(0.3), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(sensor.room, space))
+    estimator, rngs = PointMassFilter(problem, 0.2), [np.random.default_rng(run) for run in range(2)]
+    belief = estimator.update(
+        estimator.init(problem.prior, rngs), np.array([[np.inf, 2.0], [2.0, 2.0]]), rngs
+    )
+    np.testing.assert_allclose(estimator.posterior(belief).sum(axis=1), [0.0, 1.0], atol=1e-12)
+    with pytest.raises(NotImplementedError, match="no density"):
+        estimator.density(belief, 0)
+    assert estimator.density(belief, 1).density.sum() > 0
+
+
 def test_runs_do_not_depend_on_each_other() -> None:
     """A run alone equals the same run among many, bit for bit."""
     problem = paper_problem()

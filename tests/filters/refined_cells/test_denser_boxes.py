@@ -22,7 +22,7 @@ from rangefix.filters import (
 from rangefix.filters.optional_methods import numerical_error
 from rangefix.filters.refined_cells.denser_boxes import MOST_RANGES
 from rangefix.filters.space import deviations_apart
-from rangefix.maps import FloorPlan
+from rangefix.maps import FloorPlan, RectangularRoom
 
 POLE = 0.012  # m wide
 BEARINGS = np.deg2rad([10.0, 100.0, 190.0, 280.0])
@@ -92,3 +92,17 @@ def test_a_reading_that_nothing_explains_is_soon_given_up(monkeypatch: pytest.Mo
     after = filter.update(belief, np.full_like(reading, 1e6), rngs)
     assert not np.isfinite(filter.estimate(after).log_evidence[0])
     assert sum(cast) * len(BEARINGS) < MOST_RANGES / 10
+
+
+@pytest.mark.parametrize("most_cells", [200_000, 20_000])
+def test_more_boxes_than_cells_leave_no_part_of_the_belief_out(most_cells: int) -> None:
+    """Readings of 0.3 m beyond the prior's end fit along all of it, amiss by ten deviations everywhere."""
+    room, space = RectangularRoom(4.0, 6.0), position_space(0.3)
+    sensor = Rangefinder(room, np.array([-1.0, 0.2, 2.0]), Gaussian(0.05), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space, [1, 1], [2, 2]))
+    reading, rngs = sensor.expected(np.array([[1.5, 2.3]])), [np.random.default_rng(0)]
+    found = []
+    for name, options in (("exact", {}), ("point-mass", {"most_cells": most_cells})):
+        estimator = build(name, problem, **options)
+        found.append(estimator.estimate(estimator.update(estimator.init(problem.prior, rngs), reading, rngs)))
+    assert deviations_apart(space, found[0], found[1])[0] < 0.02

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..models.wrapped_noise import reading_bias
+from ..models.wrapped_noise import reading_bias, reading_spread
 from .target import BATCH, CAP, Target
 
 QUICK_BEAMS = 64  # that a first look uses
@@ -104,7 +104,8 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
         mean_reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
     mean_reading = mean_reading - reading_bias(sensor.noise)
     usable = np.isfinite(mean_reading) & np.isfinite(expected[:, beams])
-    scale = np.sqrt(sensor.noise.variance(np.where(np.isfinite(expected), expected, 1.0))[:, beams] / counts)
+    spread = reading_spread(sensor.noise, np.where(np.isfinite(expected), expected, 1.0))
+    scale = spread[:, beams] / np.sqrt(counts)
     with np.errstate(invalid="ignore"):
         deviates = np.where(usable, mean_reading - expected[:, beams], 0.0) / scale
     used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable)[:, None])

@@ -267,6 +267,8 @@ def _allowance(table: SearchTable, sensor: Sensor, prior: Prior) -> tuple[float,
     fit = truth + reading_bias(sensor.noise)
     reading = np.where(fit > sensor.max_range, np.inf, fit)
     reading = np.where(fit < sensor.min_range, -np.inf, reading)
+    unread = np.isneginf(sensor.beam_log_density(reading, truth))  # as beyond the reach of a mixture
+    reading = np.where(unread, np.inf, reading)
     lost = sensor.beam_log_density(reading, truth) - sensor.beam_log_density(reading, nearest)
     costs = np.where((cells >= 0)[:, None], np.minimum(lost, CAP), CAP)
     costs = np.cumsum(costs[:, beam_order(np.arange(costs.shape[1]))], axis=1)

@@ -19,7 +19,7 @@ from ..models.gaussian_prior import GaussianPrior
 from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
 from ..models.uniform_prior import Uniform
-from ..models.wrapped_noise import reading_bias
+from ..models.wrapped_noise import reading_bias, reading_spread
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import JUMP_NATS, Nodes, moments_of_any, nodes_for
@@ -349,9 +349,8 @@ class ExactPositionFilter(BriefRepr):
     def _layers(self, readings: Array) -> list[Array]:
         """Readings (T, B) in sets, NaN where a reading is in another: those of a beam lie close together."""
         sensor = self.problem.sensor
-        stds = np.sqrt(
-            np.broadcast_to(sensor.noise.variance(np.clip(readings, 0.0, MAX_CENTRE_M)), readings.shape)
-        )
+        at = np.clip(readings, 0.0, MAX_CENTRE_M)
+        stds = np.broadcast_to(reading_spread(sensor.noise, at), readings.shape)
         layer = np.zeros(readings.shape, dtype=np.int64)
         if len(readings) > 1:
             order = np.argsort(readings, axis=0, kind="stable")  # NaN last
@@ -373,7 +372,7 @@ class ExactPositionFilter(BriefRepr):
         walls = sums / np.maximum(counts, 1) - reading_bias(sensor.noise)
         centres = np.where(counts > 0, np.maximum(walls, 0.0), limit)
         centres = np.minimum(centres, MAX_CENTRE_M)
-        stds = np.sqrt(np.broadcast_to(sensor.noise.variance(centres), centres.shape))
+        stds = np.broadcast_to(reading_spread(sensor.noise, centres), centres.shape)
 
         def density(expected: Array) -> Array:
             return np.asarray(sum(sensor.beam_log_density(row, expected) for row in readings))

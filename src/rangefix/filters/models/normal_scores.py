@@ -8,7 +8,7 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray
 from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian, RangeProportional
-from .wrapped_noise import Biased, LostBeams
+from .wrapped_noise import Biased, LostBeams, reading_spread
 
 LARGEST_SCORE = 37.0  # beyond it a normal number's probability has no digits
 FIRST_REACH = 4.0  # deviations, within which a reading is looked for first
@@ -81,7 +81,7 @@ def _quantiles(noise: CumulativeNoise, scores: Array, expected: Array, lower: bo
             return np.asarray(noise.log_above(limit, expected) > wanted)
 
     centre = np.where(np.isfinite(expected), expected, 0.0)
-    reach = FIRST_REACH * np.sqrt(noise.variance(expected))
+    reach = FIRST_REACH * reading_spread(noise, expected)
     low, high = centre - reach, centre + reach
     while (outside := ~is_short(low) & (low > -FARTHEST_M)).any():
         low = np.where(outside, centre - 4 * (centre - low), low)

@@ -6,7 +6,7 @@ itself, and so every estimator can use them; errors that beams share are in corr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..problem import Noise
 from .beam_noise import Quantised
-from .noise import CumulativeNoise, Gaussian
+from .noise import CumulativeNoise, Gaussian, StudentT
 
 LARGEST_BIAS_M = 1e3  # m
+LEAST_DOF = 3.0  # of Student's t whose standard deviation says how wide it is
 
 
 @runtime_checkable
@@ -196,3 +197,25 @@ def reading_step(noise: Noise) -> float:
     if isinstance(noise, Quantised):
         return noise.step
     return reading_step(noise.noise) if isinstance(noise, WrapsNoise) else 0.0
+
+
+def reading_spread(noise: Noise, expected: Array) -> Array:
+    """How far readings scatter, m: their standard deviation, or 1.7 scales where heavy tails have none.
+
+    For filters that integrate: they ask it where densities change, and not what a reading weighs.
+
+    Args:
+        noise: The noise.
+        expected: Expected ranges, m.
+    """
+    return np.asarray(np.sqrt(_with_variance(noise).variance(expected)))
+
+
+def _with_variance(noise: Noise) -> Noise:
+    """The same noise, with lighter tails if it has no variance."""
+    if isinstance(noise, StudentT):
+        return noise if noise.dof > 2 else replace(noise, dof=LEAST_DOF)
+    if not (isinstance(noise, WrapsNoise) and is_dataclass(noise)):
+        return noise
+    inner = _with_variance(noise.noise)
+    return noise if inner is noise.noise else replace(noise, noise=inner)

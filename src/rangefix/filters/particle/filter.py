@@ -189,9 +189,11 @@ class ParticleFilter(BriefRepr):
                 weights = exp_of(log_weights)
                 moved, states = separate_copies(moved, states, weights, self.problem, rng)
             clouds.append((moved, log_weights))
-            starts.append(states)
+            starts.append(states if moves[run] or belief.starts is None else belief.starts[run])
         if not moves.any():
             return collected(belief, clouds)
+        if belief.controls is not None:  # a run that stays keeps its last move
+            controls = np.where(moves[:, None], controls, belief.controls)
         kept = (np.where(moves[:, None], np.nan, reading) for reading in belief.readings)
         return collected(
             belief,

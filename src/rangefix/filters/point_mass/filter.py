@@ -209,10 +209,16 @@ class PointMassFilter(BriefRepr):
         return np.asarray(log_mass - np.logaddexp.reduce(log_mass))[None]
 
     def posterior(self, belief: PointMassBelief) -> Array:
-        """Probability of each cell of `grid`, (M, G); every row sums to one."""
-        logs = np.stack([self._log_weights(belief, run) for run in range(len(belief.counts))])
-        weights: Array = np.exp(logs - logs.max(axis=1, keepdims=True))
-        weights /= weights.sum(axis=1, keepdims=True)
+        """Probability of each cell of `grid`, (M, G); rows sum to one, or are 0 where no cell is possible."""
+        return np.stack([self._probabilities(belief, run) for run in range(len(belief.counts))])
+
+    def _probabilities(self, belief: PointMassBelief, run: int) -> Array:
+        """Probability of each cell in one run, (G,); 0 where no cell is possible."""
+        if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
+            return np.zeros(len(self.grid.centres))
+        logs = self._log_weights(belief, run)
+        weights: Array = np.exp(logs - logs.max())
+        weights /= weights.sum()
         return weights
 
     def sample(self, belief: PointMassBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -231,8 +237,14 @@ class PointMassFilter(BriefRepr):
         return draws
 
     def density(self, belief: PointMassBelief, run: int) -> Image:
-        """The probabilities of a run's cells, for pictures."""
-        masses = self.grid.image(self.posterior(belief)[run])
+        """The probabilities of a run's cells, for pictures.
+
+        Raises:
+            NotImplementedError: If no cell is possible any more.
+        """
+        if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
+            raise NotImplementedError("nothing is possible any more: there is no density to show")
+        masses = self.grid.image(self._probabilities(belief, run))
         return image_of_cells(masses, self.grid.lower, self.grid.step, self.problem.space)
 
     def _log_weights(self, belief: PointMassBelief, run: int) -> Array:

@@ -18,6 +18,7 @@ from .likelihood import Likelihood, add_best
 
 SEARCH_NATS = 40.0  # below the best bound: coarse cells worse than that are looked at only if need be
 AMISS_NATS = 50.0  # by which a reading that fits no place is amiss: ten deviations
+DROPPED_NATS = 14.0  # below the best box: boxes better than that are not left out for want of cells
 MOST_AMISS = 2  # readings that may be amiss in coarse cells that are looked at, beyond the fewest
 SIDE = {2: 24, 3: 10}  # places along each axis of a coarse cell, by the number of components
 MOST_RANGES = 1 << 20  # that are cast for one run
@@ -59,11 +60,12 @@ def most_in_cells(
 
 
 def denser_boxes(
-    problem: Problem, coarse: CoarseCells, likelihood: Likelihood, wanted: float
+    problem: Problem, coarse: CoarseCells, likelihood: Likelihood, wanted: float, most: int
 ) -> DenserBoxes | None:
-    """Boxes of one run in which log prior times likelihood reaches `wanted`.
+    """Boxes of one run in which log prior times likelihood reaches `wanted`, no more than `most`, the best.
 
-    None if there are none where the fewest readings are amiss, or if that is in too many cells to look at.
+    None if there are none where the fewest readings are amiss, if that is in too many cells to look at, or if
+    `most` boxes do not hold nearly all of it: where so many fit coarse cells have not missed them.
     """
     size = problem.space.size
     at_most = most_in_cells(problem, coarse, likelihood, -AMISS_NATS)[0]
@@ -78,9 +80,14 @@ def denser_boxes(
         logs = logs + likelihood.log_density(np.zeros(len(centres), dtype=np.int64), expected)
         best = float(logs.max())
         if best > wanted:
-            fits = (logs > best - SEARCH_NATS).reshape(len(cells), *(SIDE[size],) * size)
-            neighbours = np.ones((1, *(3,) * size), dtype=np.bool_)  # what fits may end in the next box
-            chosen = np.flatnonzero(ndimage.binary_dilation(fits, neighbours))
+            near = logs.reshape(len(cells), *(SIDE[size],) * size)
+            beside = (1, *(3,) * size)  # what fits may end in the next box
+            near = ndimage.maximum_filter(near, beside, mode="constant", cval=-np.inf).ravel()
+            chosen = np.flatnonzero(near > best - SEARCH_NATS)
+            chosen = chosen[np.argsort(-near[chosen], kind="stable")]
+            if len(chosen) > most and near[chosen[most]] > best - DROPPED_NATS:
+                return None
+            chosen = np.sort(chosen[:most])
             return DenserBoxes(centres[chosen], steps[chosen], best, cells)
     return None
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray
 from ...compiled import njit
+from ..models.wrapped_noise import reading_spread
 from ..problem import Sensor
 
 HALVINGS = 12  # of a noise's deviation, in search of the width of its peak
@@ -247,8 +248,7 @@ class Likelihood:
         """The width of each term's peak, m, (M, K): its deviation, or less where it falls sooner."""
         beams = self.readings.shape[2]
         at = np.maximum(centre, 0.0).reshape(-1, beams)
-        variance = np.asarray(self.sensor.noise.variance(at))
-        scales = np.sqrt(np.broadcast_to(variance, at.shape)).reshape(centre.shape)
+        scales = np.broadcast_to(reading_spread(self.sensor.noise, at), at.shape).reshape(centre.shape)
         peak = self._of_terms(np.maximum(centre, 0.0)[..., None])
         powers = 2.0 ** -np.arange(HALVINGS)
         widths = scales.copy()

@@ -160,10 +160,10 @@ class Refinement:
 
         None if prior times likelihood does not reach `wanted`, its log, where places lie denser either.
         """
-        found = denser_boxes(self.problem, self.coarse, likelihood, wanted)
+        found = denser_boxes(self.problem, self.coarse, likelihood, wanted, self.most_cells // 2)
         if found is None:
             return None
-        centre, step = found.centres[: self.most_cells // 2], found.steps[: self.most_cells // 2]
+        centre, step = found.centres, found.steps
         prior = prior_model(self.problem, centre, step)
         model = models_at(self.problem, centre, step, prior.anchor)
         run, bound = np.zeros(len(centre), dtype=np.int64), np.full(len(centre), found.best + UNSEEN_NATS)
