@@ -261,3 +261,15 @@ def test_estimators_take_the_bias_off(name: str) -> None:
     belief = estimator.init(prior, rngs)
     belief = estimator.update(belief, (sensor.expected(truth) + 0.3)[None], rngs)
     assert np.abs(np.asarray(estimator.estimate(belief).mean)[0] - truth).max() < 0.03
+
+
+@pytest.mark.parametrize(
+    "wrap", [lambda noise: Biased(noise, 0.02), lambda noise: LostBeams(Biased(noise, 0.02), 0.1)]
+)
+def test_shared_errors_within_what_acts_beam_by_beam_are_refused(wrap: Any) -> None:
+    """They were lost without a word; about it, and with a weight, they count."""
+    space, shared = position_space(), Correlated(Gaussian(0.05), scan=0.5)
+    with pytest.raises(ValueError, match=r"are lost in Biased: Correlated goes about it"):
+        Rangefinder(RectangularRoom(4.0, 6.0), np.zeros(2), wrap(shared), space)
+    for noise in (Correlated(wrap(Gaussian(0.05)), scan=0.5), Tempered(shared, 0.5)):
+        assert Rangefinder(RectangularRoom(4.0, 6.0), np.zeros(2), noise, space).noise is noise

@@ -231,6 +231,20 @@ def shared_errors(noise: Noise) -> tuple[Correlated | None, float]:
     return (law, weight) if isinstance(law, Correlated) else (None, 1.0)
 
 
+def check_shared_errors(noise: Noise) -> None:
+    """Refuse errors that beams share within a noise that acts on every beam by itself, which would lose them.
+
+    Raises:
+        ValueError: If there are such.
+    """
+    outer, inner = noise, law_and_weight(noise)[0]
+    while not isinstance(inner, Correlated) and isinstance(inner, WrapsNoise):
+        outer, inner = inner, inner.noise
+        if isinstance(inner, Correlated):
+            name = type(outer).__name__
+            raise ValueError(f"errors that beams share are lost in {name}: Correlated goes about it")
+
+
 def refuse_shared_errors(sensor: Sensor, who: str) -> None:
     """Refuse a noise with errors that beams share, for what takes beams to be independent.
 

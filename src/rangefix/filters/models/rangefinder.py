@@ -14,7 +14,7 @@ from ...arrays import TWO_PI, Array, BoolArray, short_repr, wrap
 from ..mount import CENTRED, Mount
 from ..problem import CanLookAlong, Noise, RangeMap
 from ..space import StateSpace
-from .correlated import Correlated, shared_errors
+from .correlated import Correlated, check_shared_errors, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
 from .noise_of_beams import log_density_of_scan, noise_of_beams
 from .wrapped_noise import wider_gaussian
@@ -96,6 +96,7 @@ class Rangefinder:
             )
         if not 0 < self.max_incidence <= RIGHT_ANGLE:
             raise ValueError(f"the largest incidence must be in (0, pi / 2] rad, got {self.max_incidence}")
+        check_shared_errors(self.noise)
         try:
             shape = np.shape(self.noise.log_density(np.ones_like(bearings), np.ones_like(bearings)))
         except ValueError as error:
