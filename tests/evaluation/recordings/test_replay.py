@@ -272,6 +272,17 @@ def test_refused(
     assert {path.name for path in recording.parent.iterdir()} == {"drive.npz", "room.toml"}
 
 
+def test_calibrate_takes_the_options_of_a_bag(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag with two topics of scans asks for one; beside a table they are refused."""
+    monkeypatch.chdir(recording.parent)
+    words = ["calibrate", "--map", "room.toml", "--log", "drive.npz", "--scan-topic", "/scan"]
+    code, _, told = call(words, capsys)
+    assert code == 2
+    assert "--scan-topic has no effect on drive.npz: it is for a bag" in told
+
+
 def test_a_log_that_breaks_off_leaves_nothing(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A recording that is damaged further on: one line, and no half-written folder."""
     arrays = dict(np.load(recording))

@@ -10,6 +10,7 @@ import typer
 
 from ..app import Json, doing, print_json, say
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
+from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
 if TYPE_CHECKING:
     from ...arrays import Array
@@ -39,6 +40,9 @@ def calibrate(
     no_return_m: Annotated[
         float | None, typer.Option(help="Readings from there on mean that nothing returned.")
     ] = None,
+    scan_topic: ScanTopic = None,
+    odometry_topic: OdometryTopic = None,
+    base_frame: BaseFrame = None,
     map_options: MapOptions = AS_FILES_SAY,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="The sections; a picture goes beside it.")
@@ -62,8 +66,17 @@ def calibrate(
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
-    options = ReadingOptions(forward_m=forward_m, left_m=left_m, yaw_deg=yaw_deg, no_return_m=no_return_m)
+    options = ReadingOptions(
+        forward_m=forward_m,
+        left_m=left_m,
+        yaw_deg=yaw_deg,
+        no_return_m=no_return_m,
+        scan_topic=scan_topic,
+        odometry_topic=odometry_topic,
+        base_frame=base_frame,
+    )
     room, log = map_options.opened(map_name), open_log(log_path, options)
+    refuse_without_bag(log, log_path, scan_topic, odometry_topic, base_frame)
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
     doing("comparing readings with the map")
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)

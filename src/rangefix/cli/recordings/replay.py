@@ -9,6 +9,7 @@ import typer
 
 from ..app import ExitCode, Json, doing, named, names_in, one_of, print_json
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
+from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
 if TYPE_CHECKING:
     from ...evaluation.recordings.replays import Contestant, Replays
@@ -112,13 +113,9 @@ def replay(
         float | None,
         typer.Option(metavar="METRES", help="Readings from there on mean no return."),
     ] = None,
-    scan_topic: Annotated[str | None, typer.Option(metavar="NAME", help="Topic of a bag: scans.")] = None,
-    odometry_topic: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Topic of a bag: odometry; or tf.")
-    ] = None,
-    base_frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frame of a bag: the robot's reference point.")
-    ] = None,
+    scan_topic: ScanTopic = None,
+    odometry_topic: OdometryTopic = None,
+    base_frame: BaseFrame = None,
     map_options: MapOptions = AS_FILES_SAY,
     motion_correction: Annotated[
         bool, typer.Option(help="Correct scans that take time for the robot's motion in it.")
@@ -155,7 +152,7 @@ def replay(
     from .contestants import read_contestants, refuse_options
     from .replay_table import document, notes_of, show
     from .sensor_file import SensorFile, read_sensor
-    from .start import read_start, refuse_outside, refuse_without_bag
+    from .start import read_start, refuse_outside
 
     _check_outputs(out, bag, animation)
     contestants = read_contestants(list(names_in(estimators, USUAL)), option)

@@ -1,13 +1,9 @@
-"""Where a replay begins, as the command line says it, and options that a recording cannot need."""
+"""Where a replay begins, as the command line says it."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from ...evaluation.recordings.log import Log
-from ...evaluation.recordings.readers.rosbag import RosbagLog
 from ...evaluation.recordings.replays import start_of
 from ...evaluation.recordings.setting import Start
 from ...filters import RangeMap, pose_space
@@ -52,19 +48,3 @@ def refuse_outside(start: Start, room: RangeMap, text: str, map_name: str) -> No
         place = f"odometry, which is {start.pose[0]:.2f},{start.pose[1]:.2f}," if text == "odometry" else ""
         place = place or ",".join(text.replace(",", " ").split()[:2])
         raise ValueError(f"--start {place} is not in the free space of {map_name}") from None
-
-
-def refuse_without_bag(
-    log: Log, path: Path, scan_topic: str | None, odometry_topic: str | None, base_frame: str | None
-) -> None:
-    """Refuse options of a bag where there is none.
-
-    Raises:
-        ValueError: If one is given.
-    """
-    if isinstance(log, RosbagLog):
-        return
-    given = {"--scan-topic": scan_topic, "--odometry-topic": odometry_topic, "--base-frame": base_frame}
-    for name, value in given.items():
-        if value is not None:
-            raise ValueError(f"{name} has no effect on {path}: it is for a bag")
