@@ -174,3 +174,13 @@ def test_scans_alike_of_a_robot_that_moves(tmp_path: Path) -> None:
     tally: Counter[str] = Counter()
     assert len(list(open_log(path).scans(tally))) == 2
     assert tally["scans that stand in the file twice in a row (left out)"] == 1
+
+
+def test_blanks_and_tabs_part_words_too(tmp_path: Path, readings: np.ndarray) -> None:
+    """A scan that is set in, or parted by tabs, was passed over without a word."""
+    write_carmen(tmp_path / "a.log", *drive(12), readings)
+    lines = (tmp_path / "a.log").read_text().splitlines()
+    (tmp_path / "b.log").write_text("".join("  " + line.replace(" ", "\t") + "\n" for line in lines))
+    one, other = (list(open_log(tmp_path / name).scans()) for name in ("a.log", "b.log"))
+    assert len(one) == len(other) == 12
+    np.testing.assert_array_equal([scan.ranges_m for scan in one], [scan.ranges_m for scan in other])

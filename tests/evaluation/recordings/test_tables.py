@@ -287,3 +287,9 @@ def test_arrays_of_the_laser_hold_one_number(tmp_path: Path) -> None:
     np.savez(path, **arrays, odometry=np.full((2, 3), 1e9))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"drive.npz, scan 1: odometry"):
         open_log(path)
+
+
+def test_other_arrays_are_told(tmp_path: Path) -> None:
+    """A misspelt one had no effect, and nobody said so."""
+    np.savez(tmp_path / "a.npz", **arrays(), range_maximum_m=12.0)
+    assert any("left out: 'range_maximum_m'" in note for note in open_log(tmp_path / "a.npz").notes)

@@ -218,7 +218,7 @@ class CarmenLog(FileLog):
                     )
                 if number == 1:
                     text = text.removeprefix(codecs.BOM_UTF8)
-                kind, _, rest = text.partition(b" ")
+                kind, rest = (*text.split(maxsplit=1), b"", b"")[:2]
                 name = kind.decode("ascii", "replace")
                 if name in LASERS:
                     try:

@@ -28,6 +28,7 @@ from .file_log import FileLog
 POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
 LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")
 RANGE = "range_m@"
+ARRAYS = ("time_s", "ranges_m", "bearings_deg", "odometry")
 LONGEST_LINE = 1 << 22  # characters
 UNMEASURED = ("", "nan")
 
@@ -208,10 +209,15 @@ class ArrayLog(FileLog):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What was assumed where the arrays say nothing."""
-        notes = () if self.sensor.is_placed else (UNPLACED,)
+        notes: tuple[str, ...] = () if self.sensor.is_placed else (UNPLACED,)
         with self._opened() as archive:
-            odometry = "odometry.npy" in archive.namelist()
-        return notes if odometry else (*notes, "no odometry: no array odometry (T, 3)")
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+        if others := [name for name in names if name not in (*ARRAYS, *LASER)]:
+            notes = (
+                *notes,
+                f"left out: {', '.join(map(repr, others))}, which no array of a recording is called",
+            )
+        return notes if "odometry" in names else (*notes, "no odometry: no array odometry (T, 3)")
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
         yield from self._read(self.sensor)
