@@ -55,11 +55,11 @@ class RangeMap(Protocol):
 
 
 @runtime_checkable
-class CanLookAlong(Protocol):
-    """The optional method of a map: what many points see along some directions, sooner than `cast`."""
+class IsConvex(Protocol):
+    """The optional method of a map without corners that stand out: ranges by walls that stand ahead."""
 
-    def look_along(self, points: Array, directions: Array) -> tuple[Array, Array] | None:
-        """Ranges (D, N), m, and their derivatives by x1 and x2 (D, N, 2); None where it cannot say."""
+    def walls_along(self, directions: Array) -> Array:
+        """Ranges from free places as the least of affine functions c + c1 x1 + c2 x2, m, (D, W, 3)."""
 
 
 @runtime_checkable

@@ -135,28 +135,24 @@ class RectangularRoom:
         gradients = range_gradients(ranges, sines, cosines, normals)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
-    def look_along(self, points: ArrayLike, directions: ArrayLike) -> tuple[Array, Array] | None:
-        """What many points see along a few directions, sooner than `cast` says it.
+    def walls_along(self, directions: ArrayLike) -> Array:
+        """Ranges from places in the room as the lesser of two affine functions of the place.
 
         Args:
-            points: x1, x2, m, (N, 2).
             directions: rad, clockwise from +x2, (D,).
 
         Returns:
-            Distances, m, (D, N), and their derivatives by x1 and x2, in single precision, (D, N, 2). None if
-            some point is not in the room.
+            c, c1 and c2 of functions c + c1 x1 + c2 x2, m, one for each of the two walls ahead, (D, 2, 3);
+            c = inf for a wall along the beam.
         """
-        from .segment_kernels import look_along_in_rectangle  # numba takes a quarter of a second
-
-        points, directions = check_points(points), check_bearings(directions)
-        halves = np.array([self.width, self.length]) / 2
-        ranges: Array = np.empty((len(directions), len(points)))
-        slopes: Array = np.empty((len(directions), len(points), 2), dtype=np.float32)
-        sines, cosines = unit_vectors(directions)
-        from_centre = points - halves
-        half_1, half_2 = halves.tolist()
-        inside = look_along_in_rectangle(from_centre, half_1, half_2, sines, cosines, EDGE_ON, ranges, slopes)
-        return (ranges, slopes) if inside else None
+        vectors = unit_vectors(check_bearings(directions))
+        walls = np.zeros((len(vectors[0]), 2, 3))
+        for axis, (vector, size) in enumerate(zip(vectors, (self.width, self.length), strict=True)):
+            ahead = np.abs(vector) > EDGE_ON
+            slope = np.where(ahead, 1.0 / np.where(ahead, vector, 1.0), 0.0)
+            walls[:, axis, 0] = np.where(ahead, np.where(vector > 0, size, 0.0) * slope, np.inf)
+            walls[:, axis, 1 + axis] = -slope
+        return walls
 
     def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
         """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); arguments as for `ranges`."""

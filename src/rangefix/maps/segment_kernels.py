@@ -76,44 +76,6 @@ def cast_at_segments(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def look_along_in_rectangle(
-    points: Array, half_1: float, half_2: float, sines: Array, cosines: Array, edge_on: float,
-    ranges: Array, slopes: Array,
-) -> bool:  # fmt: skip
-    """Distances to the nearer of the two walls ahead, and by how much they change with the place.
-
-    Args:
-        points: In the room, from its centre, m, (N, 2).
-        half_1, half_2: Halves of the room's sizes, m.
-        sines, cosines: Of the directions, (D,).
-        edge_on: How small these are along a wall, which is then met by its edge.
-        ranges: Gets the distances, m, (D, N).
-        slopes: Gets their derivatives by x1 and x2, (D, N, 2); 0 along a wall.
-
-    Returns:
-        Whether all points lie in the room or on its walls; else nothing is of use.
-    """
-    for place in range(points.shape[0]):
-        if not (abs(points[place, 0]) <= half_1 and abs(points[place, 1]) <= half_2):
-            return False
-    for direction in range(sines.size):
-        sine, cosine = sines[direction], cosines[direction]
-        steep_1 = 1.0 / abs(sine) if sine != 0.0 else math.inf
-        steep_2 = 1.0 / abs(cosine) if cosine != 0.0 else math.inf
-        sign_1, sign_2 = math.copysign(1.0, sine), math.copysign(1.0, cosine)
-        slope_1 = -1.0 / sine if abs(sine) > edge_on else 0.0
-        slope_2 = -1.0 / cosine if abs(cosine) > edge_on else 0.0
-        for place in range(points.shape[0]):
-            one = (half_1 - sign_1 * points[place, 0]) * steep_1
-            two = (half_2 - sign_2 * points[place, 1]) * steep_2
-            first = one <= two or two != two  # 0 / 0 on a wall along it is none
-            ranges[direction, place] = one if first else two
-            slopes[direction, place, 0] = slope_1 if first else 0.0
-            slopes[direction, place, 1] = 0.0 if first else slope_2
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def see_past_segments(walls: Array, starts: Array, ends: Array, clear: Array) -> None:
     """Which ways from starts to ends meet no wall before they end.
 

@@ -10,11 +10,17 @@ import pytest
 
 from rangefix.arrays import Array
 from rangefix.evaluation.planning.cells import Cells, prior_cells, turned
-from rangefix.evaluation.planning.expected_covariance import Views, after_views, expected_covariance
+from rangefix.evaluation.planning.expected_covariance import (
+    ConvexViews,
+    Views,
+    after_views,
+    expected_covariance,
+)
 from rangefix.evaluation.planning.one_beam import noise_width
 from rangefix.filters import (
     BeamMixture,
     Gaussian,
+    Mount,
     Noise,
     Problem,
     Quantised,
@@ -222,3 +228,26 @@ def test_far_quicker_than_brute_force() -> None:
     slow = brute(cells, views.ranges[7], 0.05, 200)
     assert slow == pytest.approx(found.trace[7], rel=0.01)
     assert process_time() - start > 30 * quick
+
+
+def test_a_convex_room_is_asked_for_its_walls_alone() -> None:
+    """The same as from ranges that are kept, for a laser off the robot's centre and a blind sector too.
+
+    Bins lie elsewhere, as the ends of ranges are bounds here: to 1e-6.
+    """
+    room, space = RectangularRoom(4.0, 6.0), position_space(heading=0.7)
+    sensor = Rangefinder(
+        room, np.deg2rad(np.arange(0.0, 360.0, 7.3)), Gaussian(0.05), space, blind_sector=1.0,
+        mount=Mount(0.2, -0.1, 0.3),
+    )  # fmt: skip
+    centres = np.random.default_rng(3).uniform([1.0, 1.5], [3.0, 4.0], (400, 2))
+    cells = Cells.of(space, centres, np.random.default_rng(4).random(400), 0.05)
+    assert ConvexViews.of(cells, sensor) is not None
+    found = expected_covariance(cells, sensor)
+    kept = after_views(cells, Views.of(cells, replace(sensor, blind_sector=0.0)))
+    seen = ~sensor.blind
+    np.testing.assert_allclose(found.covariance[seen], kept.covariance[seen], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.information[seen], kept.information[seen], rtol=1e-6)
+    np.testing.assert_array_equal(found.covariance[~seen], np.tile(cells.covariance, ((~seen).sum(), 1, 1)))
+    beyond = Cells.of(space, [[0.05, 3.0]], np.ones(1))  # whose laser stands in a wall
+    assert ConvexViews.of(beyond, replace(sensor, mount=Mount(0.0, 0.5, 0.0))) is None

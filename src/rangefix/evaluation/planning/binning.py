@@ -43,70 +43,135 @@ def bin_by_range(
         _bin_all(ranges, slopes, weights, values, widths, low, step, ends[0], ends[1], out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+QUICK = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+}
+
+
+def bin_in_convex_room(
+    walls: Array, points: Array, weights: Array, values: Array, widths: Array, low: float, step: float,
+    ends: tuple[float, float], out: Array,
+) -> None:  # fmt: skip
+    """The same in a room where every range is the least of a few affine functions of the place: none is kept.
+
+    Args:
+        walls: Of each direction, c, c1 and c2 of functions c + c1 x1 + c2 x2, m, (D, W, 3).
+        points: Where cells are, m, (N, 2).
+        weights, values, widths, low, step, ends: As for `bin_by_range`.
+        out: Written: (D, 3, bins + 1), masses and first moments of x1 and x2.
+    """
+    squares = widths**2 * TWELFTH
+    _bin_places_by_walls(walls, points, weights, values, squares, low, step, ends[0], ends[1], out)
+
+
+@njit(**QUICK)
 def _bin_places(
     ranges: Array, slopes: Array, weights: Array, values: Array, squares: Array, low: float, step: float,
     least: float, most: float, out: Array,
 ) -> None:  # fmt: skip
-    """Mass and first moments of x1 and x2: the loop that plans wait for, without loops in it.
+    """Mass and first moments of x1 and x2."""
+    moments = _moments(weights, values)
+    sums, table = np.empty(2 * (out.shape[2] - 1) * ROW), np.empty((out.shape[2], 3))
+    for direction in range(ranges.shape[0]):
+        _bin_direction(
+            ranges[direction], slopes[direction], moments, values, squares, low, step, least, most, sums,
+            table, out[direction],
+        )  # fmt: skip
+
+
+@njit(**QUICK)
+def _bin_places_by_walls(
+    walls: Array, points: Array, weights: Array, values: Array, squares: Array, low: float, step: float,
+    least: float, most: float, out: Array,
+) -> None:  # fmt: skip
+    """Mass and first moments of x1 and x2, with ranges worked out direction by direction."""
+    moments = _moments(weights, values)
+    sums, table = np.empty(2 * (out.shape[2] - 1) * ROW), np.empty((out.shape[2], 3))
+    ranges, slopes = np.empty(points.shape[0]), np.empty((2, points.shape[0])).T  # column by column
+    for direction in range(walls.shape[0]):
+        ranges[:] = np.inf
+        for wall in range(walls.shape[1]):
+            c, c1, c2 = walls[direction, wall, 0], walls[direction, wall, 1], walls[direction, wall, 2]
+            for cell in range(points.shape[0]):
+                distance = c + c1 * points[cell, 0] + c2 * points[cell, 1]
+                nearer = distance < ranges[cell]
+                ranges[cell] = distance if nearer else ranges[cell]
+                slopes[cell, 0] = c1 if nearer else slopes[cell, 0]
+                slopes[cell, 1] = c2 if nearer else slopes[cell, 1]
+        _bin_direction(
+            ranges, slopes, moments, values, squares, low, step, least, most, sums, table, out[direction]
+        )
+
+
+@njit(**QUICK)
+def _moments(weights: Array, values: Array) -> Array:
+    """Weights, and these times x1 and x2, (N, 3)."""
+    moments = np.empty((weights.size, 3))
+    moments[:, 0], moments[:, 1], moments[:, 2] = weights, weights * values[:, 0], weights * values[:, 1]
+    return moments
+
+
+@njit(**QUICK)
+def _bin_direction(
+    ranges: Array, slopes: Array, moments: Array, values: Array, squares: Array, low: float, step: float,
+    least: float, most: float, sums: Array, table: Array, by_bin: Array,
+) -> None:  # fmt: skip
+    """One direction: the loop that plans wait for, without loops in it.
 
     Each bin keeps sums of its cells' moments, of these times how far the range lies off the middle of the
     bin, and of these times that squared; what neighbours are given follows from them in the end. Cells that
     give to every other bin have rows of their own. Indices are unsigned: one that may be negative costs numba
     a branch.
     """
-    bins, cells = out.shape[2] - 1, weights.size
-    moments = np.empty((cells, 3))
-    moments[:, 0], moments[:, 1], moments[:, 2] = weights, weights * values[:, 0], weights * values[:, 1]
-    sums = np.empty(2 * bins * ROW)
-    table = np.empty((bins + 1, 3))
+    bins, cells = by_bin.shape[1] - 1, moments.shape[0]
     centre, along = np.empty(2), np.empty(2)
     scale, row_length, others = 1.0 / step, np.uintp(ROW), np.uintp(bins)
     first, second, third = np.uintp(0), np.uintp(ROW // 3), np.uintp(2 * ROW // 3)
     one, two = np.uintp(1), np.uintp(2)
-    for direction in range(ranges.shape[0]):
-        sums[:], table[:] = 0.0, 0.0
-        for cell in range(cells):
-            distance = ranges[direction, cell]
-            slope_1, slope_2 = scale * slopes[direction, cell, 0], scale * slopes[direction, cell, 1]
-            along_1, along_2 = slope_1 * squares[cell, 0], slope_2 * squares[cell, 1]
-            spread = along_1 * slope_1 + along_2 * slope_2
-            if spread < 4.0 * NARROW and distance < FARTHEST:
-                place = (distance - low) * scale
-                near = np.uintp(place)
-                off = place - float(near) - 0.5
-                square = off * off + spread + TWELFTH
-                row = (near if spread < NARROW else near + others) * row_length
-                mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
-                sums[row + first] += mass
-                sums[row + first + one] += x1
-                sums[row + first + two] += x2
-                sums[row + second] += off * mass
-                sums[row + second + one] += off * x1 + mass * along_1
-                sums[row + second + two] += off * x2 + mass * along_2
-                sums[row + third] += square * mass
-                sums[row + third + one] += square * x1
-                sums[row + third + two] += square * x2
-            else:
-                centre[0], centre[1] = values[cell, 0], values[cell, 1]
-                along[0], along[1] = along_1 * step, along_2 * step
-                variance = spread * step * step
-                _add_wide(table, weights[cell], distance, variance, centre, along, low, step, least, most)
-        by_bin = out[direction]
-        by_bin[:] = table.T
-        rows = sums.reshape((2, bins, 3, ROW // 3))
-        for kind in range(2):
-            reach, share = 1 + kind, 0.5**kind
-            for each in range(bins):
-                if rows[kind, each, 0, 0] == 0.0:
-                    continue
-                for column in range(3):
-                    total = rows[kind, each, 0, column]
-                    odd = 0.5 * share * rows[kind, each, 1, column]
-                    even = 0.5 * share * share * rows[kind, each, 2, column]
-                    by_bin[column, each - reach] += even - odd
-                    by_bin[column, each] += total - 2.0 * even
-                    by_bin[column, each + reach] += even + odd
+    sums[:], table[:] = 0.0, 0.0
+    for cell in range(cells):
+        distance = ranges[cell]
+        slope_1, slope_2 = scale * slopes[cell, 0], scale * slopes[cell, 1]
+        along_1, along_2 = slope_1 * squares[cell, 0], slope_2 * squares[cell, 1]
+        spread = along_1 * slope_1 + along_2 * slope_2
+        if spread < 4.0 * NARROW and distance < FARTHEST:
+            place = (distance - low) * scale
+            near = np.uintp(place)
+            off = place - float(near) - 0.5
+            square = off * off + spread + TWELFTH
+            row = (near if spread < NARROW else near + others) * row_length
+            mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
+            sums[row + first] += mass
+            sums[row + first + one] += x1
+            sums[row + first + two] += x2
+            sums[row + second] += off * mass
+            sums[row + second + one] += off * x1 + mass * along_1
+            sums[row + second + two] += off * x2 + mass * along_2
+            sums[row + third] += square * mass
+            sums[row + third + one] += square * x1
+            sums[row + third + two] += square * x2
+        else:
+            centre[0], centre[1] = values[cell, 0], values[cell, 1]
+            along[0], along[1] = along_1 * step, along_2 * step
+            variance = spread * step * step
+            _add_wide(table, moments[cell, 0], distance, variance, centre, along, low, step, least, most)
+    by_bin[:] = table.T
+    rows = sums.reshape((2, bins, 3, ROW // 3))
+    for kind in range(2):
+        reach, share = 1 + kind, 0.5**kind
+        for each in range(bins):
+            if rows[kind, each, 0, 0] == 0.0:
+                continue
+            for column in range(3):
+                total = rows[kind, each, 0, column]
+                odd = 0.5 * share * rows[kind, each, 1, column]
+                even = 0.5 * share * share * rows[kind, each, 2, column]
+                by_bin[column, each - reach] += even - odd
+                by_bin[column, each] += total - 2.0 * even
+                by_bin[column, each + reach] += even + odd
 
 
 @njit(cache=True, nogil=True)

@@ -19,7 +19,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters import Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
-from .binning import bin_by_range, range_ends
+from .binning import bin_by_range, bin_in_convex_room, range_ends
 from .cells import Cells, beams_alike
 from .reading_table import ReadingTable, SharedTables, reading_table
 
@@ -84,16 +84,55 @@ class Views:
     @staticmethod
     def of(cells: Cells, sensor: Rangefinder) -> Views:
         """Cast the beams of a sensor from the centres of cells."""
-        looks = sensor.look_along(cells.centres)
-        if looks is None:
-            ranges, slopes = sensor.look(cells.centres)
-            ranges = np.ascontiguousarray(ranges.T)
-            slopes = np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32)
-        else:
-            ranges, slopes = looks
+        ranges, slopes = sensor.look(cells.centres)
+        ranges = np.ascontiguousarray(ranges.T)
+        slopes = np.ascontiguousarray(np.moveaxis(slopes, 0, 1), dtype=np.float32)
         low, high = range_ends(ranges, slopes, cells.widths)
         ends = (low, high) if low <= high else (0.0, 1.0)  # where no wall is met anywhere, any will do
         return Views(sensor, ranges, slopes, ends)
+
+    def bin(self, part: slice | IntArray, belief: Cells, table: ReadingTable, out: Array) -> None:
+        """Moments of a belief by expected range, for some of the beams: see `bin_by_range`."""
+        bin_by_range(
+            self.ranges[part], self.slopes[part], belief.weights, belief.away, belief.widths, table.low,
+            table.step, self.ends, out,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ConvexViews:
+    """The same in a convex room, where no range need be kept.
+
+    Attributes:
+        sensor: The rangefinder, whose beams are the D directions.
+        walls: Affine functions of the place, of which ranges are the least, m, (D, W, 3).
+        points: Where cells are, m, (N, 2).
+        ends: Between which ranges are expected anywhere in the cells, m.
+    """
+
+    sensor: Rangefinder
+    walls: Array
+    points: Array
+    ends: tuple[float, float]
+
+    @staticmethod
+    def of(cells: Cells, sensor: Rangefinder) -> ConvexViews | None:
+        """What beams of a sensor meet from the centres of cells; None if the map does not tell it so."""
+        walls = sensor.walls_along(cells.centres)
+        if walls is None:
+            return None
+        lower, upper = (cells.centres - cells.widths / 2).min(0), (cells.centres + cells.widths / 2).max(0)
+        corners = np.array([[x1, x2] for x1 in (lower[0], upper[0]) for x2 in (lower[1], upper[1])])
+        at_corners = walls[..., :1] + walls[..., 1:] @ corners.T
+        low, high = float(at_corners.min()), float(at_corners.max(axis=2).min(axis=1).max())
+        return ConvexViews(sensor, walls, np.ascontiguousarray(cells.centres[:, :2]), (max(low, 0.0), high))
+
+    def bin(self, part: slice | IntArray, belief: Cells, table: ReadingTable, out: Array) -> None:
+        """Moments of a belief by expected range, for some of the beams: see `bin_in_convex_room`."""
+        bin_in_convex_room(
+            self.walls[part], self.points, belief.weights, belief.away, belief.widths, table.low, table.step,
+            self.ends, out,
+        )  # fmt: skip
 
 
 def expected_covariance(
@@ -112,9 +151,10 @@ def expected_covariance(
         ValueError: If the noise is too fine for the ranges.
     """
     size, count = belief.space.size, len(beams.bearings)
+    seen = None if second else ConvexViews.of(belief, replace(beams, blind_sector=0.0))
+    parts = [] if seen is None else [after_views(belief, seen, False, tables)]
     at_once = max(1, int(BYTES_AT_ONCE / (8 * len(belief.centres) * (1 + size))))
-    parts = []
-    for start in range(0, count, at_once):
+    for start in range(0, count if seen is None else 0, at_once):
         chosen = np.arange(start, min(start + at_once, count))
         parts.append(after_views(belief, Views.of(belief, some_beams(beams, chosen)), second, tables))
     joined = [np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ExpectedAccuracy)]
@@ -132,10 +172,10 @@ def some_beams(sensor: Rangefinder, beams: IntArray) -> Rangefinder:
 
 
 def after_views(
-    belief: Cells, views: Views, second: bool = False, tables: SharedTables | None = None
+    belief: Cells, views: Views | ConvexViews, second: bool = False, tables: SharedTables | None = None
 ) -> ExpectedAccuracy:
     """The same where ranges and slopes are known already: no ray is cast."""
-    sensor, count = views.sensor, len(views.ranges)
+    sensor, count = views.sensor, len(views.sensor.bearings)
     alike: dict[str, list[int]] = {}
     noises = [sensor.noise] * count
     if beams_alike(sensor):
@@ -156,10 +196,7 @@ def after_views(
             some = np.array(group[start : start + at_once])
             part = slice(some[0], some[-1] + 1) if len(some) == some[-1] - some[0] + 1 else some
             masses = np.empty((len(some), columns, table.bins + 1))
-            bin_by_range(
-                views.ranges[part], views.slopes[part], belief.weights, belief.away, belief.widths,
-                table.low, table.step, ends, masses,
-            )  # fmt: skip
+            views.bin(part, belief, table, masses)
             _fold(result, some, belief, table, masses)
     return result
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, BoolArray, short_repr, wrap
 from ..mount import CENTRED, Mount
-from ..problem import CanLookAlong, Noise, RangeMap
+from ..problem import IsConvex, Noise, RangeMap
 from ..space import StateSpace
 from .correlated import Correlated, check_shared_errors, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
@@ -148,17 +148,21 @@ class Rangefinder:
             ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
         return ranges, self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
 
-    def look_along(self, states: Array) -> tuple[Array, Array] | None:
-        """The same beam by beam, (B, N) m and (B, N, n), for positions (N, n) at a known heading.
+    def walls_along(self, states: Array) -> Array | None:
+        """Ranges as the least of affine functions of x1 and x2, (B, W, 3), for states (N, n).
 
-        None where the map has no quicker way than `look`, or the incidence is limited. Derivatives may be in
-        single precision.
+        None where they are none: headings are not known, the incidence is limited, or the map is not convex
+        or does not hold all places.
         """
         known = self.space.names == ("x1", "x2") and self.max_incidence >= RIGHT_ANGLE
-        if not known or not isinstance(self.room, CanLookAlong):
+        if not known or not isinstance(self.room, IsConvex):
             return None
-        poses = self.mount.laser_poses(self.space.poses(states))
-        return self.room.look_along(poses[:, :2], poses[0, 2] + self.bearings)
+        laser = self.mount.laser_poses(self.space.poses(states))
+        if not self.room.is_free(laser[:, :2]).all():
+            return None
+        walls = self.room.walls_along(laser[0, 2] + self.bearings)
+        walls[..., 0] += walls[..., 1:] @ (laser[0, :2] - states[0])  # from the robot to the laser
+        return walls
 
     def _grazing(self, gradients: Array) -> BoolArray:
         """Which beams are lost: |d range / d x| is 1 / cos(incidence), and 0 for a wall met edge-on."""
