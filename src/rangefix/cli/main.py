@@ -7,6 +7,7 @@ import sys
 import traceback
 from _thread import interrupt_main
 from collections.abc import Callable, Sequence
+from copy import copy
 from signal import SIGTERM, default_int_handler, signal
 from threading import Timer, current_thread, main_thread
 from types import TracebackType
@@ -29,6 +30,7 @@ from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
 
+OVERVIEW = ["--help"], ["-h"]
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 VALUE_FORMS = (  # what pydantic says of a value -> what we say
     (r"Input should be greater than or equal to (\S+)", r"must be at least \1"),
@@ -60,7 +62,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         signal(SIGTERM, default_int_handler)  # like Ctrl-C
         sys.unraisablehook = _stop_all_the_same
     try:
-        code = app(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
+        shown = overview() if not arguments or arguments in OVERVIEW else app
+        code = shown(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
     except (Stopped, typer.Abort, KeyboardInterrupt) as stopped:  # the last before typer has begun
@@ -79,6 +82,20 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             warn(line)
         code = ExitCode.BAD_INPUT
     sys.exit(code if isinstance(code, int) else ExitCode.FINE)
+
+
+def overview() -> typer.Typer:
+    """The application as its help shows it: commands without their options, which take time to read."""
+    shown = copy(app)
+    shown.registered_commands = [copy(command) for command in app.registered_commands]
+    for command in shown.registered_commands:
+
+        def described() -> None: ...
+
+        described.__name__ = getattr(command.callback, "__name__", "")
+        described.__doc__ = command.callback.__doc__
+        command.callback = described
+    return shown
 
 
 def _print_traceback(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
