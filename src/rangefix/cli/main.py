@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         signal(SIGTERM, default_int_handler)  # like Ctrl-C
         sys.unraisablehook = _stop_all_the_same
     try:
-        shown = overview() if not arguments or arguments in OVERVIEW else app
+        shown = overview() if arguments in OVERVIEW else app  # without any, a shell may ask to complete
         code = shown(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
