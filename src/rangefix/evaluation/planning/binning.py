@@ -13,6 +13,12 @@ TWELFTH = 1 / 12  # of a bin squared: the variance within a bin, which the table
 FARTHEST = 1e300  # m; an expected range beyond it is none
 ROW = 12  # numbers that a bin sums up: three times three, and each time one that is not used
 NARROW = 0.6  # variance of a cell's range, in bins squared, up to which three neighbours hold it
+QUICK = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+}
 
 
 def bin_by_range(
@@ -41,14 +47,6 @@ def bin_by_range(
         _bin_places(ranges, slopes, weights, values, squares, low, step, ends[0], ends[1], out)
     else:
         _bin_all(ranges, slopes, weights, values, widths, low, step, ends[0], ends[1], out)
-
-
-QUICK = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
 
 
 def bin_in_convex_room(

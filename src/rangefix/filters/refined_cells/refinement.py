@@ -68,8 +68,7 @@ class Refined:
 
     def with_runs(self, runs: IntArray, theirs: Refined) -> Refined:
         """The same, written to, with some of its runs (R,) replaced by others' answers."""
-        pool = theirs.pool.rows(np.ones(len(theirs.pool.run), dtype=np.bool_))
-        pool.run = runs[pool.run]
+        pool = replace(theirs.pool, run=runs[theirs.pool.run])
         kept = self.pool.rows(~np.isin(self.pool.run, runs))
         joined = replace(self, pool=Pool.joined([kept, pool]))
         for name in ("mean", "covariance", "log_integral", "error"):
