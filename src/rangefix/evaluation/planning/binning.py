@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, IntArray
 from ...compiled import njit
 
 TWELFTH = 1 / 12  # of a bin squared: the variance within a bin, which the table of readings takes off
 FARTHEST = 1e300  # m; an expected range beyond it is none
 ROW = 12  # numbers that a bin sums up: three times three, and each time one that is not used
 NARROW = 0.6  # variance of a cell's range, in bins squared, up to which three neighbours hold it
+Columns = Array | tuple[float, float]
 QUICK = {
     "cache": True,
     "nogil": True,
@@ -43,7 +44,7 @@ def bin_by_range(
             is room for them, the second moments of x1 x1, x1 x2 and x2 x2, which stand first in the state.
     """
     if out.shape[1] == 3:
-        squares = widths**2 * TWELFTH
+        squares = np.ascontiguousarray((widths**2 * TWELFTH).T)
         _bin_places(ranges, slopes, weights, values, squares, low, step, ends[0], ends[1], out)
     else:
         _bin_all(ranges, slopes, weights, values, widths, low, step, ends[0], ends[1], out)
@@ -61,7 +62,7 @@ def bin_in_convex_room(
         weights, values, widths, low, step, ends: As for `bin_by_range`.
         out: Written: (D, 3, bins + 1), masses and first moments of x1 and x2.
     """
-    squares = widths**2 * TWELFTH
+    squares = np.ascontiguousarray((widths**2 * TWELFTH).T)
     _bin_places_by_walls(walls, points, weights, values, squares, low, step, ends[0], ends[1], out)
 
 
@@ -71,12 +72,14 @@ def _bin_places(
     least: float, most: float, out: Array,
 ) -> None:  # fmt: skip
     """Mass and first moments of x1 and x2."""
-    moments = _moments(weights, values)
-    sums, table = np.empty(2 * (out.shape[2] - 1) * ROW), np.empty((out.shape[2], 3))
+    moments, work = _moments(weights, values), _work(weights.size, out.shape[2] - 1)
+    slope_1, slope_2 = np.empty(weights.size), np.empty(weights.size)
     for direction in range(ranges.shape[0]):
+        for cell in range(weights.size):
+            slope_1[cell], slope_2[cell] = slopes[direction, cell, 0], slopes[direction, cell, 1]
         _bin_direction(
-            ranges[direction], slopes[direction], moments, values, squares, low, step, least, most, sums,
-            table, out[direction],
+            ranges[direction], slope_1, slope_2, moments, values, squares, low, step, least, most, work,
+            out[direction],
         )  # fmt: skip
 
 
@@ -86,22 +89,30 @@ def _bin_places_by_walls(
     least: float, most: float, out: Array,
 ) -> None:  # fmt: skip
     """Mass and first moments of x1 and x2, with ranges worked out direction by direction."""
-    moments = _moments(weights, values)
-    sums, table = np.empty(2 * (out.shape[2] - 1) * ROW), np.empty((out.shape[2], 3))
-    ranges, slopes = np.empty(points.shape[0]), np.empty((2, points.shape[0])).T  # column by column
+    moments, work = _moments(weights, values), _work(weights.size, out.shape[2] - 1)
+    ranges, slope_1, slope_2 = np.empty(weights.size), np.empty(weights.size), np.empty(weights.size)
+    x1, x2 = points[:, 0].copy(), points[:, 1].copy()
     for direction in range(walls.shape[0]):
-        ranges[:] = np.inf
+        ranges[:], slope_1[:], slope_2[:] = np.inf, 0.0, 0.0
         for wall in range(walls.shape[1]):
             c, c1, c2 = walls[direction, wall, 0], walls[direction, wall, 1], walls[direction, wall, 2]
-            for cell in range(points.shape[0]):
-                distance = c + c1 * points[cell, 0] + c2 * points[cell, 1]
-                nearer = distance < ranges[cell]
-                ranges[cell] = distance if nearer else ranges[cell]
-                slopes[cell, 0] = c1 if nearer else slopes[cell, 0]
-                slopes[cell, 1] = c2 if nearer else slopes[cell, 1]
+            _take_nearer(c, c1, c2, x1, x2, ranges, slope_1, slope_2)
         _bin_direction(
-            ranges, slopes, moments, values, squares, low, step, least, most, sums, table, out[direction]
+            ranges, slope_1, slope_2, moments, values, squares, low, step, least, most, work, out[direction]
         )
+
+
+@njit(**QUICK)
+def _take_nearer(
+    c: float, c1: float, c2: float, x1: Array, x2: Array, ranges: Array, slope_1: Array, slope_2: Array
+) -> None:
+    """Ranges to a wall and their slopes, wherever it is nearer than what was met before."""
+    for cell in range(x1.size):
+        distance = c + c1 * x1[cell] + c2 * x2[cell]
+        nearer = distance < ranges[cell]
+        ranges[cell] = distance if nearer else ranges[cell]
+        slope_1[cell] = c1 if nearer else slope_1[cell]
+        slope_2[cell] = c2 if nearer else slope_2[cell]
 
 
 @njit(**QUICK)
@@ -113,63 +124,97 @@ def _moments(weights: Array, values: Array) -> Array:
 
 
 @njit(**QUICK)
+def _work(cells: int, bins: int) -> tuple[IntArray, Array, Array]:
+    """Room for `_bin_direction`: rows that cells add to, what they add, and the rows."""
+    return np.empty(cells, dtype=np.int32), np.empty((4, cells)), np.empty((2 * bins + 1) * ROW)
+
+
+@njit(**QUICK)
 def _bin_direction(
-    ranges: Array, slopes: Array, moments: Array, values: Array, squares: Array, low: float, step: float,
-    least: float, most: float, sums: Array, table: Array, by_bin: Array,
+    ranges: Array, slope_1: Array, slope_2: Array, moments: Array, values: Array, squares: Array, low: float,
+    step: float, least: float, most: float, work: tuple[IntArray, Array, Array], by_bin: Array,
 ) -> None:  # fmt: skip
-    """One direction: the loop that plans wait for, without loops in it.
+    """One direction.
 
     Each bin keeps sums of its cells' moments, of these times how far the range lies off the middle of the
     bin, and of these times that squared; what neighbours are given follows from them in the end. Cells that
-    give to every other bin have rows of their own. Indices are unsigned: one that may be negative costs numba
-    a branch.
+    give to every other bin have rows of their own, and one more row is for those that are too wide for that.
     """
-    bins, cells = by_bin.shape[1] - 1, moments.shape[0]
-    centre, along = np.empty(2), np.empty(2)
-    scale, row_length, others = 1.0 / step, np.uintp(ROW), np.uintp(bins)
-    first, second, third = np.uintp(0), np.uintp(ROW // 3), np.uintp(2 * ROW // 3)
-    one, two = np.uintp(1), np.uintp(2)
-    sums[:], table[:] = 0.0, 0.0
-    for cell in range(cells):
-        distance = ranges[cell]
-        slope_1, slope_2 = scale * slopes[cell, 0], scale * slopes[cell, 1]
-        along_1, along_2 = slope_1 * squares[cell, 0], slope_2 * squares[cell, 1]
-        spread = along_1 * slope_1 + along_2 * slope_2
-        if spread < 4.0 * NARROW and distance < FARTHEST:
-            place = (distance - low) * scale
-            near = np.uintp(place)
-            off = place - float(near) - 0.5
-            square = off * off + spread + TWELFTH
-            row = (near if spread < NARROW else near + others) * row_length
-            mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
-            sums[row + first] += mass
-            sums[row + first + one] += x1
-            sums[row + first + two] += x2
-            sums[row + second] += off * mass
-            sums[row + second + one] += off * x1 + mass * along_1
-            sums[row + second + two] += off * x2 + mass * along_2
-            sums[row + third] += square * mass
-            sums[row + third + one] += square * x1
-            sums[row + third + two] += square * x2
-        else:
-            centre[0], centre[1] = values[cell, 0], values[cell, 1]
-            along[0], along[1] = along_1 * step, along_2 * step
-            variance = spread * step * step
-            _add_wide(table, moments[cell, 0], distance, variance, centre, along, low, step, least, most)
+    bins, (rows, added, sums), table = by_bin.shape[1] - 1, work, np.zeros((by_bin.shape[1], 3))
+    along_1, along_2, off, square = added[0], added[1], added[2], added[3]
+    wide = _find_rows(
+        ranges, slope_1, slope_2, squares[0], squares[1], low, step, bins,
+        along_1, along_2, off, square, rows,
+    )  # fmt: skip
+    sums[:] = 0.0
+    _add_up(moments, along_1, along_2, off, square, rows, sums)
+    if wide:
+        for cell in range(rows.size):
+            if rows[cell] == 2 * bins:
+                spread = (along_1[cell] * slope_1[cell] + along_2[cell] * slope_2[cell]) / step
+                centre, along = (values[cell, 0], values[cell, 1]), (along_1[cell], along_2[cell])
+                _add_wide(
+                    table, moments[cell, 0], ranges[cell], spread, centre, along, low, step, least, most
+                )
     by_bin[:] = table.T
-    rows = sums.reshape((2, bins, 3, ROW // 3))
+    by_row = sums[: 2 * bins * ROW].reshape((2, bins, 3, ROW // 3))
     for kind in range(2):
         reach, share = 1 + kind, 0.5**kind
         for each in range(bins):
-            if rows[kind, each, 0, 0] == 0.0:
+            if by_row[kind, each, 0, 0] == 0.0:
                 continue
             for column in range(3):
-                total = rows[kind, each, 0, column]
-                odd = 0.5 * share * rows[kind, each, 1, column]
-                even = 0.5 * share * share * rows[kind, each, 2, column]
+                total = by_row[kind, each, 0, column]
+                odd = 0.5 * share * by_row[kind, each, 1, column]
+                even = 0.5 * share * share * by_row[kind, each, 2, column]
                 by_bin[column, each - reach] += even - odd
                 by_bin[column, each] += total - 2.0 * even
                 by_bin[column, each + reach] += even + odd
+
+
+@njit(**QUICK)
+def _find_rows(
+    ranges: Array, slope_1: Array, slope_2: Array, square_1: Array, square_2: Array, low: float, step: float,
+    bins: int, along_1: Array, along_2: Array, off: Array, square: Array, rows: IntArray,
+) -> int:  # fmt: skip
+    """The row of each cell and what it adds there, in bins, several cells at once; how many are too wide."""
+    scale, wide = 1.0 / step, 0
+    for cell in range(ranges.size):
+        along_1[cell] = scale * slope_1[cell] * square_1[cell]
+        along_2[cell] = scale * slope_2[cell] * square_2[cell]
+        spread = scale * (along_1[cell] * slope_1[cell] + along_2[cell] * slope_2[cell])
+        fits = (spread < 4.0 * NARROW) & (ranges[cell] < FARTHEST)
+        place = (ranges[cell] - low) * scale if fits else 0.0
+        near = np.int32(place)
+        off[cell] = place - near - 0.5
+        square[cell] = off[cell] * off[cell] + spread + TWELFTH
+        rows[cell] = (near if spread < NARROW else near + bins) if fits else 2 * bins
+        wide += 0 if fits else 1
+    return wide
+
+
+@njit(**QUICK)
+def _add_up(
+    moments: Array, along_1: Array, along_2: Array, off: Array, square: Array, rows: IntArray, sums: Array
+) -> None:
+    """What each cell adds to its row: the loop that plans wait for, without loops or branches in it.
+
+    Indices are unsigned: one that may be negative costs numba a branch.
+    """
+    row_length, one, two = np.uintp(ROW), np.uintp(1), np.uintp(2)
+    first, second, third = np.uintp(0), np.uintp(ROW // 3), np.uintp(2 * ROW // 3)
+    for cell in range(rows.size):
+        row = np.uintp(np.uint32(rows[cell])) * row_length
+        mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
+        sums[row + first] += mass
+        sums[row + first + one] += x1
+        sums[row + first + two] += x2
+        sums[row + second] += off[cell] * mass
+        sums[row + second + one] += off[cell] * x1 + mass * along_1[cell]
+        sums[row + second + two] += off[cell] * x2 + mass * along_2[cell]
+        sums[row + third] += square[cell] * mass
+        sums[row + third + one] += square[cell] * x1
+        sums[row + third + two] += square[cell] * x2
 
 
 @njit(cache=True, nogil=True)
@@ -185,12 +230,12 @@ def _bin_all(
         local[:] = 0.0
         for cell in range(ranges.shape[1]):
             weight, distance = weights[cell], ranges[direction, cell]
-            variance = 0.0
+            spread = 0.0
             for axis in range(size):
-                width = widths[cell, axis]
+                slope, width = slopes[direction, cell, axis] / step, widths[cell, axis]
                 centre[axis] = values[cell, axis]
-                along[axis] = slopes[direction, cell, axis] * width * width * TWELFTH  # covariance with range
-                variance += along[axis] * slopes[direction, cell, axis]
+                along[axis] = slope * width * width * TWELFTH  # covariance with the range in bins
+                spread += along[axis] * slope
             if columns > size:  # x1 x1, x1 x2 and x2 x2
                 for pair in range(3):
                     one, other = pair // 2, (pair + 1) // 2
@@ -198,9 +243,8 @@ def _bin_all(
                     along[size + pair] = centre[one] * along[other] + centre[other] * along[one]
                     if one == other:
                         centre[size + pair] += widths[cell, one] ** 2 * TWELFTH
-            spread = variance / (step * step)
             if spread >= NARROW or math.isinf(distance):
-                _add_wide(local, weight, distance, variance, centre, along, low, step, least, most)
+                _add_wide(local, weight, distance, spread, centre, along, low, step, least, most)
                 continue
             place = (distance - low) / step
             near = int(place)
@@ -212,7 +256,7 @@ def _bin_all(
             local[near, 0] += middle
             local[near + 1, 0] += last
             for column in range(columns):
-                slant = 0.5 * along[column] / step * weight
+                slant = 0.5 * along[column] * weight
                 local[near - 1, 1 + column] += first * centre[column] - slant
                 local[near, 1 + column] += middle * centre[column]
                 local[near + 1, 1 + column] += last * centre[column] + slant
@@ -221,31 +265,39 @@ def _bin_all(
                 out[direction, column, each] = local[each, column]
 
 
-@njit(cache=True, nogil=True)
+@njit(**QUICK)
 def _add_wide(
-    local: Array, weight: float, distance: float, variance: float, centre: Array, along: Array, low: float,
+    local: Array, weight: float, distance: float, spread: float, centre: Columns, along: Columns, low: float,
     step: float, least: float, most: float,
 ) -> None:  # fmt: skip
-    """Add a cell that is spread evenly over several bins, or in which no wall is met, to the last bin."""
-    bins = local.shape[0] - 1
+    """Add a cell that is spread evenly over several bins, or in which no wall is met, to the last bin.
+
+    Args:
+        local: Masses and moments, (bins + 1, C).
+        weight, distance: Of the cell, and the range expected at its centre, m.
+        spread: Variance of the range in the cell, in bins squared.
+        centre, along: Of each moment, its value at the centre and its covariance with the range in bins; a
+            tuple is quicker than an array.
+        low, step, least, most: As for `bin_by_range`, m.
+    """
+    bins, zero, one = local.shape[0] - 1, np.uintp(0), np.uintp(1)
     if math.isinf(distance):
         local[bins, 0] += weight
-        for column in range(centre.size):
+        for column in range(len(centre)):
             local[bins, 1 + column] += weight * centre[column]
         return
-    half, place = math.sqrt(3.0 * variance), (distance - low) / step
-    begin = (max(distance - half, least) - low) / step
-    end = (min(distance + half, most) - low) / step
+    place, half = (distance - low) / step, math.sqrt(3.0 * spread)
+    begin, end = max(place - half, (least - low) / step), min(place + half, (most - low) / step)
     if end - begin < 1e-9:
         begin, end = place - 0.5, place + 0.5
-    density, scale, edge = weight / (end - begin), step / variance, begin
+    density, scale, edge = weight / (end - begin), 1.0 / spread, begin
     for each in range(int(begin), min(int(end), bins - 1) + 1):
-        until = min(end, each + 1.0)
+        until, row = min(end, each + 1.0), np.uintp(each)
         mass = density * (until - edge)
         off = (0.5 * (edge + until) - place) * scale
-        local[each, 0] += mass
-        for column in range(centre.size):
-            local[each, 1 + column] += mass * (centre[column] + off * along[column])
+        local[row, zero] += mass
+        for column in range(np.uintp(len(centre))):
+            local[row, one + column] += mass * (centre[column] + off * along[column])
         edge = until
 
 
