@@ -31,7 +31,8 @@ def within(points: Array, lower: Array, upper: Array) -> BoolArray:
     """
     inside = np.ones(points.shape[:-1], dtype=np.bool_)
     for column, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
-        inside &= (points[..., column] >= low) & (points[..., column] <= high)
+        inside &= points[..., column] >= low
+        inside &= points[..., column] <= high
     return inside
 
 

@@ -54,6 +54,12 @@ class StateSpace:
         """Where x1 and x2 stand among the components."""
         return [self.names.index("x1"), self.names.index("x2")]
 
+    def positions(self, states: Array) -> Array:
+        """x1 and x2 of each state: (..., n) -> (..., 2); a view where they stand side by side."""
+        first, second = self.position_indices
+        states = np.asarray(states, dtype=float)
+        return states[..., first : second + 1] if second == first + 1 else states[..., [first, second]]
+
     def poses(self, states: Array) -> Array:
         """x1, x2 and heading of each state: (..., n) -> (..., 3)."""
         states = np.asarray(states, dtype=float)
@@ -91,13 +97,17 @@ class StateSpace:
         Returns:
             mean (..., n) and covariance (..., n, n), symmetric.
         """
-        mean = np.einsum("...i,...ij->...j", weights, states)
-        for column in np.flatnonzero(self.is_angle):
-            angles = states[..., column]
-            sine, cosine = (weights * np.sin(angles)).sum(-1), (weights * np.cos(angles)).sum(-1)
-            mean[..., column] = np.arctan2(sine, cosine)
-        deviation = self.difference(states, mean[..., None, :])
-        covariance = np.swapaxes(deviation * weights[..., None], -1, -2) @ deviation
+        rows = np.ascontiguousarray(np.swapaxes(states, -1, -2))  # numpy is slow on short rows
+        mean = np.matmul(rows, weights[..., None])[..., 0]
+        angles = np.flatnonzero(self.is_angle)
+        for row in angles:
+            sine = (weights * np.sin(rows[..., row, :])).sum(-1)
+            cosine = (weights * np.cos(rows[..., row, :])).sum(-1)
+            mean[..., row] = np.arctan2(sine, cosine)
+        away = rows - mean[..., None]
+        for row in angles:
+            away[..., row, :] = wrap(away[..., row, :])
+        covariance = (away * weights[..., None, :]) @ np.swapaxes(away, -1, -2)
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
 
 

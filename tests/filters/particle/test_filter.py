@@ -18,6 +18,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.particle import ParticleFilter
+from rangefix.filters.particle.likelihood import Likelihood
 from rangefix.filters.particle.metropolis import Posterior, covariance_root, kernel_step, metropolis
 from rangefix.filters.particle.weights import effective_number, equal, longest_stage
 from rangefix.maps import RectangularRoom
@@ -288,10 +289,10 @@ def test_metropolis_steps_leave_the_posterior_as_it_is():
     exact = candidates[np.log(rng.random(len(logs))) < logs - logs.max()]
     size = len(exact)
     assert size > 20_000
-    posterior = Posterior(PAPER.prior, PAPER.sensor, [reading])
+    posterior = Posterior(PAPER.prior, Likelihood.of(PAPER.sensor, PAPER.prior), [reading])
     mean, covariance = SPACE.moments(exact, np.full(size, 1 / size))
     logs_there = posterior.log_densities(exact)
-    moved, _ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), 5, rng)
+    moved, *_ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), 5, rng)
     assert (moved != exact).any(1).mean() > 0.5
     difference = moved - exact
     assert (np.abs(difference.mean(0)) < 5 * difference.std(0) / np.sqrt(size)).all()

@@ -54,7 +54,7 @@ def test_moves_of_the_last_step_leave_its_law_as_it_is(tries):
     exact = states[kept]
     assert len(exact) > 3000
     propose, logs = partial(target.propose, rng=rng), target.log_densities(exact)
-    moved, log_density = metropolis_steps(exact, logs, target, propose, 0.7, 5, rng)
+    moved, _, log_density = metropolis_steps(exact, logs, target, propose, 0.7, 5, rng)
     np.testing.assert_array_equal(log_density, target.log_densities(moved)[1])
     assert (moved != exact).any(axis=1).mean() > 0.4
     middle = exact.mean(0)

@@ -88,10 +88,15 @@ def _gaussian(stds: Array, measured: BoolArray, reading: Array, expected: Array)
     if reading.shape[-1] > MAX_BEAMS_UNROLLED:
         deviates = (expected - reading) * weight
         return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
-    total = -level  # numpy is slow on short rows: beam by beam
-    for beam in range(reading.shape[-1]):
-        total = total - 0.5 * ((expected[..., beam] - reading[..., beam]) * weight[..., beam]) ** 2
-    return np.asarray(total)
+    squares = np.zeros(np.broadcast_shapes(reading.shape, expected.shape)[:-1])
+    for beam in range(reading.shape[-1]):  # numpy is slow on short rows: beam by beam
+        deviate = np.asarray(expected[..., beam] - reading[..., beam])
+        deviate *= weight[..., beam]
+        deviate *= deviate
+        squares += deviate
+    squares *= -0.5
+    squares -= level
+    return squares
 
 
 def _student(noise: StudentT, measured: BoolArray, reading: Array, expected: Array) -> Array:

@@ -138,9 +138,8 @@ class Uniform:
     def log_density(self, states: Array) -> Array:
         """-log(area) [- log(arc)] in the free space of box and arc, else -inf: (..., n) -> (...)."""
         states = np.asarray(states, dtype=float)
-        positions = states[..., self.space.position_indices]
-        lower, upper = (corner[self.space.position_indices] for corner in self.support)
-        inside = within(positions, lower, upper)
+        positions = self.space.positions(states)
+        inside = within(positions, *self._box)
         inside &= self.room.is_free(positions)
         level = np.log(self.area)
         for column in np.flatnonzero(self.space.is_angle):

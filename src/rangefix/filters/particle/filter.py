@@ -33,6 +33,7 @@ from ..sampling import weighted_draws
 from ..space import is_definite
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
+from .likelihood import Likelihood
 from .metropolis import (
     Posterior,
     Target,
@@ -181,7 +182,7 @@ class ParticleFilter(BriefRepr):
             states, log_weights = belief.states[run], belief.log_weights[run]
             if noisy[run] and effective_number(log_weights) < self.resample_below * len(states):
                 target = self._target(belief, run) if belief.standing[run] else None
-                states, _, _ = self._resampled(states, log_weights, None, target, None, 0.0, rng)
+                states, *_ = self._resampled(states, log_weights, (None, None), target, None, 0.0, rng)
                 log_weights = equal(len(states))
             moved = motion.sample(states, controls[run], rng)
             moves[run] = noisy[run] or not np.array_equal(moved, states)
@@ -280,9 +281,10 @@ class ParticleFilter(BriefRepr):
             return *unchanged, 0.0
         enough = self.resample_below * len(states)
         target = self._target(belief, run, reading)
+        known: Array | None = None
         if effective_number(log_weights) < enough:
-            states, log_density, target = self._resampled(
-                states, log_weights, None, target, reading, 0.0, rng
+            states, known, log_density, target = self._resampled(
+                states, log_weights, (None, None), target, reading, 0.0, rng
             )
             log_weights = equal(len(states))
         else:
@@ -295,8 +297,8 @@ class ParticleFilter(BriefRepr):
                 break
             log_weights, gain = weighted(log_weights, stage * log_density)
             gains, power = gains + gain, power + stage
-            states, log_density, target = self._resampled(
-                states, log_weights, log_density, target, reading, power, rng
+            states, known, log_density, target = self._resampled(
+                states, log_weights, (known, log_density), target, reading, power, rng
             )
             log_weights = equal(len(states))
         log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
@@ -321,7 +323,8 @@ class ParticleFilter(BriefRepr):
             return None
         readings = [reading[run] for reading in belief.readings if not np.isnan(reading[run]).all()]
         if belief.standing[run]:
-            return Posterior(belief.prior, self.problem.sensor, readings, fresh)
+            likelihood = Likelihood.of(self.problem.sensor, belief.prior)
+            return Posterior(belief.prior, likelihood, readings, fresh)
         if belief.starts is None or belief.controls is None or fresh is None:
             return None
         return LastStep(self.problem, belief.starts[run], belief.controls[run], readings, fresh)
@@ -330,15 +333,16 @@ class ParticleFilter(BriefRepr):
         self,
         states: Array,
         log_weights: Array,
-        log_density: Array | None,
+        logs: tuple[Array | None, Array | None],
         target: Target | None,
         reading: Array | None,
         power: float,
         rng: Generator,
-    ) -> tuple[Array, Array, Target | None]:
-        """States of equal weight, moved apart, the log density of the reading there, and their target.
+    ) -> tuple[Array, Array | None, Array, Target | None]:
+        """States of equal weight, moved apart, two log densities there, and their target.
 
-        The log density of the reading at the states as they come, (N,), is None where nobody has asked.
+        The first log density is that of what is known without the reading, the second that of the reading,
+        (N,) each; None where nobody has asked.
         """
         space = self.problem.space
         weights = exp_of(log_weights)
@@ -350,36 +354,34 @@ class ParticleFilter(BriefRepr):
         if kernel:
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
             moved = reject_crossings(self.problem.sensor, copies, moved)
-            return moved, self._log_density(reading, moved), target
+            return moved, None, self._log_density(reading, moved), target
         first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
         counts = np.diff(first, append=len(ancestors))
         if target is None:
-            return copies, np.repeat(self._log_density(reading, copies[first]), counts), None
+            return copies, None, np.repeat(self._log_density(reading, copies[first]), counts), None
+        known, fresh = (None if each is None else each.take(ancestors) for each in logs)
+        if known is None and fresh is not None and isinstance(target, LastStep) and not target.readings:
+            known = np.zeros(len(states))
+        if known is None or fresh is None:
+            known, fresh = (np.repeat(each, counts) for each in target.log_densities(copies[first]))
         if isinstance(target, LastStep):
             target = target.of(ancestors)
             propose = partial(target.propose, rng=rng)
             if not power and not target.readings:  # nothing is held against a proposal: every one is taken
                 moved = any_moves(copies, propose, self.moves, rng)
-                log_density = target.log_densities(moved)[1]
+                known, log_density = target.log_densities(moved)
             else:
-                logs = np.zeros(len(states)), np.zeros(len(states))
-                if log_density is not None and not target.readings:
-                    logs = logs[0], log_density[ancestors]
-                else:
-                    known, fresh = target.log_densities(copies[first])
-                    logs = np.repeat(known, counts), np.repeat(fresh, counts)
-                moved, log_density = metropolis_steps(copies, logs, target, propose, power, self.moves, rng)
+                moved, known, log_density = metropolis_steps(
+                    copies, (known, fresh), target, propose, power, self.moves, rng
+                )
             weights = exp_of(equal(len(states)))
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
-            if spread is not moved:
-                target = replace(target, starts=starts)
-                log_density = self._log_density(reading, spread)
-            return spread, log_density, target
-        known, fresh = target.log_densities(copies[first])
-        logs = np.repeat(known, counts), np.repeat(fresh, counts)
+            if spread is moved:
+                return moved, known, log_density, target
+            return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
         root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
         thorough = self.temper is not False
-        return *metropolis(copies, logs, target, power, root, self.moves, rng, thorough), target
+        return *metropolis(copies, (known, fresh), target, power, root, self.moves, rng, thorough), target
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""

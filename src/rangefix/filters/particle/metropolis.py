@@ -13,6 +13,7 @@ from ..models.confined import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
 from .last_step import LastStep
+from .likelihood import Likelihood
 
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 MIN_PLACES = 64  # points in fewer places than that are spread
@@ -27,13 +28,13 @@ class Posterior:
 
     Attributes:
         prior: Where the object was before any reading.
-        sensor: The rangefinder.
+        likelihood: Of the rangefinder.
         readings: Measurements taken in already, (B,) each.
         fresh: The one that is to be taken in, (B,); kept apart so that it can come in by stages.
     """
 
     prior: Prior
-    sensor: Sensor
+    likelihood: Likelihood
     readings: Sequence[Array]
     fresh: Array | None = None
 
@@ -44,14 +45,15 @@ class Posterior:
         inside = np.flatnonzero(known > -np.inf)
         if len(inside) and (self.fresh is not None or len(self.readings)):
             everywhere = len(inside) == len(states)
-            expected = self.sensor.expected(states if everywhere else states.take(inside, axis=0))
-            for reading in self.readings:
-                known[inside] += self.sensor.log_density(reading, expected)
+            places = states if everywhere else states.take(inside, axis=0)
+            scans = [*self.readings, *([] if self.fresh is None else [self.fresh])]
+            logs = self.likelihood.log_densities(scans, places)
+            for each in logs[: len(self.readings)]:
+                known[inside] += each
+            if self.fresh is not None and everywhere:
+                return known, logs[-1]
             if self.fresh is not None:
-                logs = self.sensor.log_density(self.fresh, expected)
-                if everywhere:
-                    return known, logs
-                fresh[inside] = logs
+                fresh[inside] = logs[-1]
         return known, fresh
 
 
@@ -61,7 +63,7 @@ Target = Posterior | LastStep
 def metropolis_steps(
     states: Array, log_densities: tuple[Array, Array], target: Target,
     propose: Callable[[Array], Array], power: float, steps: int, rng: Generator, rounds: int = 1,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Metropolis steps: proposals are taken or not, so that the target stays as it is.
 
     Args:
@@ -72,10 +74,10 @@ def metropolis_steps(
         power: In [0, 1].
         steps: How many.
         rng: Draws N numbers for each step, after the proposal.
-        rounds: The most times that these steps are made, until nearly all states have moved.
+        rounds: The most times as many steps that are made, until nearly all states have moved.
 
     Returns:
-        Where they end, (N, n), and the log density of the fresh measurement there, (N,).
+        Where they end, (N, n), and the log densities there, (N,) each.
     """
     from .move_kernels import take_steps  # numba takes a quarter of a second
 
@@ -83,13 +85,13 @@ def metropolis_steps(
     moved: BoolArray = np.zeros(len(states), dtype=np.bool_)
     count = 0
     for step in range(rounds * steps):
-        if step % steps == 0 and count > NEARLY_ALL * len(states):
+        if step >= steps and count > NEARLY_ALL * len(states):
             break
         proposal = propose(states)
         there = [np.ascontiguousarray(logs, dtype=float) for logs in target.log_densities(proposal)]
         draws = rng.standard_exponential(len(states))
         count = take_steps(states, known, fresh, proposal, there[0], there[1], float(power), draws, moved)
-    return states, fresh
+    return states, known, fresh
 
 
 def any_moves(states: Array, propose: Callable[[Array], Array], steps: int, rng: Generator) -> Array:
@@ -103,7 +105,7 @@ def any_moves(states: Array, propose: Callable[[Array], Array], steps: int, rng:
 def metropolis(
     states: Array, log_densities: tuple[Array, Array], posterior: Posterior, power: float, root: Array,
     steps: int, rng: Generator, thorough: bool = False,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Random walks that leave the posterior as it is (Metropolis et al., 1953): see `metropolis_steps`.
 
     The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide. The
@@ -114,29 +116,31 @@ def metropolis(
     """
     from .move_kernels import step_from  # numba takes a quarter of a second
 
-    is_angle, shares = posterior.sensor.space.is_angle, (DIFFERENCES, WHOLE_DIFFERENCES)
+    is_angle, shares = posterior.likelihood.sensor.space.is_angle, (DIFFERENCES, WHOLE_DIFFERENCES)
     root, kinds, pairs = np.ascontiguousarray(root), np.empty(0), np.empty((0, 0), dtype=np.int64)
 
     def walk(here: Array) -> Array:
         nonlocal kinds, pairs
         scales = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(len(here)))
-        noise = rng.standard_normal(here.shape)
+        randomly = len(here)
         if thorough:
             kinds = rng.random(len(here))
-            pairs = rng.integers(0, len(states), (2, len(here)))
+            randomly = int(np.count_nonzero(kinds >= DIFFERENCES))
+            pairs = rng.integers(0, len(states), (2, len(here) - randomly))
+        noise = rng.standard_normal((randomly, here.shape[1]))
         proposal = np.empty_like(here)
         step_from(here, noise, root, scales, states, pairs, kinds, shares, is_angle, proposal)
         return proposal
 
-    ends, log_fresh = np.empty_like(states), np.empty(len(states))
+    ends, log_known, log_fresh = np.empty_like(states), np.empty(len(states)), np.empty(len(states))
     for start in range(0, len(states), POINTS_PER_BLOCK):
         part = slice(start, start + POINTS_PER_BLOCK)
         known, fresh = log_densities
         rounds = MAX_ROUNDS if thorough else 1
-        ends[part], log_fresh[part] = metropolis_steps(
+        ends[part], log_known[part], log_fresh[part] = metropolis_steps(
             states[part], (known[part], fresh[part]), posterior, walk, power, steps, rng, rounds
         )
-    return ends, log_fresh
+    return ends, log_known, log_fresh
 
 
 def kernel_step(

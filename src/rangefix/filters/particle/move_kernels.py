@@ -25,33 +25,35 @@ def step_from(
 
     Args:
         here: Points, (N, n).
-        noise: Standard normal numbers, (N, n).
+        noise: Standard normal numbers for the random steps, in their order, (no fewer than these, n).
         root: R with R R' the covariance of a random step, (n, n).
         scales: What each step is multiplied by, (N,).
         cloud: Points that differences are taken of, (K, n).
-        pairs: Which two, (2, N); or (0, 0) for random steps alone.
-        kinds: Even numbers in [0, 1), (N,), that say which step is a difference.
+        pairs: Which two, for the differences in their order, (2, no fewer than these); or none, (0, 0).
+        kinds: Even numbers in [0, 1), (N,), that say which step is a difference; or none, (0,).
         shares: Of differences, and of those that are taken whole.
         is_angle: Which components are angles, (n,).
         proposal: Gets the points moved, angles in [-pi, pi), (N, n).
     """
-    size = here.shape[1]
+    size, drawn = here.shape[1], 0
     for place in range(len(here)):
-        apart = len(pairs) > 0 and kinds[place] < shares[0]
+        apart = len(kinds) > 0 and kinds[place] < shares[0]
         scale = 1.0 if apart and kinds[place] < shares[1] else scales[place]
         for column in range(size):
             if apart:
-                step = cloud[pairs[0, place], column] - cloud[pairs[1, place], column]
+                pair = place - drawn
+                step = cloud[pairs[0, pair], column] - cloud[pairs[1, pair], column]
                 if is_angle[column]:
                     step = (step + math.pi) % (2.0 * math.pi) - math.pi
             else:
                 step = 0.0
                 for other in range(size):
-                    step += root[column, other] * noise[place, other]
+                    step += root[column, other] * noise[drawn, other]
             end = here[place, column] + scale * step
             if is_angle[column]:
                 end = (end + math.pi) % (2.0 * math.pi) - math.pi
             proposal[place, column] = end
+        drawn += not apart
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,3 +92,34 @@ def take_steps(
                 states[place, column] = proposal[place, column]
         count += moved[place]
     return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def log_density_by_walls(
+    states: Array, walls: Array, reading: Array, stds: Array, level: float, density: Array
+) -> None:
+    """Log density of a scan with Gaussian noise where ranges are the least of affine functions of the place.
+
+    Args:
+        states: Places, m, (N, 2).
+        walls: Of each beam, c, c1 and c2 of functions c + c1 x1 + c2 x2, m, (B, W, 3).
+        reading: m, (B,); NaN = not measured.
+        stds: Standard deviations, m, (B,).
+        level: Sum of log(std sqrt(2 pi)) over the measured beams.
+        density: Gets the log density, nats, (N,).
+    """
+    density[:] = -level
+    for beam in range(len(reading)):
+        if math.isnan(reading[beam]):
+            continue
+        for place in range(len(states)):
+            expected = math.inf
+            for wall in range(walls.shape[1]):
+                distance = (
+                    walls[beam, wall, 0]
+                    + walls[beam, wall, 1] * states[place, 0]
+                    + walls[beam, wall, 2] * states[place, 1]
+                )
+                expected = min(expected, distance)
+            deviate = (expected - reading[beam]) / stds[beam]
+            density[place] -= 0.5 * deviate * deviate

@@ -1,0 +1,58 @@
+"""How probable scans are where an object may stand: by casting rays, or by the walls of a convex room."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log, pi
+
+import numpy as np
+
+from ...arrays import Array
+from ..models.noise import Gaussian
+from ..models.uniform_prior import Uniform
+from ..problem import IsConvex, Prior, Sensor
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The likelihood of scans at states that a prior allows for.
+
+    Attributes:
+        sensor: The rangefinder.
+        walls: Where the heading is known, the noise Gaussian and the prior uniform in a convex room: c, c1
+            and c2 of functions c + c1 x1 + c2 x2, m, of which each beam's range is the least, (B, W, 3).
+            None = rays are cast.
+    """
+
+    sensor: Sensor
+    walls: Array | None = None
+
+    @staticmethod
+    def of(sensor: Sensor, prior: Prior) -> Likelihood:
+        """That of a sensor, by walls where they tell the ranges wherever the prior allows."""
+        space, room = sensor.space, sensor.room
+        gaussian = sensor.gaussian_stds is not None and type(sensor.noise) is Gaussian
+        known = space.names == ("x1", "x2") and sensor.mount.is_plain and not sensor.blind.any()
+        inside = type(prior) is Uniform and prior.room is room
+        if not (gaussian and known and inside and isinstance(room, IsConvex)):
+            return Likelihood(sensor)
+        return Likelihood(sensor, room.walls_along(float(space.heading or 0.0) + sensor.bearings))
+
+    def log_densities(self, readings: Sequence[Array], states: Array) -> list[Array]:
+        """Log density of each of some readings, (B,), at states (N, n) in the prior: (N,) each, nats."""
+        if self.walls is None or any(np.isinf(reading).any() for reading in readings):
+            expected = self.sensor.expected(states)
+            return [self.sensor.log_density(reading, expected) for reading in readings]
+        return [self._by_walls(self.walls, reading, states) for reading in readings]
+
+    def _by_walls(self, walls: Array, reading: Array, states: Array) -> Array:
+        from .move_kernels import log_density_by_walls  # numba takes a quarter of a second
+
+        stds = np.ascontiguousarray(self.sensor.gaussian_stds)
+        measured = ~np.isnan(reading)
+        level = float(np.log(stds[measured]).sum()) + 0.5 * log(2 * pi) * int(measured.sum())
+        density = np.empty(len(states))
+        reading, states = np.ascontiguousarray(reading), np.ascontiguousarray(states)
+        log_density_by_walls(states, walls, reading, stds, level, density)
+        return density
