@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from .cli import main
+import sys
 
-if __name__ == "__main__":
-    main()
+try:
+    from .cli import main
+
+    if __name__ == "__main__":
+        main()
+except KeyboardInterrupt:  # before the command could begin to handle it
+    print("rangefix: stopped", file=sys.stderr)
+    sys.exit(130)

@@ -62,13 +62,42 @@ def define():
 main(["define"])
 """
 
+AN_ERROR_OF_COMPILED_CODE = """
+import os, signal, time
+from rangefix.cli import main
+from rangefix.cli.app import app
+
+@app.command()
+def draw():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(3)
+    except KeyboardInterrupt:
+        raise ValueError("Invalid affine transformation matrix") from None
+
+main(["draw"])
+"""
+BY_MODULE = """
+import os, runpy, signal, sys
+
+class Stops:
+    def find_spec(self, name, *more):
+        if name == "rangefix.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Stops())
+runpy.run_module("rangefix", run_name="__main__")
+"""
+
 
 @pytest.mark.parametrize(
     "code",
     [
         AT_IMPORT,
+        BY_MODULE,
         WHILE_TYPER_READS_COMMANDS,
         IN_THE_BODY_OF_A_CLASS,
+        AN_ERROR_OF_COMPILED_CODE,
         *(IN_A_DESTRUCTOR.format(name=name) for name in ("SIGINT", "SIGTERM")),
     ],
 )

@@ -8,9 +8,10 @@ import traceback
 from _thread import interrupt_main
 from collections.abc import Callable, Sequence
 from copy import copy
-from signal import SIGTERM, default_int_handler, signal
+from dataclasses import dataclass
+from signal import SIG_IGN, SIGINT, SIGTERM, getsignal, signal
 from threading import Timer, current_thread, main_thread
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -57,11 +58,13 @@ for group, commands in GROUPS.items():
 
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run a command and end the process with its exit code; mistakes of the user are one line each."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    if current_thread() is main_thread():
-        signal(SIGTERM, default_int_handler)  # like Ctrl-C
-        sys.unraisablehook = _stop_all_the_same
+    arguments, interrupt = sys.argv[1:] if arguments is None else arguments, Interrupt()
     try:
+        if current_thread() is main_thread():
+            signal(SIGTERM, interrupt)  # like Ctrl-C
+            if getsignal(SIGINT) is not SIG_IGN:  # as nohup ignores it
+                signal(SIGINT, interrupt)
+            sys.unraisablehook = _stop_all_the_same
         shown = overview() if arguments in OVERVIEW else app  # without any, a shell may ask to complete
         code = shown(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
@@ -70,7 +73,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         warn(str(stopped) or "stopped")
         code = ExitCode.INTERRUPTED
     except Exception as error:
-        if isinstance(error.__cause__, KeyboardInterrupt):  # in the body of a class: Python wraps it there
+        if interrupt.asked:  # and others made an error of it
             warn("stopped")
             sys.exit(ExitCode.INTERRUPTED)
         wrong = hasattr(error, "format_message")  # a command, option or argument
@@ -82,6 +85,23 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             warn(line)
         code = ExitCode.BAD_INPUT
     sys.exit(code if isinstance(code, int) else ExitCode.FINE)
+
+
+@dataclass
+class Interrupt:
+    """What a signal does that asks a command to stop.
+
+    Attributes:
+        asked: Whether one has. Libraries make errors of their own of a `KeyboardInterrupt` that comes while
+            their compiled code asks Python for a value, and Python does so in the body of a class.
+    """
+
+    asked: bool = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Stop."""
+        self.asked = True
+        raise KeyboardInterrupt
 
 
 def overview() -> typer.Typer:
