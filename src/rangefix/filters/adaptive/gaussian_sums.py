@@ -58,8 +58,11 @@ def log_reached(states: Array, gaussians: Gaussians, ends: Array, starts: Array,
         (N,); -inf where nothing reaches.
     """
     result, closeness = np.empty(len(states)), 1 / fans
+    within = fans.min(axis=1) ** 2
     for part, logs in _exponents(states, gaussians):
-        in_threads(_sum_reached, len(logs), logs.size, logs, ends[part], starts, closeness, result[part])
+        in_threads(
+            _sum_reached, len(logs), logs.size, logs, ends[part], starts, within, closeness, result[part]
+        )
     return result
 
 
@@ -117,16 +120,21 @@ def _clear(step1: float, step2: float, closeness: Array) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sum_reached(
-    first: int, last: int, logs: Array, ends: Array, starts: Array, closeness: Array, result: Array
-) -> None:
-    """Logs of sums of exp(logs), (N, K) -> (N,), of some rows, over the k from which an end is reached."""
+    first: int, last: int, logs: Array, ends: Array, starts: Array, within: Array, closeness: Array,
+    result: Array,
+) -> None:  # fmt: skip
+    """Logs of sums of exp(logs), (N, K) -> (N,), of some rows, over the k from which an end is reached.
+
+    Steps whose square is `within` that of the distance to the nearest wall, (K,), m^2, meet none.
+    """
     for place in range(first, last):
         top, total = -math.inf, 0.0
         for k in range(logs.shape[1]):
             log = logs[place, k]
             if log < top - NEGLIGIBLE_NATS:
                 continue
-            if not _clear(ends[place, 0] - starts[k, 0], ends[place, 1] - starts[k, 1], closeness[k]):
+            step1, step2 = ends[place, 0] - starts[k, 0], ends[place, 1] - starts[k, 1]
+            if step1 * step1 + step2 * step2 > within[k] and not _clear(step1, step2, closeness[k]):
                 continue
             if log > top:
                 total = total * math.exp(max(top - log, UNDERFLOW)) + 1.0
