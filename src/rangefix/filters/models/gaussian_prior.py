@@ -103,7 +103,7 @@ class GaussianPrior:
         exponents = [-0.5 * (((deviation + turn * angle) @ whiten.T) ** 2).sum(-1) for turn in turns]
         logs = np.logaddexp.reduce(exponents, axis=0) - level
         if self.room is not None:
-            logs = np.where(self.room.is_free(states[..., self.space.position_indices]), logs, -np.inf)
+            logs = np.where(self.room.is_free(self.space.positions(states)), logs, -np.inf)
         return np.asarray(logs)
 
 

@@ -129,7 +129,7 @@ class Uniform:
         lower, upper = self.support
         shares = np.stack([rng.random((DRAWN_AT_LEAST, self.space.size)) for rng in rngs])
         drawn = lower + (upper - lower) * shares
-        free = np.asarray(self.room.is_free(drawn[..., self.space.position_indices]))
+        free = np.asarray(self.room.is_free(self.space.positions(drawn)))
         states = self.space.wrap(drawn[np.arange(len(drawn)), free.argmax(axis=1)])
         for run in np.flatnonzero(~free.any(axis=1)):  # their generators go on
             states[run] = self.sample(1, rngs[int(run)])[0]

@@ -38,6 +38,7 @@ from .metropolis import (
     Posterior,
     Target,
     any_moves,
+    at_copies,
     covariance_root,
     kernel_step,
     metropolis,
@@ -46,7 +47,7 @@ from .metropolis import (
     separate_copies,
 )
 from .number import resized
-from .resampling import SCHEMES
+from .resampling import SCHEMES, kinds
 from .weights import effective_number, effective_places, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
@@ -355,15 +356,9 @@ class ParticleFilter(BriefRepr):
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
             moved = reject_crossings(self.problem.sensor, copies, moved)
             return moved, None, self._log_density(reading, moved), target
-        first = np.flatnonzero(np.diff(ancestors, prepend=-1))  # copies are alike: work out each kind once
-        counts = np.diff(first, append=len(ancestors))
         if target is None:
+            first, counts = kinds(ancestors)
             return copies, None, np.repeat(self._log_density(reading, copies[first]), counts), None
-        known, fresh = (None if each is None else each.take(ancestors) for each in logs)
-        if known is None and fresh is not None and isinstance(target, LastStep) and not target.readings:
-            known = np.zeros(len(states))
-        if known is None or fresh is None:
-            known, fresh = (np.repeat(each, counts) for each in target.log_densities(copies[first]))
         if isinstance(target, LastStep):
             target = target.of(ancestors)
             propose = partial(target.propose, rng=rng)
@@ -371,8 +366,9 @@ class ParticleFilter(BriefRepr):
                 moved = any_moves(copies, propose, self.moves, rng)
                 known, log_density = target.log_densities(moved)
             else:
+                here = at_copies(copies, ancestors, logs, target)
                 moved, known, log_density = metropolis_steps(
-                    copies, (known, fresh), target, propose, power, self.moves, rng
+                    copies, here, target, propose, power, self.moves, rng
                 )
             weights = exp_of(equal(len(states)))
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
@@ -381,7 +377,8 @@ class ParticleFilter(BriefRepr):
             return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
         root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
         thorough = self.temper is not False
-        return *metropolis(copies, (known, fresh), target, power, root, self.moves, rng, thorough), target
+        here = at_copies(copies, ancestors, logs, target)
+        return *metropolis(copies, here, target, power, root, self.moves, rng, thorough), target
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""

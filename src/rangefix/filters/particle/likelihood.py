@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log, pi
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import LOG_TWO_PI, Array
 from ..models.noise import Gaussian
 from ..models.uniform_prior import Uniform
 from ..problem import IsConvex, Prior, Sensor
@@ -51,7 +50,7 @@ class Likelihood:
 
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
         measured = ~np.isnan(reading)
-        level = float(np.log(stds[measured]).sum()) + 0.5 * log(2 * pi) * int(measured.sum())
+        level = float(np.log(stds[measured]).sum()) + 0.5 * LOG_TWO_PI * int(measured.sum())
         density = np.empty(len(states))
         reading, states = np.ascontiguousarray(reading), np.ascontiguousarray(states)
         log_density_by_walls(states, walls, reading, stds, level, density)

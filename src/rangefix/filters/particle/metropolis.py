@@ -14,6 +14,7 @@ from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
 from .last_step import LastStep
 from .likelihood import Likelihood
+from .resampling import Indices, kinds
 
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 MIN_PLACES = 64  # points in fewer places than that are spread
@@ -58,6 +59,27 @@ class Posterior:
 
 
 Target = Posterior | LastStep
+
+
+def at_copies(
+    copies: Array, ancestors: Indices, logs: tuple[Array | None, Array | None], target: Target
+) -> tuple[Array, Array]:
+    """What `target.log_densities` says at copies of particles, (N,) each.
+
+    Args:
+        copies: States, (N, n).
+        ancestors: Of which particles, ascending, (N,).
+        logs: The same at the particles, (N,) each; None where nobody has asked.
+        target: Is asked, once for each kind of copies, where that is so.
+    """
+    known, fresh = logs
+    if known is None and fresh is not None and isinstance(target, LastStep) and not target.readings:
+        return np.zeros(len(copies)), fresh.take(ancestors)
+    if known is not None and fresh is not None:
+        return known.take(ancestors), fresh.take(ancestors)
+    first, counts = kinds(ancestors)
+    known, fresh = target.log_densities(copies[first])
+    return np.repeat(known, counts), np.repeat(fresh, counts)
 
 
 def metropolis_steps(

@@ -69,6 +69,12 @@ SCHEMES: Mapping[str, Callable[[Array, Generator], Indices]] = MappingProxyType(
 )
 
 
+def kinds(ancestors: Indices) -> tuple[Indices, Indices]:
+    """Where copies of another particle begin, and how many of each there are; ancestors ascend, (N,)."""
+    first = np.flatnonzero(np.diff(ancestors, prepend=-1))
+    return first, np.diff(first, append=len(ancestors))
+
+
 def _cumulative(weights: Array) -> Array:
     """Sums of the weights up to and with each particle, scaled so that the last is N."""
     sums = np.cumsum(weights, dtype=float)
