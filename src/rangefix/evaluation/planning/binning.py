@@ -199,22 +199,36 @@ def _add_up(
 ) -> None:
     """What each cell adds to its row: the loop that plans wait for, without loops or branches in it.
 
-    Indices are unsigned: one that may be negative costs numba a branch.
+    Neighbours often add to one row, where each would wait for the one before: cells of the two halves take
+    turns.
     """
+    half = rows.size // 2
+    for cell in range(half):
+        _add_cell(moments, along_1, along_2, off, square, rows, sums, cell)
+        _add_cell(moments, along_1, along_2, off, square, rows, sums, cell + half)
+    for cell in range(2 * half, rows.size):
+        _add_cell(moments, along_1, along_2, off, square, rows, sums, cell)
+
+
+@njit(**QUICK)
+def _add_cell(
+    moments: Array, along_1: Array, along_2: Array, off: Array, square: Array, rows: IntArray, sums: Array,
+    cell: int,
+) -> None:  # fmt: skip
+    """What one cell adds; indices are unsigned, since one that may be negative costs numba a branch."""
     row_length, one, two = np.uintp(ROW), np.uintp(1), np.uintp(2)
     first, second, third = np.uintp(0), np.uintp(ROW // 3), np.uintp(2 * ROW // 3)
-    for cell in range(rows.size):
-        row = np.uintp(np.uint32(rows[cell])) * row_length
-        mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
-        sums[row + first] += mass
-        sums[row + first + one] += x1
-        sums[row + first + two] += x2
-        sums[row + second] += off[cell] * mass
-        sums[row + second + one] += off[cell] * x1 + mass * along_1[cell]
-        sums[row + second + two] += off[cell] * x2 + mass * along_2[cell]
-        sums[row + third] += square[cell] * mass
-        sums[row + third + one] += square[cell] * x1
-        sums[row + third + two] += square[cell] * x2
+    row = np.uintp(np.uint32(rows[cell])) * row_length
+    mass, x1, x2 = moments[cell, 0], moments[cell, 1], moments[cell, 2]
+    sums[row + first] += mass
+    sums[row + first + one] += x1
+    sums[row + first + two] += x2
+    sums[row + second] += off[cell] * mass
+    sums[row + second + one] += off[cell] * x1 + mass * along_1[cell]
+    sums[row + second + two] += off[cell] * x2 + mass * along_2[cell]
+    sums[row + third] += square[cell] * mass
+    sums[row + third + one] += square[cell] * x1
+    sums[row + third + two] += square[cell] * x2
 
 
 @njit(cache=True, nogil=True)
