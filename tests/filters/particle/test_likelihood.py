@@ -18,6 +18,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.mount import Mount
 from rangefix.filters.particle.likelihood import Likelihood
+from rangefix.filters.particle.metropolis import Posterior, metropolis
 from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM = RectangularRoom(4.0, 6.0)
@@ -63,3 +64,44 @@ def test_rays_are_cast_where_walls_would_not_do() -> None:
     ]
     for other, belief in others:
         assert Likelihood.of(other, belief).walls is None
+
+
+@pytest.mark.parametrize("readings", [1, 3])
+@pytest.mark.parametrize("thorough", [False, True])
+@pytest.mark.parametrize("power", [0.0, 0.3])
+def test_steps_in_a_box_are_those_of_the_long_way(readings: int, thorough: bool, power: float) -> None:
+    """The compiled pass takes the steps that proposals, densities and Metropolis' rule take one by one."""
+    space = position_space(0.3)
+    sensor = Rangefinder(ROOM, BEARINGS, Gaussian(0.05), space)
+    prior, rng = Uniform(ROOM, space, [0.5, 0.0], [4.0, 5.5]), np.random.default_rng(8)
+    states = prior.sample(400, rng)
+    scans = list(sensor.sample(np.repeat([[1.0, 2.0]], readings, axis=0), rng))
+    scans[0][2] = np.nan
+    likelihood = Likelihood.of(sensor, prior)
+    quick = Posterior(prior, likelihood, scans[:-1], scans[-1])
+    slow = Posterior(prior, replace(likelihood, box=None), scans[:-1], scans[-1])
+    assert quick.in_box is not None
+    assert slow.in_box is None
+    for root in (np.eye(2), np.array([[0.02, 0.0], [0.05, 0.01]])):  # many steps lead out of the box, and few
+        ends = [
+            metropolis(
+                states, each.log_densities(states), each, power, root, 3, np.random.default_rng(9), thorough
+            )
+            for each in (quick, slow)
+        ]
+        for one, other in zip(*ends, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+        assert (ends[0][0] != states).any(axis=1).mean() > 0.3
+
+
+def test_a_box_with_a_corner_in_a_wall_is_not_free() -> None:
+    space = position_space()
+    sensor = Rangefinder(ROOM, BEARINGS, Gaussian(0.05), space)
+    whole, wider = Uniform(ROOM, space), Uniform(ROOM, space, [-1.0, 0.0], [4.0, 6.0])
+    assert whole.is_box
+    assert not wider.is_box
+    assert Likelihood.of(sensor, wider).box is None
+    plan = FloorPlan([(0, 0), (4, 0), (4, 3), (2, 3), (2, 6), (0, 6)])
+    assert not Uniform(plan, space, [0.0, 0.0], [1.0, 1.0]).is_box  # nobody says that plans are convex
+    points = np.array([[0.0, 0.0], [4.0, 6.0], [4.0 + 1e-12, 3.0], [-1e-300, 3.0], [np.nan, 1.0]])
+    np.testing.assert_array_equal(whole.log_density(points) > -np.inf, ROOM.is_free(points))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, keep_copies, read_only, within, wrap
 from ...raster import Raster
-from ..problem import RangeMap
+from ..problem import IsConvex, RangeMap
 from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
@@ -88,6 +88,13 @@ class Uniform:
         return self._place[0]
 
     @cached_property
+    def is_box(self) -> bool:
+        """Whether the map is known to be free in all of the box: it is convex, and free at the corners."""
+        (left, low), (right, high) = self._box
+        corners = np.array([[left, low], [right, low], [right, high], [left, high]])
+        return isinstance(self.room, IsConvex) and bool(np.all(self.room.is_free(corners)))
+
+    @cached_property
     def support(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box with the ends of the arc, each (n,)."""
         corners = np.repeat(np.array(self._arc)[:, None], self.space.size, axis=1)
@@ -120,9 +127,17 @@ class Uniform:
         lower, upper = self.support
 
         def draw(count: int) -> Array:
-            return lower + (upper - lower) * rng.random((count, self.space.size))
+            drawn = rng.random((count, self.space.size))
+            for column, (low, high) in enumerate(
+                zip(lower, upper, strict=True)
+            ):  # numpy is slow on short rows
+                drawn[:, column] *= high - low
+                drawn[:, column] += low
+            return drawn
 
-        return draw_free(draw, size, self.room, self.space, "give the prior a smaller box")
+        return draw_free(
+            draw, size, None if self.is_box else self.room, self.space, "give the prior a smaller box"
+        )
 
     def sample_each(self, rngs: Sequence[Generator]) -> Array:
         """One draw for each of M runs, (M, n); row m is what `sample` draws from rngs[m]."""
@@ -140,7 +155,8 @@ class Uniform:
         states = np.asarray(states, dtype=float)
         positions = self.space.positions(states)
         inside = within(positions, *self._box)
-        inside &= self.room.is_free(positions)
+        if not self.is_box:
+            inside &= self.room.is_free(positions)
         level = np.log(self.area)
         for column in np.flatnonzero(self.space.is_angle):
             half = 0.5 * (self.support[1][column] - self.support[0][column])
@@ -170,8 +186,8 @@ def draw_free(
     for _ in range(BATCHES):
         drawn = draw(max(size, DRAWN_AT_LEAST))
         if room is not None:
-            drawn = drawn[np.asarray(room.is_free(drawn[:, space.position_indices]))]
-        states = np.concatenate([states, drawn])
+            drawn = drawn[np.asarray(room.is_free(space.positions(drawn)))]
+        states = np.concatenate([states, drawn]) if len(states) else drawn
         if len(states) >= size:
             return space.wrap(states[:size])
     raise ValueError(f"found {len(states)} of {size} points in free space: {advice}")

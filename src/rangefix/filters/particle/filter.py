@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.random import Generator
@@ -157,7 +157,9 @@ class ParticleFilter(BriefRepr):
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
         """N draws from the prior for every run, all of equal weight."""
-        states = np.stack([prior.sample(self.particles, rng) for rng in rngs])
+        states = np.empty((len(rngs), self.particles, self.problem.space.size))
+        for run, rng in enumerate(rngs):
+            states[run] = prior.sample(self.particles, rng)
         log_weights = np.broadcast_to(equal(self.particles), states.shape[:2])
         runs = len(rngs)
         return ParticleBelief(states, log_weights, np.zeros(runs), prior, np.ones(runs, dtype=np.bool_))
@@ -288,6 +290,8 @@ class ParticleFilter(BriefRepr):
                 states, log_weights, (None, None), target, reading, 0.0, rng
             )
             log_weights = equal(len(states))
+        elif isinstance(target, Posterior) and target.likelihood.walls is not None:
+            log_density = target.likelihood.log_densities([reading], states)[0]
         else:
             log_density = self._log_density(reading, states)
         gains, power, stages = 0.0, 0.0, MAX_STAGES if self.temper is not False and target is not None else 0
@@ -318,14 +322,25 @@ class ParticleFilter(BriefRepr):
                 )
         return total
 
+    def _likelihood(self, prior: Prior) -> Likelihood:
+        """Of the rangefinder at what a prior allows for."""
+        return (
+            self._usual_likelihood
+            if prior is self.problem.prior
+            else Likelihood.of(self.problem.sensor, prior)
+        )
+
+    @cached_property
+    def _usual_likelihood(self) -> Likelihood:
+        return Likelihood.of(self.problem.sensor, self.problem.prior)
+
     def _target(self, belief: ParticleBelief, run: int, fresh: Array | None = None) -> Target | None:
         """What Metropolis steps leave invariant; None where they are not wanted, or not known."""
         if not self.regularise or self.bandwidth is not None:
             return None
         readings = [reading[run] for reading in belief.readings if not np.isnan(reading[run]).all()]
         if belief.standing[run]:
-            likelihood = Likelihood.of(self.problem.sensor, belief.prior)
-            return Posterior(belief.prior, likelihood, readings, fresh)
+            return Posterior(belief.prior, self._likelihood(belief.prior), readings, fresh)
         if belief.starts is None or belief.controls is None or fresh is None:
             return None
         return LastStep(self.problem, belief.starts[run], belief.controls[run], readings, fresh)
@@ -345,15 +360,15 @@ class ParticleFilter(BriefRepr):
         The first log density is that of what is known without the reading, the second that of the reading,
         (N,) each; None where nobody has asked.
         """
+        from .move_kernels import spreads  # numba takes a quarter of a second
+
         space = self.problem.space
         weights = exp_of(log_weights)
         ancestors = SCHEMES[self.resampling](weights, rng)
         copies = states.take(ancestors, axis=0)
-        kernel = self.regularise and self.bandwidth is not None
-        if kernel or isinstance(target, Posterior):
+        if self.regularise and self.bandwidth is not None:
             mean, covariance = space.moments(states, weights / weights.sum())
-        if kernel:
-            moved = kernel_step(copies, mean, covariance, float(self.bandwidth or 0.0), space, rng)
+            moved = kernel_step(copies, mean, covariance, float(self.bandwidth), space, rng)
             moved = reject_crossings(self.problem.sensor, copies, moved)
             return moved, None, self._log_density(reading, moved), target
         if target is None:
@@ -375,7 +390,8 @@ class ParticleFilter(BriefRepr):
             if spread is moved:
                 return moved, known, log_density, target
             return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
-        root = covariance_root(covariance + self._spacing(states))  # one particle may have all the weight
+        covariance, even = spreads(states, weights / weights.sum(), space.is_angle)
+        root = covariance_root(covariance + even * self._spaced(states))  # one may have all the weight
         thorough = self.temper is not False
         here = at_copies(copies, ancestors, logs, target)
         return *metropolis(copies, here, target, power, root, self.moves, rng, thorough), target
@@ -383,4 +399,8 @@ class ParticleFilter(BriefRepr):
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""
         _, cloud = self.problem.space.moments(states, np.full(len(states), 1.0 / len(states)))
-        return np.asarray(cloud * len(states) ** (-2.0 / self.problem.space.size))
+        return np.asarray(cloud * self._spaced(states))
+
+    def _spaced(self, states: Array) -> float:
+        """The share of the covariance of even particles (N, n) that lies between them."""
+        return float(len(states) ** (-2.0 / self.problem.space.size))

