@@ -96,6 +96,16 @@ def test_says_how_far_off_it_is(family: str) -> None:
     judged(family, range(6, 8))
 
 
+def test_a_mode_too_wide_for_the_usual_steps_is_answered_and_flagged() -> None:
+    """A ridge through a whole plan, which takes more cells at twice the usual steps than the work allows.
+
+    It was refused. Now its steps are doubled further, and the stated error says that the answer is rough.
+    """
+    mean, _, stated, _, _ = answer(draw("circle", 1007), 0.02, WORK)
+    assert np.isfinite(mean).all()
+    assert stated > 0.2
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("family", HEADING)
 def test_says_how_far_off_it_is_in_many_problems(family: str) -> None:

@@ -26,6 +26,7 @@ MANY_CELLS = 10_000  # or as many as MAX_CELLS_FACTOR allows: of more, the usual
 MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no more
 MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
 SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
+MODE_SHARE = 0.1  # of the work: what the first lattice of one mode may take
 SHIFTS = (0.2, 0.8)  # steps by which a check's origin lies off, drawn with a fixed seed
 IDLE_HALVINGS, LEAST_PROGRESS = 4, 0.9  # after so many an error must have fallen to so much, or it stays
 START_RADIUS = 3.0  # standard deviations about a peak that are looked at first
@@ -329,23 +330,24 @@ def verified(target: Target, check: Target, found: Quadrature, accuracy: Accurac
 def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, limits: Limits) -> Lattice:
     """A mode's first lattice.
 
-    Its steps are doubled where it takes too many cells: where they were cut, until they are whole; if it is
-    but a lobe, far below other modes, any time; else once, so that no mode takes the work of all others.
+    Its steps are doubled where it takes too many cells: where they were cut, until they are whole; then until
+    it takes no more than a share of the work, so that others can be found and all of them be checked.
     """
     space, spacing, edge = target.sensor.space, accuracy.spacing, accuracy.edge(len(peak))
     axes, shares = _axes(target, peak, information)
     start = ball(space.size, START_RADIUS / spacing)
     many = int(MAX_CELLS_FACTOR * len(ball(space.size, 1 + np.sqrt(2 * edge) / spacing)))
     lobe = target.log_density(peak[None])[0] < limits.level + accuracy.margin - LOBE_NATS
+    affordable = max(many, int(MODE_SHARE * target.work.limit / target.cost))
     while True:
         basis, usual = spacing * axes * shares, not lobe and (shares >= 1).all()
-        first = max(MANY_CELLS, many) if (shares == 1).all() else accuracy.most_cells
+        first = max(MANY_CELLS, many) if (shares == 1).all() else affordable
         most = min(first if usual else many, accuracy.most_cells)
         try:
             bounded = limits._replace(margin=edge, most=most)
             return grow(space, target.log_density, peak, basis, start, bounded)
         except TooManyCells:
-            if (usual and (shares > 1).any()) or shares.min() > MAX_STEP_FACTOR:
+            if shares.min() > MAX_STEP_FACTOR or not target.work.has(target.cost):
                 raise
             shares = np.minimum(2 * shares, 1.0) if (shares < 1).any() else 2 * shares
 
