@@ -53,13 +53,13 @@ class Raster:
 
     def index(self, points: Array) -> IntArray:
         """Cells that points lie in, whether there are such or not: (..., n) -> (..., n)."""
-        place = np.nan_to_num((points - self.lower) / self.step, nan=-1.0)
-        return np.asarray(np.floor(np.clip(place, -2.0, 1e9)), dtype=np.int64)
+        place = np.fmin(np.fmax((points - self.lower) / self.step, -2.0), 1e9)  # NaN is beyond the box
+        return np.asarray(np.floor(place), dtype=np.int64)
 
     def look_up(self, values: NDArray[Value], points: Array) -> NDArray[Value]:
-        """Values of the cells, (*shape,), at points (N, n); 0 beyond the box."""
+        """Values of the cells, (*shape,), at points (..., n); 0 beyond the box."""
         index = self.index(points)
         inside = ((index >= 0) & (index < self.shape)).all(-1)
         index[~inside] = 0
-        found: NDArray[Any] = np.where(inside, values[tuple(index.T)], 0)
+        found: NDArray[Any] = np.where(inside, values[tuple(np.moveaxis(index, -1, 0))], 0)
         return found.astype(values.dtype)
