@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ..models.wrapped_noise import reading_bias
+from ..models.wrapped_noise import perfect_fit
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
@@ -127,5 +127,4 @@ class Target:
 
     def perfect(self) -> float:
         """The log likelihood of ranges that fit each reading perfectly."""
-        sensor, bias = self.sensor, reading_bias(self.sensor.noise)
-        return float(sum(sensor.log_density(row, np.fmax(row - bias, 0.0)) for row in self.measurements))
+        return float(sum(perfect_fit(self.sensor, row) for row in self.measurements))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array
-from ..problem import Noise
+from ..problem import Noise, Sensor
 from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian, StudentT
 
@@ -190,6 +190,11 @@ def reading_bias(noise: Noise) -> float:
     """By how much readings of walls are too long, m: for filters that take readings for their mean."""
     own = noise.bias if isinstance(noise, Biased) else 0.0
     return own + (reading_bias(noise.noise) if isinstance(noise, WrapsNoise) else 0.0)
+
+
+def perfect_fit(sensor: Sensor, reading: Array) -> Array:
+    """The log density of readings (B,) where each range fits its reading perfectly, nats."""
+    return np.asarray(sensor.log_density(reading, np.fmax(reading - reading_bias(sensor.noise), 0.0)))
 
 
 def reading_step(noise: Noise) -> float:
