@@ -49,6 +49,7 @@ from .metropolis import (
     separate_copies,
 )
 from .number import resized
+from .options import DEFAULT_MOVES, DEFAULT_RESAMPLING, check_options
 from .resampling import SCHEMES, kinds, systematic
 from .weights import effective_number, effective_places, equal, exp_of, longest_stage, weighted
 
@@ -56,9 +57,7 @@ PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in betw
 SUM_ROUNDING = 1e-12  # of a covariance summed over particles
 MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
 MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
-MOST_RANGES_IN_STAGES = 1e7  # particles times beams
 MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
-DEFAULT_RESAMPLING, DEFAULT_MOVES = "systematic", 3
 MORE = 8  # times as many particles where a reading fits nowhere, or fewer:
 MOST_RANGES_ANEW = 1e6  # particles times beams
 BY_CHANCE = 1e-6  # how seldom it fits so badly at the truth, if the noise is Gaussian
@@ -100,67 +99,7 @@ class ParticleFilter(BriefRepr):
     least_particles: int | None = None
 
     def __post_init__(self) -> None:
-        if self.particles != int(self.particles) or self.particles < 2:
-            raise ValueError(f"particles must be a whole number from 2 on, got {self.particles}")
-        if not 0 <= self.resample_below <= 1:
-            raise ValueError(f"resample_below must be in [0, 1], got {self.resample_below}")
-        if self.resampling not in SCHEMES:
-            raise ValueError(f"no resampling {self.resampling!r}; there are {', '.join(SCHEMES)}")
-        if self.bandwidth is not None and not 0 < self.bandwidth < np.inf:
-            raise ValueError(f"bandwidth must be positive and finite, got {self.bandwidth}")
-        if self.moves != int(self.moves) or self.moves < 1:
-            raise ValueError(f"moves must be a whole number from 1 on, got {self.moves}")
-        if self.temper not in (None, False, True) or self.regularise not in (False, True):
-            raise ValueError(
-                f"regularise and temper must be true or false, got {self.regularise!r}, {self.temper!r}"
-            )
-        if self.least_particles is not None and not 2 <= self.least_particles <= self.particles:
-            raise ValueError(
-                f"least_particles must be from 2 to particles = {self.particles}, got {self.least_particles}"
-            )
-        self._check_effect()
-        self._check_size()
-
-    def _check_effect(self) -> None:
-        """Refuse options that would do nothing beside the others.
-
-        Raises:
-            ValueError: If there is one.
-        """
-        given = {
-            "bandwidth": self.bandwidth is not None,
-            "moves": self.moves != DEFAULT_MOVES,
-            "temper": bool(self.temper),
-            "resampling": self.resampling != DEFAULT_RESAMPLING,
-        }
-        idle: dict[str, tuple[str, ...]] = {
-            "resample_below = 0, which never resamples": tuple(given) if not self.resample_below else (),
-            "regularise = false": ("bandwidth", "moves", "temper") if not self.regularise else (),
-            "a bandwidth, whose kernel takes the place of Metropolis steps": ("moves", "temper")
-            if self.bandwidth is not None
-            else (),
-        }
-        if self.least_particles is not None and isinstance(self.problem.motion, Stationary):
-            raise ValueError("least_particles does nothing for an object that does not move: leave it out")
-        for beside, names in idle.items():
-            for name in names:
-                if given[name]:
-                    raise ValueError(f"{name} does nothing beside {beside}: leave one of the two out")
-
-    def _check_size(self) -> None:
-        """Refuse stages over so many ranges that one measurement would take minutes.
-
-        Raises:
-            ValueError: If there are more.
-        """
-        ranges = self.particles * len(self.problem.sensor.bearings)
-        moved = self.regularise and self.bandwidth is None and self.resample_below > 0
-        if moved and self.temper is not False and ranges > MOST_RANGES_IN_STAGES:
-            raise ValueError(
-                f"{self.particles} particles with {len(self.problem.sensor.bearings)} beams are {ranges:.2g} "
-                f"ranges in each of many stages, more than {MOST_RANGES_IN_STAGES:.0e}: take fewer beams or "
-                "particles, or temper = false"
-            )
+        check_options(self)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
         """N draws from the prior for every run, all of equal weight."""
