@@ -172,12 +172,12 @@ def metropolis(
     def drawn(count: int) -> tuple[Array, Array, tuple[float, float], Array, Array, Array, IntArray]:
         """What tells so many steps, but for where they begin."""
         sizes = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(count))
-        randomly, kinds, pairs = count, np.empty(0), np.empty((0, 0), dtype=np.int64)
+        randomly, kinds, pairs = count, np.ones(count), np.zeros((2, 1), dtype=np.int64)
         if thorough:
             kinds = rng.random(count)
             randomly = int(np.count_nonzero(kinds >= DIFFERENCES))
-            pairs = rng.integers(0, len(states), (2, count - randomly))
-        return sizes, kinds, shares, rng.standard_normal((randomly, size)), root, states, pairs
+            pairs = rng.integers(0, len(states), (2, max(1, count - randomly)))
+        return sizes, kinds, shares, rng.standard_normal((max(1, randomly), size)), root, states, pairs
 
     def walk(here: Array) -> Array:
         proposal = np.empty_like(here)

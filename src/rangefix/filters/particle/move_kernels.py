@@ -42,19 +42,19 @@ def step_from(
     Args:
         here: Points, (N, n).
         sizes: What each step is multiplied by, (N,).
-        kinds: Even numbers in [0, 1), (N,), that say which step is a difference; or none, (0,).
+        kinds: Numbers, (N,), that say which step is a difference: even in [0, 1), or 1 where none is.
         shares: Of differences, and of those that are taken whole.
-        noise: Standard normal numbers for the random steps, in their order, (no fewer than these, n).
+        noise: Standard normal numbers for the random steps, in their order, (no fewer than these or 1, n).
         root: R with R R' the covariance of a random step, (n, n).
         cloud: Points that differences are taken of, (K, n).
-        pairs: Which two, for the differences in their order, (2, no fewer than these); or none, (0, 0).
+        pairs: Which two, for the differences in their order, (2, no fewer than these or 1).
         is_angle: Which components are angles, (n,).
         proposal: Gets the points moved, angles in [-pi, pi), (N, n).
     """
     drawn = 0
     for place in range(len(here)):
-        apart = len(kinds) > 0 and kinds[place] < shares[0]
-        size = 1.0 if apart and kinds[place] < shares[1] else sizes[place]
+        apart = kinds[place] < shares[0]
+        size = 1.0 if kinds[place] < shares[1] else sizes[place]
         pair = place - drawn if apart else -1
         for column in range(here.shape[1]):
             proposal[place, column] = _end(
@@ -114,27 +114,24 @@ def steps_in_box(
         levels: Of each, (K + 1,): as for `log_density_by_walls`.
     """
     size, last = len(states), len(scans) - 1
-    there = np.empty((size, 2))
-    known_there, fresh_there = np.empty(size), np.empty(size)
-    if len(kinds) and pairs.shape[1] and len(noise):
-        drawn, pair = 0, 0
-        for place in range(size):
-            apart = kinds[place] < shares[0]
-            scale = 1.0 if kinds[place] < shares[1] else sizes[place]
-            one, other = pairs[0, pair], pairs[1, pair]
-            for column in range(2):
-                random = root[column, 0] * noise[drawn, 0] + root[column, 1] * noise[drawn, 1]
-                step = cloud[one, column] - cloud[other, column] if apart else random
-                there[place, column] = states[place, column] + scale * step
-            pair = min(pair + apart, pairs.shape[1] - 1)
-            drawn = min(drawn + 1 - apart, len(noise) - 1)
-    else:
-        step_from(states, sizes, kinds, shares, noise, root, cloud, pairs, np.zeros(2, dtype=np.bool_), there)
-    known_there[:] = prior
-    for scan in range(last):
+    there, known_there, fresh_there = np.empty((size, 2)), np.empty(size), np.empty(size)
+    drawn, pair = 0, 0
+    for place in range(size):
+        apart = kinds[place] < shares[0]
+        scale = 1.0 if kinds[place] < shares[1] else sizes[place]
+        one, other = pairs[0, pair], pairs[1, pair]
+        for column in range(2):
+            random = root[column, 0] * noise[drawn, 0] + root[column, 1] * noise[drawn, 1]
+            step = cloud[one, column] - cloud[other, column] if apart else random
+            there[place, column] = states[place, column] + scale * step
+        pair = min(pair + apart, pairs.shape[1] - 1)
+        drawn = min(drawn + 1 - apart, len(noise) - 1)
+        known_there[place] = prior
+    for scan in range(last + 1):
         log_density_by_walls(there, walls, scans[scan], stds, levels[scan], fresh_there)
-        known_there += fresh_there
-    log_density_by_walls(there, walls, scans[last], stds, levels[last], fresh_there)
+        if scan < last:
+            for place in range(size):
+                known_there[place] += fresh_there[place]
     count = 0
     for place in range(size):
         x1, x2 = there[place, 0], there[place, 1]
@@ -165,7 +162,8 @@ def log_density_by_walls(
         level: Sum of log(std sqrt(2 pi)) over the measured beams.
         density: Gets the log density, nats, (N,).
     """
-    density[:] = -level
+    for place in range(len(states)):
+        density[place] = -level
     for beam in range(len(reading)):
         if math.isnan(reading[beam]):
             continue
@@ -183,44 +181,40 @@ def log_density_by_walls(
 
 
 @njit(**LOOP)
-def spreads(states: Array, weights: Array, is_angle: BoolArray) -> tuple[Array, Array]:
-    """Covariances of points, weighted and unweighted, (n, n) each; of angles about their circular means.
+def add_spreads(states: Array, weights: Array, is_angle: BoolArray, means: Array, spreads: Array) -> None:
+    """Means and covariances of points, weighted and unweighted; of angles circular means, and about them.
 
     Args:
         states: Points, (N, n).
         weights: That sum to one, (N,).
         is_angle: Which components are angles, (n,).
+        means: Zeros, which become the means, (2, n).
+        spreads: Zeros, which become the covariances, (2, n, n).
     """
     size, count = states.shape[1], len(states)
-    means, result = np.zeros((2, size)), np.zeros((2, size, size))
-    for column in range(size):
-        if is_angle[column]:
-            sums = np.zeros(4)
+    for kind in range(2):
+        for column in range(size):
+            sines, cosines = 0.0, 0.0
             for place in range(count):
-                sine, cosine = math.sin(states[place, column]), math.cos(states[place, column])
-                sums[0] += weights[place] * sine
-                sums[1] += weights[place] * cosine
-                sums[2] += sine
-                sums[3] += cosine
-            means[0, column], means[1, column] = math.atan2(sums[0], sums[1]), math.atan2(sums[2], sums[3])
-        else:
-            for place in range(count):
-                means[0, column] += weights[place] * states[place, column]
-                means[1, column] += states[place, column]
-            means[1, column] /= count
-    away = np.empty((2, size))
-    for place in range(count):
-        for kind in range(2):
-            for column in range(size):
-                apart = states[place, column] - means[kind, column]
+                weight, state = weights[place] if kind == 0 else 1.0 / count, states[place, column]
                 if is_angle[column]:
-                    apart = (apart + math.pi) % (2.0 * math.pi) - math.pi
-                away[kind, column] = apart
+                    sines += weight * math.sin(state)
+                    cosines += weight * math.cos(state)
+                else:
+                    means[kind, column] += weight * state
+            if is_angle[column]:
+                means[kind, column] = math.atan2(sines, cosines)
+        for place in range(count):
             weight = weights[place] if kind == 0 else 1.0 / count
             for row in range(size):
+                across = states[place, row] - means[kind, row]
+                if is_angle[row]:
+                    across = (across + math.pi) % (2.0 * math.pi) - math.pi
                 for column in range(row + 1):
-                    result[kind, row, column] += weight * away[kind, row] * away[kind, column]
-    for row in range(size):
-        for column in range(row):
-            result[:, column, row] = result[:, row, column]
-    return result[0], result[1]
+                    along = states[place, column] - means[kind, column]
+                    if is_angle[column]:
+                        along = (along + math.pi) % (2.0 * math.pi) - math.pi
+                    spreads[kind, row, column] += weight * across * along
+        for row in range(size):
+            for column in range(row):
+                spreads[kind, column, row] = spreads[kind, row, column]
