@@ -327,6 +327,23 @@ def test_a_closet_in_which_no_particle_was_is_found():
         assert (log_evidence > -200).all()  # few particles say roughly how probable the readings are
 
 
+def test_a_fifth_reading_that_fits_nowhere_begins_nothing_anew(monkeypatch):
+    """Where every reading is odd, as under a wrong model, work does not grow with their number squared."""
+    estimator, rngs = ParticleFilter(PAPER, particles=200), [np.random.default_rng(5)]
+    belief = estimator.init(PAPER.prior, rngs)
+    odd = PAPER.sensor.expected(np.array([[2.0, 3.0]])) + np.array([[0.0, 1.0, -1.0]])
+    taken, take_in = [], ParticleFilter._taken_in
+
+    def counted(*arguments):
+        taken.append(len(belief.readings))
+        return take_in(*arguments)
+
+    monkeypatch.setattr(ParticleFilter, "_taken_in", counted)
+    for _ in range(6):
+        belief = estimator.update(belief, odd, rngs)
+    assert np.bincount(taken).tolist() == [2, 3, 4, 5, 1, 1]
+
+
 def test_what_fits_badly_by_chance_is_taken_in_once():
     """A reading 4 deviations off is no reason to begin anew: the draws go on as they are."""
     problem = PAPER

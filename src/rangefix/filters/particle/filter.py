@@ -60,6 +60,7 @@ MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nat
 MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
 MORE = 8  # times as many particles where a reading fits nowhere, or fewer:
 MOST_RANGES_ANEW = 1e6  # particles times beams
+MOST_READINGS_ANEW = 4  # one that fits nowhere after more than these is odd rather than its place missed
 BY_CHANCE = 1e-6  # how seldom it fits so badly at the truth, if the noise is Gaussian
 
 Run = tuple[Array, Array, Array | None, float]  # states, log weights, starts of the last move, log evidence
@@ -238,11 +239,11 @@ class ParticleFilter(BriefRepr):
         A reading that fits nowhere among the particles may fit in a corner in which hardly one of them was.
         """
         more = min(MORE, int(MOST_RANGES_ANEW / (self.particles * len(reading))))
-        if more < 2:
+        scans = [scan[run] for scan in belief.readings if not np.isnan(scan[run]).all()]
+        if more < 2 or len(scans) >= MOST_READINGS_ANEW:
             return found
         wider = replace(self, particles=more * self.particles)
         alone, total = wider.init(belief.prior, [rng]), 0.0
-        scans = [scan[run] for scan in belief.readings if not np.isnan(scan[run]).all()]
         for scan in (*scans, reading):
             (states, log_weights, _, gain), _ = wider._taken_in(alone, 0, scan, rng)
             total += gain
