@@ -14,6 +14,7 @@ from .exact.partition import MAX_CORNERS
 from .kalman.batch import WORK_PER_RANGE
 from .kalman.batch import runs_at_once as kalman_runs_at_once
 from .models.motion import Stationary
+from .particle.likelihood import Likelihood
 from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
 from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
 from .point_mass.grid import count_cells
@@ -140,7 +141,8 @@ def _adaptive(problem: Problem, options: Mapping[str, Any], runs: int) -> Memory
 def _particle(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     particles, size, beams = float(options["particles"]), problem.space.size, len(problem.sensor.bearings)
     belief = FLOAT * particles * (2 * size + 1)
-    cast = 4 * FLOAT * min(particles, 1 << 14) * beams
+    by_walls = Likelihood.of(problem.sensor, problem.prior).walls is not None
+    cast = 0.0 if by_walls else 4 * FLOAT * min(particles, 1 << 14) * beams
     # copies, proposals and weights of one run beside the beliefs before and after
     peak = 2 * belief * _at_once(runs, belief) + FLOAT * particles * (4 * size + 8) + cast
     what = f"{particles:.6g} particles of {size} components with {_beams(beams)}"
