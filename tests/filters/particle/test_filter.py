@@ -351,7 +351,8 @@ def test_what_fits_badly_by_chance_is_taken_in_once():
     reading = problem.sensor.expected(truth) + np.array([[0.2, 0.0, 0.0]])
     one, other = np.random.default_rng(5), np.random.default_rng(5)
     estimator = ParticleFilter(problem, particles=500)
-    once, _ = estimator._taken_in(estimator.init(problem.prior, [one]), 0, reading[0], one)
+    prior = estimator.init(problem.prior, [one])
+    once, _ = estimator._taken_in(prior, 0, reading[0], estimator._target(prior, 0, reading[0]), one)
     belief = estimator.update(estimator.init(problem.prior, [other]), reading, [other])
     np.testing.assert_array_equal(belief.states[0], once[0])
 

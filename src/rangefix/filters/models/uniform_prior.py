@@ -124,26 +124,23 @@ class Uniform:
         Raises:
             ValueError: If the free space is too small a part of the box to be found.
         """
-        lower, upper = self.support
 
         def draw(count: int) -> Array:
-            drawn = rng.random((count, self.space.size))
-            for column, (low, high) in enumerate(
-                zip(lower, upper, strict=True)
-            ):  # numpy is slow on short rows
-                drawn[:, column] *= high - low
-                drawn[:, column] += low
-            return drawn
+            return self._placed(rng.random((count, self.space.size)))
 
-        return draw_free(
-            draw, size, None if self.is_box else self.room, self.space, "give the prior a smaller box"
-        )
+        room = None if self.is_box else self.room
+        return draw_free(draw, size, room, self.space, "give the prior a smaller box")
+
+    def _placed(self, shares: Array) -> Array:
+        """Shares of the support's sides, (..., n), as states, in place: numpy is slow on short rows."""
+        for column, (low, high) in enumerate(zip(*self.support, strict=True)):
+            shares[..., column] *= high - low
+            shares[..., column] += low
+        return shares
 
     def sample_each(self, rngs: Sequence[Generator]) -> Array:
         """One draw for each of M runs, (M, n); row m is what `sample` draws from rngs[m]."""
-        lower, upper = self.support
-        shares = np.stack([rng.random((DRAWN_AT_LEAST, self.space.size)) for rng in rngs])
-        drawn = lower + (upper - lower) * shares
+        drawn = self._placed(np.stack([rng.random((DRAWN_AT_LEAST, self.space.size)) for rng in rngs]))
         free = np.asarray(self.room.is_free(self.space.positions(drawn)))
         states = self.space.wrap(drawn[np.arange(len(drawn)), free.argmax(axis=1)])
         for run in np.flatnonzero(~free.any(axis=1)):  # their generators go on

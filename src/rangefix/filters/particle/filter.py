@@ -225,27 +225,31 @@ class ParticleFilter(BriefRepr):
         """One run's states, log weights, starts of the last move, and log evidence of its reading (B,)."""
         from scipy.special import chdtri  # a tenth of a second
 
-        found, best = self._taken_in(belief, run, reading, rng)
-        standing = belief.standing[run] and self._target(belief, run, reading) is not None
-        if standing and self.temper is not False and np.isfinite(belief.log_evidence[run] + found[3]):
+        target = self._target(belief, run, reading)
+        found, best = self._taken_in(belief, run, reading, target, rng)
+        possible = np.isfinite(belief.log_evidence[run] + found[3])
+        if isinstance(target, Posterior) and self.temper is not False and possible:
             short = float(perfect_fit(self.problem.sensor, reading)) - best
             if short > chdtri(max(1, int((~np.isnan(reading)).sum())), BY_CHANCE) / 2:
-                return self._from_more(belief, run, reading, rng, found)
+                return self._from_more(belief, run, target.readings, reading, rng, found)
         return found
 
-    def _from_more(self, belief: ParticleBelief, run: int, reading: Array, rng: Generator, found: Run) -> Run:
+    def _from_more(
+        self, belief: ParticleBelief, run: int, scans: Sequence[Array], reading: Array, rng: Generator,
+        found: Run,
+    ) -> Run:  # fmt: skip
         """The same from the prior anew with more particles, if they find where readings are more probable.
 
         A reading that fits nowhere among the particles may fit in a corner in which hardly one of them was.
         """
         more = min(MORE, int(MOST_RANGES_ANEW / (self.particles * len(reading))))
-        scans = [scan[run] for scan in belief.readings if not np.isnan(scan[run]).all()]
         if more < 2 or len(scans) >= MOST_READINGS_ANEW:
             return found
         wider = replace(self, particles=more * self.particles)
         alone, total = wider.init(belief.prior, [rng]), 0.0
         for scan in (*scans, reading):
-            (states, log_weights, _, gain), _ = wider._taken_in(alone, 0, scan, rng)
+            target = wider._target(alone, 0, scan)
+            (states, log_weights, _, gain), _ = wider._taken_in(alone, 0, scan, target, rng)
             total += gain
             alone = replace(
                 alone,
@@ -260,7 +264,7 @@ class ParticleFilter(BriefRepr):
         return states[ancestors], equal(self.particles), None, gain
 
     def _taken_in(
-        self, belief: ParticleBelief, run: int, reading: Array, rng: Generator
+        self, belief: ParticleBelief, run: int, reading: Array, target: Target | None, rng: Generator
     ) -> tuple[Run, float]:
         """The same as it comes, and the greatest log density of the reading at a particle."""
         states, log_weights = belief.states[run], belief.log_weights[run]
@@ -268,7 +272,6 @@ class ParticleFilter(BriefRepr):
         if np.isnan(reading).all():
             return (*unchanged, 0.0), 0.0
         enough = self.resample_below * len(states)
-        target = self._target(belief, run, reading)
         known: Array | None = None
         if effective_number(log_weights) < enough:
             states, known, log_density, target = self._resampled(
@@ -309,11 +312,8 @@ class ParticleFilter(BriefRepr):
 
     def _likelihood(self, prior: Prior) -> Likelihood:
         """Of the rangefinder at what a prior allows for."""
-        return (
-            self._usual_likelihood
-            if prior is self.problem.prior
-            else Likelihood.of(self.problem.sensor, prior)
-        )
+        usual = prior is self.problem.prior
+        return self._usual_likelihood if usual else Likelihood.of(self.problem.sensor, prior)
 
     @cached_property
     def _usual_likelihood(self) -> Likelihood:

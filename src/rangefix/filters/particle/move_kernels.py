@@ -13,26 +13,6 @@ LOOP = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @njit(**LOOP)
-def _end(
-    here: float, size: float, column: int, drawn: int, pair: int, noise: Array, root: Array, cloud: Array,
-    pairs: IntArray, is_angle: bool,
-) -> float:  # fmt: skip
-    """Where a step leads in one component: a random one, or a difference where there is a pair (>= 0)."""
-    step = 0.0
-    if pair >= 0:
-        step = cloud[pairs[0, pair], column] - cloud[pairs[1, pair], column]
-        if is_angle:
-            step = (step + math.pi) % (2.0 * math.pi) - math.pi
-    else:
-        for other in range(root.shape[0]):
-            step += root[column, other] * noise[drawn, other]
-    end = here + size * step
-    if is_angle:
-        end = (end + math.pi) % (2.0 * math.pi) - math.pi
-    return end
-
-
-@njit(**LOOP)
 def step_from(
     here: Array, sizes: Array, kinds: Array, shares: tuple[float, float], noise: Array, root: Array,
     cloud: Array, pairs: IntArray, is_angle: BoolArray, proposal: Array,
@@ -55,11 +35,20 @@ def step_from(
     for place in range(len(here)):
         apart = kinds[place] < shares[0]
         size = 1.0 if kinds[place] < shares[1] else sizes[place]
-        pair = place - drawn if apart else -1
         for column in range(here.shape[1]):
-            proposal[place, column] = _end(
-                here[place, column], size, column, drawn, pair, noise, root, cloud, pairs, is_angle[column]
-            )
+            step = 0.0
+            if apart:
+                pair = place - drawn
+                step = cloud[pairs[0, pair], column] - cloud[pairs[1, pair], column]
+                if is_angle[column]:
+                    step = (step + math.pi) % (2.0 * math.pi) - math.pi
+            else:
+                for other in range(here.shape[1]):
+                    step += root[column, other] * noise[drawn, other]
+            end = here[place, column] + size * step
+            if is_angle[column]:
+                end = (end + math.pi) % (2.0 * math.pi) - math.pi
+            proposal[place, column] = end
         drawn += not apart
 
 
