@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import fields
 from functools import reduce
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+Scalar = TypeVar("Scalar", bound=np.generic)
 TWO_PI = 2.0 * math.pi
 LOG_TWO_PI = math.log(TWO_PI)
 LONGEST_SHOWN = 8  # numbers of an array
@@ -41,7 +42,7 @@ def sum_terms(terms: Iterable[Array]) -> Array:
     return reduce(np.add, terms)
 
 
-def read_only(array: Array) -> Array:
+def read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:
     """The same array, which nobody can write into any more."""
     array.setflags(write=False)
     return array

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite
 
 import numpy as np
 
-from ..arrays import Array, BoolArray, wrap
+from ..arrays import Array, BoolArray, read_only, wrap
 
 NO_DIRECTION = 0.01  # length of a mean resultant vector below which angles have no mean direction
 FEW_NUMBERS = 50  # in covariances: numpy takes longer to begin with so few than plain numbers take
@@ -45,10 +46,10 @@ class StateSpace:
         """The number of components n."""
         return len(self.names)
 
-    @property
+    @cached_property
     def is_angle(self) -> BoolArray:
         """Which components are angles, shape (n,)."""
-        return np.array([name == "heading" for name in self.names])
+        return read_only(np.array([name == "heading" for name in self.names]))
 
     @property
     def position_indices(self) -> list[int]:

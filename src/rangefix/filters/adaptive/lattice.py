@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import Array, BoolArray, IntArray, wrap
 from ..space import StateSpace
 from .target import TooManyCells
+
+BITS = 62  # of a number that stands for an index, shared out among its components
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Lattice:
     @property
     def unwrapped(self) -> Array:
         """The points, angles as far from the origin's as they lie, (K, n)."""
-        return np.asarray(self.origin + self.index @ self.basis.T)
+        return _points(self.origin, self.basis, self.index)
 
     @cached_property
     def log_cell(self) -> float:
@@ -63,8 +65,10 @@ class Lattice:
 
     def holds(self, states: Array) -> BoolArray:
         """Whether states lie in cells of this lattice: (k, n) -> (k,)."""
-        lower, upper = self._box
-        near = np.flatnonzero(((states >= lower) & (states <= upper)).all(axis=1))
+        inside = np.ones(len(states), np.bool_)
+        for column, middle, half, angle in zip(states.T, *self.box, self.space.is_angle, strict=True):
+            inside &= np.abs(wrap(column - middle) if angle else column - middle) <= half
+        near = np.flatnonzero(inside)
         offset = self.space.difference(states[near], self.origin)
         index = np.rint(np.linalg.solve(self.basis, offset.T).T).astype(np.int64)
         held = np.zeros(len(states), np.bool_)
@@ -73,6 +77,8 @@ class Lattice:
 
     def without(self, other: Lattice) -> Lattice:
         """The same with no density in the cells of another."""
+        if not len(Taken([other]).near(*self.box)):
+            return self
         held = other.holds(self.states)
         return replace(self, logs=np.where(held, -np.inf, self.logs)) if held.any() else self
 
@@ -103,8 +109,7 @@ class Lattice:
     @cached_property
     def extent(self) -> tuple[Array, Array]:
         """Least and greatest of each component, angles as far from the origin's as they lie, (n,) each."""
-        points = self.unwrapped
-        return points.min(axis=0), points.max(axis=0)
+        return _corners(self.unwrapped)
 
     @cached_property
     def errors(self) -> Array:
@@ -131,15 +136,39 @@ class Lattice:
         return errors
 
     @cached_property
-    def _box(self) -> tuple[Array, Array]:
-        """Corners of a box about all cells, (n,) each; without bounds for angles."""
-        half = np.abs(self.basis).sum(axis=1)
-        half[self.space.is_angle] = np.inf
-        return self.extent[0] - half, self.extent[1] + half
+    def box(self) -> tuple[Array, Array]:
+        """Middle and half of the sides of a box about all cells, (n,) each."""
+        lower, upper = self.extent
+        return 0.5 * (lower + upper), 0.5 * (upper - lower) + np.abs(self.basis).sum(axis=1)
 
     def _weights(self) -> Array:
         weights = np.exp(self.logs - self.logs.max())
         return np.asarray(weights / weights.sum())
+
+
+class Taken:
+    """The cells of some lattices, which are far apart for the most part."""
+
+    def __init__(self, lattices: Sequence[Lattice]) -> None:
+        self.lattices = lattices
+        if lattices:
+            self.middles = np.stack([lattice.box[0] for lattice in lattices])
+            self.halves = np.stack([lattice.box[1] for lattice in lattices])
+
+    def holds(self, states: Array) -> BoolArray:
+        """Whether states lie in cells of any of them: (k, n) -> (k,)."""
+        held = np.zeros(len(states), np.bool_)
+        if not self.lattices or not len(states):
+            return held
+        lower, upper = _corners(states)
+        for place in self.near(0.5 * (lower + upper), 0.5 * (upper - lower)):
+            held |= self.lattices[place].holds(states)
+        return held
+
+    def near(self, middle: Array, half: Array) -> IntArray:
+        """Which lattices' boxes meet a box of such a middle and halves of its sides, (n,) each."""
+        apart = np.abs(self.lattices[0].space.difference(self.middles, middle))
+        return np.flatnonzero((apart <= self.halves + half).all(axis=1))
 
 
 class Limits(NamedTuple):
@@ -176,36 +205,37 @@ def grow(
     Raises:
         TooManyCells: If there would be more points than that.
     """
-    around = np.array([step for step in product((-1, 0, 1), repeat=len(origin)) if any(step)])
-    angle = space.is_angle
+    axes = len(origin)
+    around = _keys(np.array([step for step in product((-1, 0, 1), repeat=axes) if any(step)]))
+    around -= _keys(np.zeros((1, axes), np.int64))
     parts = [] if before is None else [(before.index, before.keys, before.logs)]
-    known = _Keys([keys for _, keys, _ in parts])
+    known, others = _Keys([keys for _, keys, _ in parts]), Taken(limits.others)
     top = -np.inf if before is None else float(before.logs.max())
-    fresh = start
+    wanted = _keys(start)
     while True:
-        keys, places = np.unique(_keys(fresh), return_index=True)
-        new = ~known.have(keys)
-        keys, fresh = keys[new], fresh[places[new]]
-        if not len(fresh):
+        wanted.sort(kind="stable")  # of a few runs that are sorted already: np.unique takes far longer
+        keys = wanted[np.append(wanted[:-1] != wanted[1:], np.True_)[: len(wanted)]]
+        keys = keys[~known.have(keys)]
+        if not len(keys):
             break
         known.add(keys)
         if known.count > limits.most:
             raise TooManyCells(
                 f"the posterior fills more than {limits.most} cells: allow more, or measure more"
             )
-        offset = fresh @ basis.T
-        states = space.wrap(origin + offset)
+        fresh = _index(keys, axes)
+        points = _points(origin, basis, fresh)
+        states = space.wrap(points)
         values = log_density(states)
-        taken = (np.abs(offset[:, angle]) > np.pi).any(axis=1)
-        for other in limits.others:
-            taken |= other.holds(states)
-        values[taken] = -np.inf
+        values[others.holds(states)] = -np.inf
+        for axis in np.flatnonzero(space.is_angle):
+            values[np.abs(points[:, axis] - origin[axis]) > np.pi] = -np.inf
         parts.append((fresh, keys, values))
         top = max(top, float(values.max()))
         bar = max(limits.level, top - limits.margin)
         if bar == -np.inf:
             break
-        fresh = (fresh[values > bar][:, None] + around).reshape(-1, len(origin))
+        wanted = (around[:, None] + keys[values > bar]).ravel()
     index, keys, logs = (np.concatenate(part) for part in zip(*parts, strict=True))
     order = np.argsort(keys, kind="stable")
     return Lattice(space, origin, basis, index[order], keys[order], logs[order])
@@ -219,9 +249,8 @@ def halved(
     index = lattice.index * finer
     heavy = index[logs > max(limits.level, logs.max() - limits.margin)]
     steps = np.array(list(product(*[(-1, 0, 1) if axis else (0,) for axis in axes])))
-    keys, basis = _keys(index), lattice.basis / finer
-    order = np.argsort(keys, kind="stable")
-    before = replace(lattice, basis=basis, index=index[order], keys=keys[order], logs=logs[order])
+    basis = lattice.basis / finer
+    before = replace(lattice, basis=basis, index=index, keys=_keys(index), logs=logs)  # in the same order
     start = (heavy[:, None] + steps).reshape(-1, len(axes))
     return grow(lattice.space, log_density, lattice.origin, basis, start, limits, before)
 
@@ -261,7 +290,7 @@ class _Keys:
         self.tables.append(keys)
         while len(self.tables) > 1 and len(self.tables[-2]) < 2 * len(self.tables[-1]):
             last = self.tables.pop()
-            self.tables[-1] = np.sort(np.concatenate([self.tables[-1], last]))
+            self.tables[-1] = np.sort(np.concatenate([self.tables[-1], last]), kind="stable")
 
 
 def ball(axes: int, radius: float) -> IntArray:
@@ -271,13 +300,30 @@ def ball(axes: int, radius: float) -> IntArray:
     return np.asarray(points[(points**2).sum(axis=1) <= radius**2])
 
 
+def _points(origin: Array, basis: Array, index: IntArray) -> Array:
+    """The points origin + basis i, (k, n) -> (k, n); column by column, for numpy is slow on short rows."""
+    return np.asarray((basis @ index.T.astype(float) + origin[:, None]).T)
+
+
+def _corners(points: Array) -> tuple[Array, Array]:
+    """Least and greatest of each column, (n,) each; column by column, for numpy is slow on short rows."""
+    return np.array([column.min() for column in points.T]), np.array([column.max() for column in points.T])
+
+
 def _keys(index: IntArray) -> IntArray:
-    """One number for each index, (k, n) -> (k,)."""
-    bits = 62 // index.shape[1]
+    """One number for each index, in the order of its first component, then of the next, (k, n) -> (k,)."""
+    bits = BITS // index.shape[1]
     keys = np.zeros(len(index), np.int64)
     for column in index.T:
         keys = (keys << bits) + column + (1 << (bits - 1))
     return keys
+
+
+def _index(keys: IntArray, axes: int) -> IntArray:
+    """The indices of such numbers, (k,) -> (k, n)."""
+    bits = BITS // axes
+    columns = [(keys >> bits * place) & ((1 << bits) - 1) for place in reversed(range(axes))]
+    return np.stack(columns, axis=1) - (1 << (bits - 1))
 
 
 def _known(keys: IntArray, table: IntArray) -> BoolArray:

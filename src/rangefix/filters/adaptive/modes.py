@@ -12,8 +12,8 @@ from scipy.special import chdtri, lambertw
 from ...arrays import Array, BoolArray
 from ..space import LEAST_VARIANCE, NO_DIRECTION
 from .gauss_newton import Peaks
-from .lattice import Lattice, Limits, ball, grow, halved, shifted
-from .moments import Moments, deviations, moments_of
+from .lattice import Lattice, Limits, Taken, ball, grow, halved, shifted
+from .moments import Moments, moments_of, sums_about
 from .target import Target, TooManyCells
 
 PEAK_MARGIN_NATS = 40.0  # below the best score at which a peak still counts: jumps of the range stop climbs
@@ -119,7 +119,8 @@ class Quadrature:
         """Error of mean and covariance in deviations of the posterior: see `CanEstimateError`.
 
         What the checks have otherwise, or what halves of the lattices have if that is more, and what no mode
-        holds; inf without checks, and where headings are so evenly spread that none is their mean.
+        holds; inf without checks, and where headings may be so evenly spread that none is their mean: the
+        length of the mean resultant vector may be off by as much as the moments are.
         """
         if not self.modes:
             return 0.0
@@ -127,7 +128,10 @@ class Quadrature:
             return np.inf
         if all(check.log_integral == -np.inf for check in self.checks):
             return np.inf
-        return max(self._gap, self.halves_error) + self.missed
+        error = max(self._gap, self.halves_error) + self.missed
+        angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
+        resultant_error = error * min(1.0, float(np.sqrt(angles.max(initial=0.0))))
+        return error if self.moments.resultant - resultant_error >= NO_DIRECTION else np.inf
 
     @property
     def _gap(self) -> float:
@@ -145,13 +149,10 @@ class Quadrature:
         other = moments_of(self.checks).log_integral
         gaps = []
         for mode, check in zip(self.modes, self.checks, strict=True):
-            sums = []
-            for lattice, log, sharp in ((mode, log_integral, False), (check, other, True)):
-                weights, away = deviations(lattice, log, mean, sharp)
-                scaled = away / root
-                second = (scaled * weights[:, None]).T @ scaled
-                sums.append(np.concatenate([[weights.sum()], weights @ scaled, second.ravel()]))
-            gaps.append(np.abs(sums[0] - sums[1]).max())
+            one, two = sums_about(mode, log_integral, mean), sums_about(check, other, mean, sharp=True)
+            first = np.abs(one[1] - two[1]) / root
+            second = np.abs(one[2] - two[2]) / np.outer(root, root)
+            gaps.append(max(abs(one[0] - two[0]), first.max(), second.max()))
         return np.array(gaps)
 
     @property
@@ -206,10 +207,11 @@ class Quadrature:
 
     def holds(self, states: Array) -> BoolArray:
         """Whether states lie in cells of any mode: (K, n) -> (K,)."""
-        held = np.zeros(len(states), np.bool_)
-        for mode in self.modes:
-            held |= mode.holds(states)
-        return held
+        return self._taken.holds(states)
+
+    @cached_property
+    def _taken(self) -> Taken:
+        return Taken(self.modes)
 
 
 NOWHERE = Quadrature()

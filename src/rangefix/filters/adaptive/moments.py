@@ -53,14 +53,23 @@ def moments_of(lattices: Sequence[Lattice], sharp: bool = False) -> Moments:
         east, north = shares @ np.stack([lattice.mean_directions[axis] for lattice in lattices])
         mean[axis], resultant = np.arctan2(east, north), min(resultant, float(np.hypot(east, north)))
     covariance = np.zeros((space.size, space.size))
-    for share, lattice in zip(shares, lattices, strict=True):
-        if is_cut(lattice, mean):
-            weights, away = deviations(lattice, log_integral, mean, sharp)
-            covariance += (away * weights[:, None]).T @ away
-        else:
-            offset = space.difference(lattice.mean, mean)
-            covariance += share * (lattice.covariance + np.outer(offset, offset))
+    for lattice in lattices:
+        covariance += sums_about(lattice, log_integral, mean, sharp)[2]
     return Moments(log_integral, mean, 0.5 * (covariance + covariance.T), resultant)
+
+
+def sums_about(
+    lattice: Lattice, log_integral: float, mean: Array, sharp: bool = False
+) -> tuple[float, Array, Array]:
+    """Probability, first (n,) and second (n, n) moments about a mean; the whole density has this integral."""
+    if lattice.log_integral == -np.inf:
+        return 0.0, np.zeros(mean.size), np.zeros((mean.size, mean.size))
+    if is_cut(lattice, mean):
+        weights, away = deviations(lattice, log_integral, mean, sharp)
+        return float(weights.sum()), weights @ away, (away * weights[:, None]).T @ away
+    share = float(np.exp(lattice.log_integral - log_integral))
+    offset = lattice.space.difference(lattice.mean, mean)
+    return share, share * offset, share * (lattice.covariance + np.outer(offset, offset))
 
 
 def is_cut(lattice: Lattice, mean: Array) -> bool:

@@ -62,7 +62,8 @@ class SquaredCosine:
     @property
     def lengths(self) -> Array:
         """Lengths of the box, m, (2,)."""
-        return self.support[1] - self.support[0]
+        low, high = self.support
+        return np.asarray(high - low)
 
     @cached_property
     def covariance(self) -> Array:
