@@ -15,6 +15,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import hadamard
 
 from ...arrays import Array, BoolArray, IntArray, wrap
 from ..space import StateSpace
@@ -119,21 +120,36 @@ class Lattice:
         in the direction in which it is greatest: point 5 of docs/theory.md, "Adaptive cells". What shows
         across several axes is counted for that one of them that is worst: halving it is enough.
         """
-        weights = self._weights()
-        mean, covariance = self.moments
+        values, vectors = np.linalg.eigh(self.moments[1])
         # whitened: a sum over one point alone has no width, and shows as an error of the covariance
-        values, vectors = np.linalg.eigh(covariance)
-        white = (self.index - mean) @ (vectors / np.sqrt(np.maximum(values, 1 / 12)))
-        odd = self.index % 2
-        errors = np.zeros(white.shape[1])
+        white = np.eye(len(values) + 1)
+        white[1:, 1:] = vectors / np.sqrt(np.maximum(values, 1 / 12))
+        signed = white.T @ np.tensordot(hadamard(2 ** len(values)), self._sums_by_parity(), 1) @ white
+        errors = np.zeros(len(values))
         for subset in sorted(product((0, 1), repeat=len(errors)), key=sum)[1:]:
             axes = np.flatnonzero(subset)
-            signed = weights * (1 - 2 * (odd[:, axes].sum(axis=1) % 2))
-            spread = np.linalg.eigvalsh((white * signed[:, None]).T @ white)
-            cost = max(abs(signed.sum()), np.linalg.norm(signed @ white), np.abs(spread).max())
+            sums = signed[(1 << axes).sum()]
+            spread = np.linalg.eigvalsh(sums[1:, 1:])
+            cost = max(abs(sums[0, 0]), np.linalg.norm(sums[0, 1:]), np.abs(spread).max())
             worst = axes[errors[axes].argmax()]
             errors[worst] = max(errors[worst], cost)
         return errors
+
+    def _sums_by_parity(self) -> Array:
+        """Sums of weights, first and second moments about the mean, over points of odd and of even indices.
+
+        (2^n, n + 1, n + 1); bit i of the first place says whether index i is odd.
+        """
+        columns = [np.ones(len(self.index)), *(self.index - self.moments[0]).T]
+        size, weights = len(columns), self._weights()
+        parity = sum((index & 1) << axis for axis, index in enumerate(self.index.T))
+        sums = np.empty((2 ** (size - 1), size, size))
+        for row in range(size):
+            weighted = weights * columns[row]
+            for column in range(row + 1):
+                found = np.bincount(parity, weighted * columns[column], minlength=len(sums))
+                sums[:, row, column] = sums[:, column, row] = found
+        return sums
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
@@ -251,7 +267,7 @@ def halved(
     steps = np.array(list(product(*[(-1, 0, 1) if axis else (0,) for axis in axes])))
     basis = lattice.basis / finer
     before = replace(lattice, basis=basis, index=index, keys=_keys(index), logs=logs)  # in the same order
-    start = (heavy[:, None] + steps).reshape(-1, len(axes))
+    start = (steps[:, None] + heavy).reshape(-1, len(axes))
     return grow(lattice.space, log_density, lattice.origin, basis, start, limits, before)
 
 
@@ -266,7 +282,7 @@ def shifted(lattice: Lattice, log_density: Callable[[Array], Array], limits: Lim
     """
     heavy = lattice.index[lattice.logs > max(limits.level, lattice.logs.max() - limits.margin)]
     steps = np.array(list(product((0, -1), repeat=len(shift))))
-    start = np.unique((heavy[:, None] + steps).reshape(-1, len(shift)), axis=0)
+    start = (steps[:, None] + heavy).reshape(-1, len(shift))
     origin = lattice.origin + lattice.basis @ shift
     return grow(lattice.space, log_density, origin, lattice.basis, start, limits)
 
