@@ -6,12 +6,12 @@ of the next step, and only if their effective number is low.
 An object that stands still draws no noise that could tell copies apart. Copies are then moved by Metropolis
 steps on its exact posterior, the prior times the likelihood of all readings so far (Gilks and Berzuini, 2001;
 Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. A reading that
-would leave few effective particles is taken in by stages (tempering), with such steps in between, and one
-that fits nowhere among them is taken in once more, from the prior, by eight times as many; once the
-object has moved, the steps are those of its last move (last_step.py). The kernel of Musso, Oudjane and Le
-Gland (2001) is there too; it blurs whatever is thinner than its own covariance, as a ring or two modes are,
-and comes in unasked only where hardly any particle of an object that moves differs from another, as against a
-wall.
+would leave few effective particles is taken in by stages (tempering), with such steps in between: the first
+at an open heading, which leaves many modes, by four times as many particles; and one that fits nowhere among
+them once more, from the prior, by eight times as many. Once the object has moved, the steps are those of its
+last move (last_step.py). The kernel of Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is
+thinner than its own covariance, as a ring or two modes are, and comes in unasked only where hardly any
+particle of an object that moves differs from another, as against a wall.
 """
 
 from __future__ import annotations
@@ -58,8 +58,10 @@ SUM_ROUNDING = 1e-12  # of a covariance summed over particles
 MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
 MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
 MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
-MORE = 8  # times as many particles where a reading fits nowhere, or fewer:
-MOST_RANGES_ANEW = 1e6  # particles times beams
+OPEN_HEADING = 0.5  # rad: where its deviation is more, there may be modes at several headings:
+MORE_AT_ANY_HEADING = 4  # times as many particles for the first reading there
+MORE_WHERE_NONE_FITS = 8  # the same where a reading fits nowhere among them; both fewer where that takes
+MOST_RANGES_ANEW = 1e6  # particles times beams, and more
 MOST_READINGS_ANEW = 4  # one that fits nowhere after more than these is odd rather than its place missed
 BY_CHANCE = 1e-6  # how seldom it fits so badly at the truth, if the noise is Gaussian
 
@@ -72,7 +74,7 @@ class ParticleFilter(BriefRepr):
 
     Args:
         problem: What may be known.
-        particles: How many, N.
+        particles: How many, N; four times as many take in the first reading where the heading is open.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
@@ -223,33 +225,47 @@ class ParticleFilter(BriefRepr):
 
     def _update_run(self, belief: ParticleBelief, run: int, reading: Array, rng: Generator) -> Run:
         """One run's states, log weights, starts of the last move, and log evidence of its reading (B,)."""
+        target = self._target(belief, run, reading)
+        if not isinstance(target, Posterior) or self.temper is False or np.isnan(reading).all():
+            return self._taken_in(belief, run, reading, target, rng)[0]
+        taken = None
+        if not target.readings and self._turned_anyhow(belief.prior):
+            taken = self._from_more(belief, run, (), reading, rng, MORE_AT_ANY_HEADING)
+        found, best = taken or self._taken_in(belief, run, reading, target, rng)
+        if np.isfinite(belief.log_evidence[run] + found[3]) and not self._fits(reading, best):
+            taken = self._from_more(belief, run, target.readings, reading, rng, MORE_WHERE_NONE_FITS)
+        return taken[0] if taken is not None and taken[0][3] > found[3] else found
+
+    def _turned_anyhow(self, prior: Prior) -> bool:
+        """Whether a prior leaves the heading so open that a reading is likely to fit at several."""
+        if self.problem.space.heading is not None:
+            return False
+        place = self.problem.space.names.index("heading")
+        return float(prior.covariance[place, place]) > OPEN_HEADING**2
+
+    def _fits(self, reading: Array, best: float) -> bool:
+        """Whether a reading is as probable at its best as it is at the truth, but for rare chance."""
         from scipy.special import chdtri  # a tenth of a second
 
-        target = self._target(belief, run, reading)
-        found, best = self._taken_in(belief, run, reading, target, rng)
-        possible = np.isfinite(belief.log_evidence[run] + found[3])
-        if isinstance(target, Posterior) and self.temper is not False and possible:
-            short = float(perfect_fit(self.problem.sensor, reading)) - best
-            if short > chdtri(max(1, int((~np.isnan(reading)).sum())), BY_CHANCE) / 2:
-                return self._from_more(belief, run, target.readings, reading, rng, found)
-        return found
+        short = float(perfect_fit(self.problem.sensor, reading)) - best
+        return bool(short <= chdtri(int((~np.isnan(reading)).sum()), BY_CHANCE) / 2)
 
     def _from_more(
         self, belief: ParticleBelief, run: int, scans: Sequence[Array], reading: Array, rng: Generator,
-        found: Run,
-    ) -> Run:  # fmt: skip
-        """The same from the prior anew with more particles, if they find where readings are more probable.
+        most: int,
+    ) -> tuple[Run, float] | None:  # fmt: skip
+        """What `_taken_in` gives from the prior anew with up to `most` times as many particles; or None.
 
-        A reading that fits nowhere among the particles may fit in a corner in which hardly one of them was.
+        The fewer there are, the more modes of little probability lose all of theirs by chance.
         """
-        more = min(MORE, int(MOST_RANGES_ANEW / (self.particles * len(reading))))
+        more = min(most, int(MOST_RANGES_ANEW / (self.particles * len(reading))))
         if more < 2 or len(scans) >= MOST_READINGS_ANEW:
-            return found
+            return None
         wider = replace(self, particles=more * self.particles)
         alone, total = wider.init(belief.prior, [rng]), 0.0
         for scan in (*scans, reading):
             target = wider._target(alone, 0, scan)
-            (states, log_weights, _, gain), _ = wider._taken_in(alone, 0, scan, target, rng)
+            (states, log_weights, _, gain), best = wider._taken_in(alone, 0, scan, target, rng)
             total += gain
             alone = replace(
                 alone,
@@ -258,10 +274,10 @@ class ParticleFilter(BriefRepr):
                 readings=(*alone.readings, scan[None]),
             )
         gain = total - float(belief.log_evidence[run])
-        if not gain > found[3]:
-            return found
+        if not np.isfinite(gain):
+            return None
         ancestors = systematic(exp_of(log_weights), rng)[int(rng.integers(more)) :: more]
-        return states[ancestors], equal(self.particles), None, gain
+        return (states[ancestors], equal(self.particles), None, gain), best
 
     def _taken_in(
         self, belief: ParticleBelief, run: int, reading: Array, target: Target | None, rng: Generator
