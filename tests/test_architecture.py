@@ -111,8 +111,9 @@ evaluation.study.sections evaluation.isolation
 evaluation.experiment
 evaluation.seeds
 filters filters.checks
+filters.point_mass
 filters.adaptive
-filters.point_mass filters.exact filters.particle filters.kalman filters.registry
+filters.exact filters.particle filters.kalman filters.registry
 filters.refined_cells
 filters.models filters.images
 filters.estimator filters.sampling filters.plugin_line filters.option_units

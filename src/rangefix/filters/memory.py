@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .adaptive.choice import MOST_PIECES
-from .adaptive.range_bounds import table_shape
+from .adaptive.range_bounds import TABLE_RAYS, table_shape
 from .exact.partition import MAX_CORNERS
 from .kalman.batch import WORK_PER_RANGE
 from .kalman.batch import runs_at_once as kalman_runs_at_once
@@ -18,7 +18,7 @@ from .particle.likelihood import Likelihood
 from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
 from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
 from .point_mass.grid import count_cells
-from .point_mass.named import GRID_CELLS, REFINED_CELLS
+from .point_mass.named import GRID_CELLS, MODE_CELLS, REFINED_CELLS, looks_for_modes
 from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
 from .point_mass.turning_ranges import directions
 from .problem import Prior, Problem
@@ -76,6 +76,9 @@ def memory_needed(name: str, problem: Problem, options: Mapping[str, Any], runs:
 
 def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """Cells with their centres and probabilities, and the ranges that they expect."""
+    if options["cell"] is None and looks_for_modes(problem):
+        most = MODE_CELLS if options["most_cells"] is None else options["most_cells"]
+        return _adaptive(problem, {"table_rays": TABLE_RAYS, "most_cells": most}, runs)
     if options["cell"] is None:
         return _following_cells(problem, options)
     space, sensor, prior = problem.space, problem.sensor, problem.prior

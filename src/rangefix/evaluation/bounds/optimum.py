@@ -11,7 +11,7 @@ from ...arrays import Array, BoolArray
 from ...filters.estimate import Estimate
 from ...filters.exact import ExactPositionFilter
 from ...filters.problem import Problem
-from ...filters.refined_cells.filter import RefinedBelief
+from ...filters.refined_cells.filter import RefinedBelief, RefinedPointMassFilter
 from ...filters.registry import build
 from .averages.draws import SEED, SETS, place_moments, set_means
 from .averages.reading_grid import expected_covariance
@@ -67,7 +67,7 @@ def optimum(problem: Problem) -> Bound:
                 f"what fewer than {MIN_BEAMS_OF_POSES} beams leave of these is too much for a lattice"
             )
     estimator: Any = (
-        build("point-mass", problem, accuracy=ACCURACY_OF_POSES)
+        RefinedPointMassFilter(problem, ACCURACY_OF_POSES)
         if unknown_heading
         else build("adaptive-point-mass", problem, accuracy=ACCURACY)
     )

@@ -8,9 +8,8 @@ from time import process_time
 import numpy as np
 
 from ...arrays import Array
-from ...filters import Problem, Rangefinder
+from ...filters import Problem, Rangefinder, build
 from ...filters.models.motion import Stationary
-from ...filters.refined_cells.filter import RefinedPointMassFilter
 from ..seeds import stream
 
 RUNS, PASSES = 16, 3
@@ -29,7 +28,7 @@ def update_seconds(
     """
     rng = stream(seed, "plan time", 0)
     states = problem.prior.sample(RUNS, rng) if states is None else states
-    estimator = RefinedPointMassFilter(replace(problem, motion=Stationary(problem.space), sensor=sensor))
+    estimator = build("point-mass", replace(problem, motion=Stationary(problem.space), sensor=sensor))
     rngs = [np.random.default_rng(0) for _ in states]  # never drawn from
     readings, belief = sensor.sample(states, rng), estimator.init(problem.prior, rngs)
     seconds = []

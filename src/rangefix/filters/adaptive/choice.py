@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..exact import ExactPositionFilter
 from ..problem import Problem
 from .filter import AdaptivePointMassFilter, check_options
+from .range_bounds import TABLE_RAYS
 
 MOST_PIECES = 100_000  # of the map: more take longer to find than lattices take for many fixes
 
@@ -13,7 +14,7 @@ def adaptive_point_mass(
     problem: Problem,
     accuracy: float = 0.02,
     drop: float = 1e-9,
-    table_rays: int = 20_000_000,
+    table_rays: int = TABLE_RAYS,
     most_cells: int = 1_000_000,
 ) -> ExactPositionFilter | AdaptivePointMassFilter:
     """The adaptive point-mass filter of a problem.

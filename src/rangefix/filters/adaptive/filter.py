@@ -24,7 +24,7 @@ from .lattice import Lattice, Limits, halved
 from .mode_gaussians import kept_count, sample_modes
 from .modes import Accuracy, Quadrature, refined, verified, with_lattices
 from .predicted import Predicted, coarse_axes, predict_modes
-from .range_bounds import SearchTable, build_table
+from .range_bounds import TABLE_RAYS, SearchTable, build_table
 from .search import DRAWS_ASKED, MAX_GUESSES_PER_PART, ModeSearch
 from .target import STATE_COST, WORK, Target, TooManyCells
 
@@ -90,16 +90,13 @@ class AdaptivePointMassFilter(BriefRepr):
     problem: Problem
     accuracy: float = 0.02
     drop: float = 1e-9
-    table_rays: int = 20_000_000
+    table_rays: int = TABLE_RAYS
     most_cells: int = 1_000_000
 
     def __post_init__(self) -> None:
-        if self.problem.sensor.max_incidence < np.pi / 2:
-            raise ValueError("the adaptive point-mass filter knows no largest incidence: use a BeamMixture")
+        if why := unknown_to_lattices(self.problem):
+            raise ValueError(f"the adaptive point-mass filter {why}")
         refuse_shared_errors(self.problem.sensor, "the adaptive point-mass filter")
-        states = self.problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
-        if not expects_map_ranges(self.problem.sensor, states):
-            raise ValueError("the adaptive point-mass filter needs a sensor that expects what its map says")
         check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
         beams, most = len(self.problem.sensor.bearings), int(WORK / USUAL_STATES - STATE_COST)
         if beams > most:
@@ -312,6 +309,16 @@ def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
     """Length of the mean resultant vector of a prior's heading."""
     headings = prior.sample(PRIOR_DRAWS, np.random.default_rng(0))[:, space.names.index("heading")]
     return float(np.abs(np.exp(1j * headings).mean()))
+
+
+def unknown_to_lattices(problem: Problem) -> str:
+    """What of a problem's sensor the adaptive point-mass filter does not know; "" if it knows all."""
+    if problem.sensor.max_incidence < np.pi / 2:
+        return "knows no largest incidence: use a BeamMixture"
+    states = problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
+    return (
+        "" if expects_map_ranges(problem.sensor, states) else "needs a sensor that expects what its map says"
+    )
 
 
 def check_options(accuracy: float, drop: float, table_rays: int, most_cells: int) -> None:

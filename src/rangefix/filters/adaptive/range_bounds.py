@@ -22,6 +22,7 @@ from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Sensor
 from .target import CAP
 
+TABLE_RAYS = 20_000_000  # that a table is cast of, about
 QUANTUM_M = 0.01  # the table's unit of range
 NO_WALL = np.uint16(65535)  # the table's sign for it
 MAX_QUANTA = 65000  # walls beyond 650 m count as there
@@ -72,7 +73,7 @@ class SearchTable(NamedTuple):
         return np.asarray(beams / 2 + 6 * np.sqrt(beams / 2) + thin + margin)
 
 
-def build_table(sensor: Sensor, prior: Prior, rays: int = 20_000_000) -> SearchTable:
+def build_table(sensor: Sensor, prior: Prior, rays: int = TABLE_RAYS) -> SearchTable:
     """Cast the table for a prior's support.
 
     Args:

@@ -1,16 +1,27 @@
-"""The point-mass filter by its options: cells of a given size, or cells that follow the readings."""
+"""The point-mass filter by its options: cells of a given size, or cells that follow the readings.
+
+Cells that follow the readings cover the prior, and are halved where a posterior is sharp or cut. All places
+and all headings are too much to cover: there the modes are looked for first, and cells laid in the axes of
+each (docs/decisions/0042-point-mass-at-any-heading.md).
+"""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from numpy.typing import ArrayLike
 
+from ..models.motion import Stationary
 from ..option_units import option_units
 from ..problem import Problem
 from ..refined_cells import RefinedPointMassFilter
 from .filter import MEMORY_GB, PointMassFilter
 
+if TYPE_CHECKING:
+    from ..adaptive import AdaptivePointMassFilter
+
 ACCURACY = 0.02  # of mean and covariance, in deviations
-REFINED_CELLS = 200_000
+REFINED_CELLS, MODE_CELLS = 200_000, 1_000_000
 GRID_CELLS = 20_000_000
 
 
@@ -23,20 +34,21 @@ def point_mass(
     accuracy: float | None = None,
     most_cells: int | None = None,
     memory_gb: float | None = None,
-) -> PointMassFilter | RefinedPointMassFilter:
+) -> PointMassFilter | RefinedPointMassFilter | AdaptivePointMassFilter:
     """The point-mass filter for an object that stays where it is: the exact posterior, up to its cells.
 
     Args:
         problem: The problem; its motion must be `Stationary`.
         cell: Largest size of a cell, one number or one for each component. In m, and in rad for a heading;
-            without it the cells follow the readings, and are as small as `accuracy` asks for.
+            without it the cells follow the readings, and are as small as `accuracy` asks for; at an unknown
+            heading they are those of `adaptive-point-mass`.
         heading_cell: With `cell`: the largest size in an unknown heading. In rad, where `cell` is one number
             for the others.
         cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
             what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
         accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
-        most_cells: The most cells: without `cell` those of one run, 200 000; with it those of the grid,
-            20 million.
+        most_cells: The most cells: without `cell` those of one run, 200 000, or at an unknown heading those
+            of one mode, a million; with it those of the grid, 20 million.
         memory_gb: With `cell`: the most that the expected ranges may take, GB, with those of two shifted
             grids that tell the error; 0.6.
 
@@ -47,11 +59,13 @@ def point_mass(
         with_cell = {"heading_cell": heading_cell, "cell_correction": cell_correction, "memory_gb": memory_gb}
         if given := [name for name, value in with_cell.items() if value is not None]:
             raise ValueError(f"{given[0]} goes with cell: without it the cells follow the readings")
-        return RefinedPointMassFilter(
-            problem,
-            ACCURACY if accuracy is None else accuracy,
-            REFINED_CELLS if most_cells is None else most_cells,
-        )
+        accuracy = ACCURACY if accuracy is None else accuracy
+        if looks_for_modes(problem):
+            from ..adaptive import AdaptivePointMassFilter  # with all that it imports: a tenth of a second
+
+            most = MODE_CELLS if most_cells is None else most_cells
+            return AdaptivePointMassFilter(problem, accuracy, most_cells=most)
+        return RefinedPointMassFilter(problem, accuracy, REFINED_CELLS if most_cells is None else most_cells)
     if accuracy is not None:
         raise ValueError("accuracy goes without cell: cells of a given size are as accurate as they are")
     return PointMassFilter(
@@ -62,3 +76,15 @@ def point_mass(
         MEMORY_GB if memory_gb is None else memory_gb,
         True if cell_correction is None else cell_correction,
     )
+
+
+def looks_for_modes(problem: Problem) -> bool:
+    """Whether cells that follow the readings are those of `adaptive-point-mass`.
+
+    At an unknown heading of an object that stays where it is, unless that filter does not know the sensor.
+    """
+    if problem.space.names != ("x1", "x2", "heading") or not isinstance(problem.motion, Stationary):
+        return False
+    from ..adaptive.filter import unknown_to_lattices
+
+    return not unknown_to_lattices(problem)
