@@ -69,10 +69,17 @@ def against_exact(family: str, number: int) -> tuple[float, float, bool]:
 
 @pytest.mark.parametrize(
     ("family", "number"),
-    [("room", 4), ("room", 7), ("plan", 5), ("plan", 17), ("limited", 21), ("student", 1001)],
-)
+    [
+        ("room", 4), ("room", 7), ("plan", 5), ("plan", 17), ("limited", 21), ("limited", 202),
+        ("student", 1001),
+    ],
+)  # fmt: skip
 def test_it_is_right_to_the_error_that_it_states(family: str, number: int) -> None:
-    """Within the accuracy of 0.02, and within what is stated; student 1001 is halved to the last round."""
+    """Within the accuracy of 0.02, and within what is stated.
+
+    Student 1001 is halved to the last round. In limited 202 three pieces of the map seem likelier than the
+    one that holds all, and `exact`, which looked at them first, had no halvings left for it.
+    """
     off, stated, _ = against_exact(family, number)
     assert off < 0.02
     assert off <= max(stated, LEAST_ERROR)

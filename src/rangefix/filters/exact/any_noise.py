@@ -22,6 +22,7 @@ LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again 
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
+PATIENCE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
 STACK = 512  # parts that wait; halving them one after the other takes no more than their depth
 JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
 IMPOSSIBLE_NATS = -1e7  # at this and less it cannot
@@ -85,17 +86,28 @@ def _sum_pieces(
     pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, order: IntArray, limits: Array,
     mean: Array, covariance: Array,
 ) -> float:  # fmt: skip
-    """What `moments_of_any` gives, with the pieces in the order of their bounds, the heaviest first."""
+    """What `moments_of_any` gives, with the pieces in the order of their bounds, the heaviest first.
+
+    A piece that takes many halvings is put off: what others hold may show that little of it counts.
+    """
     count, most = tables.centres.size, pieces.corners.shape[1] + 24
     stack, one, out, total = np.empty((STACK, most, 2)), np.empty((most, 2)), np.empty(6), np.zeros(7)
     sizes, across = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     bounds, variation, level = np.empty(STACK), np.empty(STACK), np.empty(STACK)
     total[1] = -np.inf
-    halvings = 0
-    for at in range(order.size):
+    halvings, in_vain, before = 0, 0, np.empty(total.size)
+    put_off = np.ones(order.size, np.bool_)
+    for turn in range(len(PATIENCE) * order.size):
+        patience, at = PATIENCE[turn // order.size], turn % order.size
         piece, running = order[at], log_mass(total)
         if limits[piece] < running - MARGIN_NATS or limits[piece] < IMPOSSIBLE_NATS:
-            break
+            put_off[at] = False
+        if not put_off[at]:
+            continue
+        put_off[at] = False
+        noted_before, halvings_before = nodes.total[0], halvings
+        for k in range(total.size):
+            before[k] = total[k]
         x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
         corners = pieces.counts[piece]
         for corner in range(corners):
@@ -106,6 +118,12 @@ def _sum_pieces(
             stack[0], corners, piece, pieces, tables, prior
         )
         while waiting:
+            if halvings - halvings_before > patience and in_vain < MAX_HALVINGS:
+                put_off[at], nodes.total[0] = True, noted_before
+                in_vain, halvings = in_vain + halvings - halvings_before, halvings_before
+                for k in range(total.size):
+                    total[k] = before[k]
+                break
             waiting -= 1
             running = log_mass(total)
             if bounds[waiting] < running - MARGIN_NATS or bounds[waiting] == -np.inf:
