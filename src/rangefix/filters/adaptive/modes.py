@@ -13,7 +13,7 @@ from ...arrays import Array, BoolArray
 from ..space import LEAST_VARIANCE, NO_DIRECTION
 from .gauss_newton import Peaks
 from .lattice import Lattice, Limits, Taken, ball, grow, halved, shifted
-from .moments import Moments, moments_of, sums_about
+from .moments import Moments, is_cut, moments_of, sums_about
 from .target import Target, TooManyCells
 
 PEAK_MARGIN_NATS = 40.0  # below the best score at which a peak still counts: jumps of the range stop climbs
@@ -135,12 +135,22 @@ class Quadrature:
 
     @property
     def _gap(self) -> float:
-        """By how much the checks' mean and covariance are others."""
-        _, mean, covariance, _ = self.moments
+        """By how much the checks' mean and covariance are others.
+
+        And the covariance about a mean heading that is off by as much as theirs, to either side, where a mode
+        lies half a turn from it: deviations jump there.
+        """
+        log_integral, mean, covariance, _ = self.moments
         _, other, spread, _ = moments_of(self.checks, sharp=True)
         std = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
-        off = np.abs(self.modes[0].space.difference(other, mean)) / std
-        return float(max(off.max(), (np.abs(spread - covariance) / np.outer(std, std)).max()))
+        space, spreads = self.modes[0].space, [spread]
+        away = space.difference(other, mean)
+        for about in (mean + away * space.is_angle, mean - away * space.is_angle):
+            if any(is_cut(mode, about) for mode in self.modes):
+                seconds = [sums_about(mode, log_integral, about)[2] for mode in self.modes]
+                spreads.append(np.sum(seconds, axis=0))
+        wrong = np.abs(np.array(spreads) - covariance) / np.outer(std, std)
+        return float(max((np.abs(away) / std).max(), wrong.max()))
 
     def gaps(self) -> Array:
         """How much each mode has to do with that, (M,)."""

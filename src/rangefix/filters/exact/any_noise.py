@@ -22,7 +22,7 @@ LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again 
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
-PATIENCE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
+HALVINGS_OF_ONE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
 STACK = 512  # parts that wait; halving them one after the other takes no more than their depth
 JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
 IMPOSSIBLE_NATS = -1e7  # at this and less it cannot
@@ -97,8 +97,8 @@ def _sum_pieces(
     total[1] = -np.inf
     halvings, in_vain, before = 0, 0, np.empty(total.size)
     put_off = np.ones(order.size, np.bool_)
-    for turn in range(len(PATIENCE) * order.size):
-        patience, at = PATIENCE[turn // order.size], turn % order.size
+    for turn in range(len(HALVINGS_OF_ONE) * order.size):
+        patience, at = HALVINGS_OF_ONE[turn // order.size], turn % order.size
         piece, running = order[at], log_mass(total)
         if limits[piece] < running - MARGIN_NATS or limits[piece] < IMPOSSIBLE_NATS:
             put_off[at] = False
