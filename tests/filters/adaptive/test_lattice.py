@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.filters import pose_space, position_space
-from rangefix.filters.adaptive.lattice import Limits, TooManyCells, _Keys, ball, grow, halved
+from rangefix.filters.adaptive.lattice import Limits, Taken, TooManyCells, _Keys, ball, grow, halved
 from rangefix.filters.adaptive.mode_gaussians import sample_modes, smoothed
 from rangefix.filters.adaptive.modes import Accuracy
 
@@ -131,6 +131,36 @@ def test_what_another_lattice_holds_is_not_counted_twice():
     assert not first.holds(MEAN[None] + 5.0)[0]
     second = lattice_of(gaussian, 0.7, others=(first,))
     assert second.log_integral < first.log_integral - 8
+
+
+def test_cells_of_any_lattice_are_found_where_headings_wrap():
+    """Three lattices near heading pi, and one far off: a state is in a cell if its nearest index is there."""
+    space, rng = pose_space(), np.random.default_rng(4)
+    lattices = []
+    for place in ([0.0, 0.0, 3.1], [0.5, 0.2, -3.0], [0.1, 0.4, 3.0], [9.0, 9.0, 0.0]):
+        middle, root = np.array(place), 0.1 * (np.eye(3) + 0.3 * rng.standard_normal((3, 3)))
+
+        def density(states, middle=middle, root=root):
+            return -0.5 * (np.linalg.solve(root, space.difference(states, middle).T) ** 2).sum(axis=0)
+
+        lattices.append(grow(space, density, middle, 0.8 * root, ball(3, 3.0), LIMITS))
+    states = space.wrap(rng.uniform([-0.6, -0.6, 2.3], [1.2, 1.0, 4.2], (4000, 3)))
+    held = np.zeros(len(states), np.bool_)
+    for lattice in lattices:
+        there = set(map(tuple, lattice.index.tolist()))
+        offsets = np.linalg.solve(lattice.basis, space.difference(states, lattice.origin).T).T
+        held |= [tuple(index) in there for index in np.rint(offsets).astype(int).tolist()]
+    assert 0.1 < held.mean() < 0.9
+    assert Taken(lattices).holds(states).tolist() == held.tolist()
+    assert not Taken([]).holds(states).any()
+    assert Taken(lattices).near(np.array([9.0, 9.0, 0.2]), np.full(3, 0.1)).tolist() == [3]
+
+
+def test_what_is_far_from_another_lattice_stays_as_it_is():
+    first = lattice_of(gaussian, 0.8)
+    far = grow(SPACE, lambda states: gaussian(states - 50.0), MEAN + 50.0, 0.8 * ROOT, ball(2, 3.0), LIMITS)
+    assert far.without(first) is far
+    assert first.without(first).logs.max() == -np.inf
 
 
 def test_a_heading_is_gone_round_once():
