@@ -27,6 +27,7 @@ MAX_STEP_FACTOR = 100.0  # of the usual steps: from there on they are doubled no
 MAX_HALVINGS = 500  # of steps of a posterior's lattices, should none be fine enough
 SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
 MODE_SHARE = 0.1  # of the work: what the first lattice of one mode may take
+SAFETY = 3.0  # as grid convergence indices have it where two grids are compared (Roache, 1994)
 SHIFTS = (0.2, 0.8)  # steps by which a check's origin lies off, drawn with a fixed seed
 IDLE_HALVINGS, LEAST_PROGRESS = 4, 0.9  # after so many an error must have fallen to so much, or it stays
 START_RADIUS = 3.0  # standard deviations about a peak that are looked at first
@@ -128,7 +129,7 @@ class Quadrature:
             return np.inf
         if all(check.log_integral == -np.inf for check in self.checks):
             return np.inf
-        error = max(self._gap, self.halves_error) + self.missed
+        error = max(SAFETY * self._gap, self.halves_error) + self.missed
         angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
         resultant_error = error * min(1.0, float(np.sqrt(angles.max(initial=0.0))))
         return error if self.moments.resultant - resultant_error >= NO_DIRECTION else np.inf
