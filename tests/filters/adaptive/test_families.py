@@ -121,6 +121,23 @@ def test_a_mode_too_wide_for_the_usual_steps_is_answered_and_flagged() -> None:
     assert stated == np.inf
 
 
+@pytest.mark.parametrize(
+    ("family", "number", "most_cells"),
+    [("arc", 1207, 8000), ("circle", 1055, 2000), ("circle", 1007, 20_000)],
+)
+def test_a_mode_that_halved_steps_would_fill_too_much_of_is_answered(
+    family: str, number: int, most_cells: int
+) -> None:
+    """More than twice as many cells come of a halved step, and more than are allowed: it was refused."""
+    problem, rng = draw(family, number), np.random.default_rng(0)
+    estimator = AdaptivePointMassFilter(problem.problem, table_rays=1_000_000, most_cells=most_cells)
+    belief = estimator.update(estimator.init(problem.problem.prior, rng), problem.readings[0], rng)
+    mean, covariance, _ = estimator.estimate(belief)
+    assert np.isfinite(mean).all()
+    assert np.isfinite(covariance).all()
+    assert estimator.error(belief) > MEAN
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("family", HEADING)
 def test_says_how_far_off_it_is_in_many_problems(family: str) -> None:

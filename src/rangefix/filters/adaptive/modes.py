@@ -262,17 +262,24 @@ def with_lattices(
 def refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature:
     """Modes with their spacing halved, the worst axis at a time, until together they err by little enough.
 
-    No point is worked out twice. A mode of as many cells as allowed stays as it is; if its error alone is too
-    large, the others are as good as they would be without it. Where a finer mode grows into others that were
-    found after it, it takes their points, as it had their places when they were found.
+    No point is worked out twice. A mode of as many cells as allowed stays as it is, and one that would have
+    more; if its error alone is too large, the others are as good as they would be without it. Where a finer
+    mode grows into others that were found after it, it takes their points, as it had their places when they
+    were found.
     """
     if not found.modes:
         return found
     edge, level = accuracy.edge(found.modes[0].space.size), found.level - accuracy.margin
+    stay: list[Lattice] = []
     for _ in range(MAX_HALVINGS):
         errors = found.errors
         squares = errors.max(axis=1) ** 2
-        full = np.array([accuracy.most_cells < 2 * len(mode.keys) for mode in found.modes])
+        full = np.array(
+            [
+                len(mode.keys) > accuracy.most_cells / 2 or any(mode is each for each in stay)
+                for mode in found.modes
+            ]
+        )
         allowed, lost = accuracy.error**2, squares[full].sum()
         if squares[~full].sum() <= (allowed - lost if lost < allowed else allowed):
             return found
@@ -281,7 +288,11 @@ def refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature
             return found  # what is left is for the checks
         before, mode, after = found.modes[:worst], found.modes[worst], found.modes[worst + 1 :]
         axis = errors[worst] == errors[worst].max()
-        mode = halved(mode, axis, target.log_density, Limits(before, level, edge, accuracy.most_cells))
+        try:
+            mode = halved(mode, axis, target.log_density, Limits(before, level, edge, accuracy.most_cells))
+        except TooManyCells:
+            stay.append(mode)
+            continue
         after = tuple(later.without(mode) for later in after)
         kept = (*before, mode, *(later for later in after if later.logs.max() > -np.inf))
         found = replace(found, modes=kept)
