@@ -14,12 +14,26 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import njit
-from .density_tables import Tables, look_up, most_between
-from .integrals import MARGIN_NATS, Pieces, Rules, add_part, chord_at, finish, log_mass, lowest, rising
+from .density_tables import Tables, at_offset, most_between, most_beyond
+from .integrals import (
+    MARGIN_NATS,
+    Pieces,
+    Rules,
+    add_part,
+    chord_at,
+    finish,
+    log_mass,
+    lowest,
+    rising,
+    rule_for,
+)
 from .polygons import copy_corners, cut_by
 
 LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again with another scale
 SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
+WIDENING_SCALES = 4.0  # from a reading, from where on a beam's scale grows with the distance from it
+FAR_SCALES = 8.0  # from a reading; beyond only the nats count
+NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
 SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
 HALVINGS_OF_ONE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
@@ -184,21 +198,31 @@ def _look_at(
     for which in range(len(tables.centres)):
         beam = tables.beams[which]
         rho = pieces.ranges[piece, beam]
-        if rho == np.inf or tables.scales[which] == 0:
-            bound += most_between(tables, which, rho, rho)
+        if rho == np.inf:
+            bound += tables.no_wall[which]
             continue
         s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
         low, high = np.inf, -np.inf
         for corner in range(count):
-            at = rho + s1 * corners[corner, 0] + s2 * corners[corner, 1]
+            at = s1 * corners[corner, 0] + s2 * corners[corner, 1]
             low, high = min(low, at), max(high, at)
-        bound += most_between(tables, which, low, high)
-        varied = _variation(tables, which, low, high)
+        scale, away = tables.scales[which], rho - tables.centres[which]
+        u, v = (low + away) / scale, (high + away) / scale
+        at_u, at_v = at_offset(tables.cells, which, u), at_offset(tables.cells, which, v)
+        if u > 0:
+            bound += most_beyond(tables, which, u, at_u)
+        elif v < 0:
+            bound += most_beyond(tables, which, v, at_v)
+        else:
+            bound += max(tables.bounds[which, 0, 0], tables.bounds[which, 1, 0])
+        varied = max(abs(at_v - at_u) / SMOOTH_NATS, _lengths(u, v) / SMOOTH_SCALES)
+        about = u < -NEAR_CENTRE and v > NEAR_CENTRE
+        if about and abs(tables.cells[which, 1, 0, 0] - tables.cells[which, 0, 0, 0]) > JUMP_NATS:
+            varied = max(varied, 1e3)
         if varied > worst:
-            centre, near = tables.centres[which], 1e-9 * tables.scales[which]
-            worst, across, level = varied, which, 0.5 * (low + high) - rho
-            if varied > 8.0 and low + near < centre < high - near:
-                level = centre - rho
+            worst, across, level = varied, which, 0.5 * (low + high)
+            if varied > 8.0 and about:
+                level = -away
     if prior[0] > 0:
         a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
         g1, g2 = prior[0] * a1 + prior[1] * a2, prior[1] * a1 + prior[2] * a2
@@ -214,6 +238,15 @@ def _look_at(
     return bound, worst, across, level
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _lengths(u: float, v: float) -> float:
+    """How long it is from one offset to another, in scales near the centre and in growing ones beyond it."""
+    away = u if u > 0 else (-v if v < 0 else 0.0)
+    if away > FAR_SCALES:
+        return 0.0
+    return (v - u) / max(1.0, away / WIDENING_SCALES)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _area(corners: Array, count: int) -> float:
     doubled = 0.0
@@ -222,19 +255,6 @@ def _area(corners: Array, count: int) -> float:
         b1, b2 = corners[corner + 1, 0] - corners[0, 0], corners[corner + 1, 1] - corners[0, 1]
         doubled += a1 * b2 - a2 * b1
     return 0.5 * abs(doubled)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _variation(tables: Tables, which: int, low: float, high: float) -> float:
-    """How far a beam's density is from smooth between two ranges: at most 1 is smooth enough."""
-    scale, centre = tables.scales[which], tables.centres[which]
-    varied = abs(look_up(tables, which, high) - look_up(tables, which, low)) / SMOOTH_NATS
-    if low < centre + 8 * scale and high > centre - 8 * scale:
-        varied = max(varied, (high - low) / (SMOOTH_SCALES * scale))
-        step = abs(tables.above[which, 0] - tables.below[which, 0])
-        if step > JUMP_NATS and low < centre - 1e-9 * scale and high > centre + 1e-9 * scale:
-            varied = max(varied, 1e3)
-    return varied
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -255,7 +275,7 @@ def _integrate(
     best, c, d = -1.0, 1.0, 0.0
     for which in range(tabulated):
         beam = tables.beams[which]
-        if pieces.ranges[piece, beam] < np.inf and tables.scales[which] > 0:
+        if pieces.ranges[piece, beam] < np.inf:
             s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
             steep = math.sqrt(s1 * s1 + s2 * s2)
             if steep / tables.scales[which] > best:
@@ -265,7 +285,47 @@ def _integrate(
         s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
         t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
     edges = rising(s)
+    extent_s, extent_t = edges[count - 1] - edges[0], t.max() - t.min()
+    # offsets from the centres of the beams that meet walls, in scales: begin + by_s s + by_t t
+    met, constant = 0, -log_peak
+    which_met = np.empty(tabulated, np.int64)
+    begin, by_s, by_t = np.empty(tabulated), np.empty(tabulated), np.empty(tabulated)
+    curved_s = curved_t = steep_s = steep_t = 0.0
+    for which in range(tabulated):
+        beam = tables.beams[which]
+        if pieces.ranges[piece, beam] == np.inf:
+            constant += tables.no_wall[which]
+            continue
+        scale = tables.scales[which]
+        s1, s2 = pieces.slopes[piece, beam, 0] / scale, pieces.slopes[piece, beam, 1] / scale
+        which_met[met], begin[met] = which, (pieces.ranges[piece, beam] - tables.centres[which]) / scale
+        by_s[met], by_t[met] = c * s1 + d * s2, c * s2 - d * s1
+        low, high = np.inf, -np.inf
+        for corner in range(count):
+            at = by_s[met] * s[corner] + by_t[met] * t[corner]
+            low, high = min(low, at), max(high, at)
+        low, high = low + begin[met], high + begin[met]
+        if high > low:
+            at_low, at_high = at_offset(tables.cells, which, low), at_offset(tables.cells, which, high)
+            bend = abs(at_low + at_high - 2 * at_offset(tables.cells, which, 0.5 * (low + high)))
+            curve, rate = (
+                max(_lengths(low, high) ** 2, 4 * bend) / (high - low) ** 2,
+                (at_high - at_low) / (high - low),
+            )
+            curved_s += curve * (by_s[met] * extent_s) ** 2
+            curved_t += curve * (by_t[met] * extent_t) ** 2
+            steep_s += rate * by_s[met] * extent_s
+            steep_t += rate * by_t[met] * extent_t
+        met += 1
     a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
+    h_ss = c * c * prior[0] + 2 * c * d * prior[1] + d * d * prior[2]
+    h_tt = d * d * prior[0] - 2 * c * d * prior[1] + c * c * prior[2]
+    if prior[0] > 0:
+        g1, g2 = prior[0] * a1 + prior[1] * a2, prior[1] * a1 + prior[2] * a2
+        curved_s, curved_t = curved_s + h_ss * extent_s**2, curved_t + h_tt * extent_t**2
+        steep_s, steep_t = steep_s - (c * g1 + d * g2) * extent_s, steep_t - (c * g2 - d * g1) * extent_t
+    length_s, length_t = max(math.sqrt(curved_s), abs(steep_s)), max(math.sqrt(curved_t), abs(steep_t))
+    inner = rule_for(length_t)
     for k in range(6):
         out[k] = 0.0
     m0 = m1 = m2 = m11 = m12 = m22 = 0.0
@@ -278,26 +338,25 @@ def _integrate(
         low, low_slope, high, high_slope = chord_at(s, t, count, middle)
         if high <= low:
             continue
-        order = 3 if width > 0.2 * (edges[count - 1] - edges[0]) else 2
+        tilt = max(abs(low_slope), abs(high_slope)) * width
+        order = rule_for(max(length_s * width / extent_s, length_t * min(tilt / extent_t, 1.0)))
         before_s = 0.0
         for i in range(rule.counts[order]):
             at_s = left + width * rule.nodes[order, i]
             bottom = low + low_slope * (at_s - middle)
             chord = high + high_slope * (at_s - middle) - bottom
             before_t = 0.0
-            for j in range(rule.counts[3]):
-                at_t = bottom + chord * rule.nodes[3, j]
+            for j in range(rule.counts[inner]):
+                at_t = bottom + chord * rule.nodes[inner, j]
+                log_density = constant
+                for k in range(met):
+                    log_density += at_offset(
+                        tables.cells, which_met[k], begin[k] + by_s[k] * at_s + by_t[k] * at_t
+                    )
                 x1, x2 = c * at_s - d * at_t, d * at_s + c * at_t
-                log_density = -log_peak
-                for which in range(tabulated):
-                    beam = tables.beams[which]
-                    rho = pieces.ranges[piece, beam]
-                    if rho < np.inf:
-                        rho += pieces.slopes[piece, beam, 0] * x1 + pieces.slopes[piece, beam, 1] * x2
-                    log_density += look_up(tables, which, rho)
                 b1, b2 = x1 + a1, x2 + a2
                 log_density -= 0.5 * (prior[0] * b1 * b1 + 2 * prior[1] * b1 * b2 + prior[2] * b2 * b2)
-                weight = width * rule.weights[order, i] * chord * rule.weights[3, j]
+                weight = width * rule.weights[order, i] * chord * rule.weights[inner, j]
                 value = weight * math.exp(log_density)
                 y1, y2 = x1 - corners[0, 0], x2 - corners[0, 1]
                 m0 += value
@@ -309,7 +368,7 @@ def _integrate(
                 highest = max(highest, log_density)
                 if rough:
                     box_s = value * (width * rule.weights[order, i]) ** 2 / 12
-                    box_t = value * (chord * rule.weights[3, j]) ** 2 / 12
+                    box_t = value * (chord * rule.weights[inner, j]) ** 2 / 12
                     m11 += c * c * box_s + d * d * box_t
                     m12 += c * d * (box_s - box_t)
                     m22 += d * d * box_s + c * c * box_t
@@ -322,12 +381,14 @@ def _integrate(
                         nodes.places[place, 3] = width * (
                             before_s + rule.weights[order, i] - rule.nodes[order, i]
                         )
-                        nodes.places[place, 4] = chord * (before_t - rule.nodes[3, j])
-                        nodes.places[place, 5] = chord * (before_t + rule.weights[3, j] - rule.nodes[3, j])
+                        nodes.places[place, 4] = chord * (before_t - rule.nodes[inner, j])
+                        nodes.places[place, 5] = chord * (
+                            before_t + rule.weights[inner, j] - rule.nodes[inner, j]
+                        )
                         nodes.turns[place, 0], nodes.turns[place, 1] = c, d
                         nodes.log_weights[place] = math.log(weight) + log_density + log_peak
                     nodes.total[0] += 1
-                before_t += rule.weights[3, j]
+                before_t += rule.weights[inner, j]
             before_s += rule.weights[order, i]
     out[0], out[1], out[2], out[3], out[4], out[5] = m0, m1, m2, m11, m12, m22
     return highest

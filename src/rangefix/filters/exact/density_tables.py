@@ -1,8 +1,7 @@
-"""What a beam's reading says of its expected range, as a table: fine about it, in equal ratios beyond."""
+"""What a beam's reading says of its expected range, in cubics: short about it, in equal ratios beyond."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -11,11 +10,17 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import njit
 
-FINE_SCALES = 12.0  # half-width of the fine part of a table
-FINE_NODES, COARSE_NODES = 4800, 4000  # of a table, on each side
-FARTHEST_SCALES = 1e8  # from a table's centre to its last node
-COARSE_STEP = math.log(FARTHEST_SCALES / FINE_SCALES) / COARSE_NODES  # log of the ratio of coarse nodes
-LEAST_SHARE = 1e-3  # of a cell, within which a table's end may be off
+# cells end where 1 + the offset from the centre, in scales, has so many leading bits: 32, then 8 to an octave
+FINE_BITS, COARSE_BITS = 5, 3
+FINE_OCTAVES = 3  # up to an offset of 7 scales
+MOST_OCTAVES = 40
+MANTISSA_BITS, EXPONENT_OF_ONE = 52, 1023
+FINE_CELLS = FINE_OCTAVES << FINE_BITS
+FINE_SHIFT, COARSE_SHIFT = MANTISSA_BITS - FINE_BITS, MANTISSA_BITS - COARSE_BITS
+FINE_FIRST = EXPONENT_OF_ONE << FINE_BITS
+COARSE_FIRST = ((EXPONENT_OF_ONE + FINE_OCTAVES) << COARSE_BITS) - FINE_CELLS
+COARSE_BEGINS = float(1 << FINE_OCTAVES)
+CENTRE_SHARE = 1e-9  # of a scale, at which values at the centre and at 0 are taken: densities may jump there
 FLOOR_NATS = -1e8  # what tables hold where a reading cannot be
 
 
@@ -23,35 +28,39 @@ class Tables(NamedTuple):
     """Log densities of readings as functions of the expected ranges of their beams, K of them.
 
     Readings of a beam that lie close together share a table; those far apart have one each, for a table is
-    fine about its centre alone.
+    fine about its centre alone. In a cell a log density is a cubic polynomial in the share of the cell that
+    lies before a place.
 
     Attributes:
         beams: Which beam each is of, (K,).
         centres: Range about which each table lies, m, (K,).
         scales: Width over which a density varies there, m, (K,); 0 = a beam that says nothing.
-        below, above: Log density at fine, then geometric, offsets below and above the centre, (K, N).
+        cells: Coefficients of the polynomials below and above the centre, outwards, (K, 2, N, 4).
+        bounds: The greatest log density from a cell's beginning on outwards, (K, 2, N + 1).
         no_wall: Log density where no wall is, (K,).
-        bound_below, bound_above: The greatest log density from there on outwards, (K, N).
     """
 
     beams: IntArray
     centres: Array
     scales: Array
-    below: Array
-    above: Array
+    cells: Array
+    bounds: Array
     no_wall: Array
-    bound_below: Array
-    bound_above: Array
 
 
-def offsets() -> Array:
-    """Offsets of a table's nodes from its centre, in scales, (N,)."""
-    fine = np.linspace(0.0, FINE_SCALES, FINE_NODES + 1)
-    growth = COARSE_STEP * np.arange(1, COARSE_NODES + 1)
-    return np.concatenate([fine, FINE_SCALES * np.exp(growth)])
+def cell_ends(octaves: int) -> Array:
+    """Offsets from the centre between which cells lie, in scales, (N + 1,)."""
+    places = [
+        2.0**octave * (1.0 + np.arange(1 << bits) / (1 << bits))
+        for octave in range(octaves)
+        for bits in [FINE_BITS if octave < FINE_OCTAVES else COARSE_BITS]
+    ]
+    return np.append(np.concatenate(places), 2.0**octaves) - 1.0
 
 
-def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, measured: BoolArray) -> Tables:
+def tabulate(
+    density: Callable[[Array], Array], centres: Array, stds: Array, measured: BoolArray, farthest: float
+) -> Tables:
     """Tables of log densities, one for each beam.
 
     Args:
@@ -59,96 +68,113 @@ def tabulate(density: Callable[[Array], Array], centres: Array, stds: Array, mea
         centres: Where each beam's density is tabulated finely, m, (B,).
         stds: A first guess of its width there, m, (B,).
         measured: Which beams say something, (B,).
+        farthest: The farthest range that is asked for, m.
     """
 
     def floored(expected: Array) -> Array:  # -inf has no differences
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             return np.maximum(np.nan_to_num(density(expected), nan=-np.inf), FLOOR_NATS)
 
-    scales = stds.copy()
-    probe = np.array([2.0**-k for k in range(12)])[:, None]
-    peak = floored(centres[None])[0]
-    for side in (1.0, -1.0):  # the scale is where half a nat is lost
-        lost = peak - floored(np.maximum(centres + side * probe * stds, 0.0))
-        narrow = (np.abs(lost) > 0.5).sum(axis=0)
-        scales = np.minimum(scales, stds * 2.0 ** -np.maximum(narrow - 1, 0))
-    nodes = offsets()[:, None]
-    away = np.maximum(nodes * scales, 1e-9 * scales)  # a density may jump at the centre
-    above = np.ascontiguousarray(floored(centres + away).T)
-    below = np.ascontiguousarray(floored(np.maximum(centres - away, 0.0)).T)
-    _reach_zero(below, centres / scales)
-    no_wall = floored(np.full((1, len(centres)), np.inf))[0]
-    above[~measured], below[~measured], no_wall[~measured] = 0.0, 0.0, 0.0
-    bounds = (
-        np.ascontiguousarray(np.maximum.accumulate(part[:, ::-1], axis=1)[:, ::-1]) for part in (below, above)
+    count = len(centres)
+    probe = np.concatenate([[0.0], 0.5 ** np.arange(12), -(0.5 ** np.arange(12))])[:, None]
+    probed = floored(np.maximum(centres + probe * stds, 0.0))
+    lost = np.abs(probed[0] - probed[1:]).reshape(2, 12, count) > 0.5  # the scale is where half a nat is lost
+    scales = stds * 2.0 ** -np.maximum(lost.sum(axis=1).max(axis=0) - 1, 0)
+    far = (np.maximum(farthest, centres) / scales).max(initial=1.0)
+    octaves = int(np.clip(np.ceil(np.log2(far + 1.0)) + 1, FINE_OCTAVES + 1, MOST_OCTAVES))
+    ends = cell_ends(octaves)
+    cells = len(ends) - 1
+    width = np.diff(ends)[:, None]
+    # below the centre a cell that holds range 0 lies farther in: no range is less
+    zero = centres / scales
+    moved = np.minimum(ends[1:, None], zero) - width
+    begins = np.stack([np.maximum(moved, 0.0), np.broadcast_to(ends[:-1, None], moved.shape)])  # (2, N, B)
+    stops = np.stack([np.maximum(np.minimum(ends[1:, None], zero), CENTRE_SHARE), begins[1] + width])
+    thirds = np.linspace(0.0, 1.0, 4)[:, None, None, None]
+    offsets = np.maximum(begins + thirds * (stops - begins), CENTRE_SHARE)  # (4, 2, N, B)
+    side = np.array([-1.0, 1.0])[:, None, None]
+    asked = np.maximum(centres + side * offsets * scales, CENTRE_SHARE * scales).reshape(-1, count)
+    values = floored(np.concatenate([asked, np.full((1, count), np.inf)]))
+    no_wall, values = values[-1], values[:-1].reshape(4, 2, cells, count)
+    stretch = width / (stops - begins)
+    shift = (ends[:-1, None] - begins) / (stops - begins)
+    cubics = _cubics(values, stretch, shift)
+    # a cell that holds range 0 reaches from its beginning to there, and what lies beyond is never asked for
+    most = np.where(
+        stops < ends[1:, None], np.where(ends[:-1, None] < stops, cubics[0], -np.inf), values[:3].max(axis=0)
     )
+    most = np.maximum(most, values[3])
+    bounds = np.concatenate([most, most[:, -1:]], axis=1)
+    bounds = np.maximum.accumulate(bounds[:, ::-1], axis=1)[:, ::-1]
+    made, bounds = np.moveaxis(cubics, (0, 3), (3, 0)), np.moveaxis(bounds, 2, 0)
+    made[~measured], no_wall[~measured] = 0.0, 0.0
     return Tables(
-        np.arange(len(centres)), centres, np.where(measured, scales, 0.0), below, above, no_wall, *bounds
-    )
+        np.arange(count), centres, np.where(measured, scales, 0.0),
+        np.ascontiguousarray(made), np.ascontiguousarray(bounds), no_wall,
+    )  # fmt: skip
 
 
-def _reach_zero(below: Array, ends: Array) -> None:
-    """Set the first node beyond an expected range of zero so that tables are right up to there.
+def _cubics(values: Array, stretch: Array, shift: Array) -> Array:
+    """Coefficients in p, (4, ...), of cubics in shift + stretch p that are `values` (4, ...) at its thirds.
 
-    Args:
-        below: Tables (K, N) whose nodes beyond zero hold what is true at zero.
-        ends: The offset of zero in each, in scales, (K,).
+    Where a value is one that cannot be and another can, a straight line: a cubic would swing above both.
     """
-    for table, end in zip(below, ends, strict=True):
-        place = float(_place(float(end)))
-        index = int(place)
-        share = _share_of_cell(place)
-        if share > LEAST_SHARE:
-            table[index + 1] = table[index] + (table[index + 1] - table[index]) / share
+    v0, v1, v2, v3 = values
+    linear = (values <= FLOOR_NATS).any(axis=0) & (values > FLOOR_NATS).any(axis=0)
+    a1 = 0.5 * (-11.0 * v0 + 18.0 * v1 - 9.0 * v2 + 2.0 * v3)
+    a2 = 4.5 * (2.0 * v0 - 5.0 * v1 + 4.0 * v2 - v3)
+    a3 = 4.5 * (v3 - v0 + 3.0 * (v1 - v2))
+    a1, a2, a3 = np.where(linear, v3 - v0, a1), np.where(linear, 0.0, a2), np.where(linear, 0.0, a3)
+    return np.stack(
+        [
+            v0 + shift * (a1 + shift * (a2 + shift * a3)),
+            stretch * (a1 + shift * (2.0 * a2 + 3.0 * shift * a3)),
+            stretch**2 * (a2 + 3.0 * shift * a3),
+            stretch**3 * a3,
+        ]
+    )
 
 
 def joined(layers: Sequence[Tables]) -> Tables:
     """The tables of several sets of readings, without those that say nothing."""
+    cells = max(layer.cells.shape[2] for layer in layers)
+    if len(layers) > 1:
+        layers = [_padded(layer, cells) for layer in layers]
     parts = [np.concatenate(arrays) for arrays in zip(*layers, strict=True)]
     kept = parts[2] > 0
-    return Tables(*(np.ascontiguousarray(part[kept]) for part in parts))
+    return Tables(*(part if kept.all() else np.ascontiguousarray(part[kept]) for part in parts))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def look_up(tables: Tables, which: int, rho: float) -> float:
-    """The log density of a beam at an expected range."""
-    if rho == np.inf:
-        return float(tables.no_wall[which])
-    scale = tables.scales[which]
-    if scale == 0:
-        return 0.0
-    u = (rho - tables.centres[which]) / scale
-    table = tables.above[which] if u >= 0 else tables.below[which]
-    return _interpolated(table, abs(u))
+def _padded(layer: Tables, cells: int) -> Tables:
+    """The same tables with more cells, which hold the last value."""
+    more = cells - layer.cells.shape[2]
+    further = np.zeros((len(layer.beams), 2, more, 4))
+    further[..., 0] = layer.cells[:, :, -1:].sum(axis=3)
+    return layer._replace(
+        cells=np.concatenate([layer.cells, further], axis=2),
+        bounds=np.concatenate([layer.bounds, np.repeat(layer.bounds[:, :, -1:], more, axis=2)], axis=2),
+    )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _place(u: float) -> float:
-    if u < FINE_SCALES:
-        return u * (FINE_NODES / FINE_SCALES)
-    return FINE_NODES + min(math.log(u / FINE_SCALES) / COARSE_STEP, COARSE_NODES - 1e-6)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _cell_of(offset: float, cells: int) -> tuple[int, float]:
+    """The cell of an offset from the centre, in scales, and the share of the cell before it."""
+    bits = np.float64(1.0 + offset).view(np.int64)
+    if bits < (EXPONENT_OF_ONE + FINE_OCTAVES) << MANTISSA_BITS:
+        return (bits >> FINE_SHIFT) - FINE_FIRST, (bits & ((1 << FINE_SHIFT) - 1)) * (1.0 / (1 << FINE_SHIFT))
+    cell = (bits >> COARSE_SHIFT) - COARSE_FIRST
+    if cell >= cells:
+        return cells - 1, 1.0
+    return cell, (bits & ((1 << COARSE_SHIFT) - 1)) * (1.0 / (1 << COARSE_SHIFT))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _interpolated(table: Array, u: float) -> float:
-    """A table at an offset: beyond the fine part linear in its square, as a Gaussian's log density is."""
-    place = _place(u)
-    index = int(place)
-    return float(table[index] + _share_of_cell(place) * (table[index + 1] - table[index]))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _share_of_cell(place: float) -> float:
-    share = place - int(place)
-    if place < FINE_NODES:
-        return share
-    return math.expm1(2 * COARSE_STEP * share) / math.expm1(2 * COARSE_STEP)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _most_beyond(table: Array, bound: Array, u: float) -> float:
-    """The greatest value of a table at an offset and farther out."""
-    return float(max(_interpolated(table, u), bound[int(_place(u)) + 1]))
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def at_offset(cells: Array, which: int, u: float) -> float:
+    """The log density of a beam at an offset of its expected range from the table's centre, in scales."""
+    side = 1 if u >= 0 else 0
+    cell, share = _cell_of(abs(u), cells.shape[2])
+    c = cells[which, side, cell]
+    return float(c[0] + share * (c[1] + share * (c[2] + share * c[3])))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -161,7 +187,14 @@ def most_between(tables: Tables, which: int, low: float, high: float) -> float:
         return 0.0
     u, v = (low - tables.centres[which]) / scale, (high - tables.centres[which]) / scale
     if u > 0:
-        return _most_beyond(tables.above[which], tables.bound_above[which], u)
+        return most_beyond(tables, which, u, at_offset(tables.cells, which, u))
     if v < 0:
-        return _most_beyond(tables.below[which], tables.bound_below[which], -v)
-    return float(max(tables.bound_above[which, 0], tables.bound_below[which, 0]))
+        return most_beyond(tables, which, v, at_offset(tables.cells, which, v))
+    return float(max(tables.bounds[which, 0, 0], tables.bounds[which, 1, 0]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def most_beyond(tables: Tables, which: int, u: float, here: float) -> float:
+    """The greatest log density at an offset, where it is `here`, and farther out."""
+    cell, _ = _cell_of(abs(u), tables.cells.shape[2])
+    return float(max(here, tables.bounds[which, 1 if u > 0 else 0, cell + 1]))

@@ -377,7 +377,13 @@ class ExactPositionFilter(BriefRepr):
         def density(expected: Array) -> Array:
             return np.asarray(sum(sensor.beam_log_density(row, expected) for row in readings))
 
-        return tabulate(density, centres, stds, np.asarray((~np.isnan(readings)).any(axis=0)))
+        return tabulate(density, centres, stds, np.asarray((~np.isnan(readings)).any(axis=0)), self._farthest)
+
+    @cached_property
+    def _farthest(self) -> float:
+        """The farthest range from any piece, m."""
+        highs = [part.pieces.highs[np.isfinite(part.pieces.highs)] for part in self.parts]
+        return float(max(high.max(initial=0.0) for high in highs))
 
     @cached_property
     def _jumps(self) -> bool:

@@ -43,7 +43,7 @@ def rules(more: int = 0) -> Rules:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rule_for(length: float) -> int:
+def rule_for(length: float) -> int:
     for rule in range(3):
         if length <= LONGEST_OF_RULES[rule]:
             return rule
@@ -198,7 +198,7 @@ def integrate_quadratic(
         rate_t = max(root_small, abs(gt) + twist)
         length_s = width * max(root_big, abs(gs)) + tilt * rate_t
         parts = _intervals(length_s)
-        outer = _rule_for(length_s / parts)
+        outer = rule_for(length_s / parts)
         for part in range(parts):
             for i in range(rule.counts[outer]):
                 at_s = left + width * (part + rule.nodes[outer, i]) / parts
@@ -209,7 +209,7 @@ def integrate_quadratic(
                     continue
                 length_t = chord * rate_t
                 pieces = _intervals(length_t)
-                inner = _rule_for(length_t / pieces)
+                inner = rule_for(length_t / pieces)
                 scale = width / parts * rule.weights[outer, i] * chord / pieces
                 base, along = -gs * at_s - 0.5 * big * at_s * at_s, gt + cross * at_s
                 i0 = i1 = i2 = 0.0
