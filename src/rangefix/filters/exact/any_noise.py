@@ -24,17 +24,23 @@ from .integrals import (
     finish,
     log_mass,
     lowest,
-    rising,
+    put_in_order,
     rule_for,
 )
 from .polygons import copy_corners, cut_by
 
+NODES_WHERE_SMOOTH = (3, 5, 7, 11, 15)  # of the rules for parts; errors of some 1e-8
+MARGINS_NATS = (
+    28.0,
+    MARGIN_NATS,
+)  # below what was found, at which parts are left out; the second if they count
+LEFT_OUT = 1e-4  # squares of the posterior's deviations that parts left out may take from its covariance
 LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again with another scale
-SMOOTH_SCALES = 2.5  # scales of a beam to a piece near its reading
+SMOOTH_SCALES = 3.5  # scales of a beam to a piece near its reading
 WIDENING_SCALES = 4.0  # from a reading, from where on a beam's scale grows with the distance from it
-FAR_SCALES = 8.0  # from a reading; beyond only the nats count
+FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
-SMOOTH_NATS = 6.0  # nats by which a density may vary over a piece
+SMOOTH_NATS = 8.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
 HALVINGS_OF_ONE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
 STACK = 512  # parts that wait; halving them one after the other takes no more than their depth
@@ -81,8 +87,28 @@ def moments_of_any(
     """
     limits = np.empty(len(pieces.counts))
     _limit(pieces, tables, limits)
-    order = np.argsort(-limits, kind="stable")
-    return float(_sum_pieces(pieces, tables, prior, rule, nodes, order, limits, mean, covariance))
+    order, noted, log = np.argsort(-limits, kind="stable"), int(nodes.total[0]), -np.inf
+    for margin in MARGINS_NATS:
+        nodes.total[0] = noted
+        log, left_out = _sum_pieces(
+            pieces, tables, prior, rule, nodes, order, limits, margin, mean, covariance
+        )
+        if left_out <= LEFT_OUT:
+            break
+    return float(log)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _counts(log_share: float, pieces: Pieces, mean: Array, covariance: Array) -> float:
+    """How much such a share of the mass may add to the covariance, in squares of the least deviation."""
+    half = 0.5 * (covariance[0, 0] - covariance[1, 1])
+    least = 0.5 * (covariance[0, 0] + covariance[1, 1]) - math.hypot(half, covariance[0, 1])
+    farthest = 0.0
+    for piece in range(len(pieces.counts)):
+        for corner in range(pieces.counts[piece]):
+            d1, d2 = pieces.corners[piece, corner, 0] - mean[0], pieces.corners[piece, corner, 1] - mean[1]
+            farthest = max(farthest, d1 * d1 + d2 * d2)
+    return math.exp(min(log_share, 0.0)) * max(farthest / least, 1.0) if least > 0 else np.inf
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -98,28 +124,33 @@ def _limit(pieces: Pieces, tables: Tables, limits: Array) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sum_pieces(
     pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, order: IntArray, limits: Array,
-    mean: Array, covariance: Array,
-) -> float:  # fmt: skip
+    margin: float, mean: Array, covariance: Array,
+) -> tuple[float, float]:  # fmt: skip
     """What `moments_of_any` gives, with the pieces in the order of their bounds, the heaviest first.
 
     A piece that takes many halvings is put off: what others hold may show that little of it counts.
+
+    Returns:
+        The log integral, and how much what lies below the margin may add to the covariance at most.
     """
-    count, most = tables.centres.size, pieces.corners.shape[1] + 24
+    count, most = tables.centres.size, pieces.corners.shape[1] + 2 * tables.centres.size + 8
     stack, one, out, total = np.empty((STACK, most, 2)), np.empty((most, 2)), np.empty(6), np.zeros(7)
     sizes, across = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
     bounds, variation, level = np.empty(STACK), np.empty(STACK), np.empty(STACK)
     total[1] = -np.inf
     halvings, in_vain, before = 0, 0, np.empty(total.size)
-    put_off = np.ones(order.size, np.bool_)
+    room, which_met = np.empty((6, max(most, count))), np.empty(count, np.int64)
+    put_off, left_out = np.ones(order.size, np.bool_), 0.0
     for turn in range(len(HALVINGS_OF_ONE) * order.size):
         patience, at = HALVINGS_OF_ONE[turn // order.size], turn % order.size
         piece, running = order[at], log_mass(total)
-        if limits[piece] < running - MARGIN_NATS or limits[piece] < IMPOSSIBLE_NATS:
+        if put_off[at] and (limits[piece] < running - margin or limits[piece] < IMPOSSIBLE_NATS):
             put_off[at] = False
+            left_out += math.exp(limits[piece] - limits[order[0]])
         if not put_off[at]:
             continue
         put_off[at] = False
-        noted_before, halvings_before = nodes.total[0], halvings
+        noted_before, halvings_before, left_out_before = nodes.total[0], halvings, left_out
         for k in range(total.size):
             before[k] = total[k]
         x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
@@ -133,14 +164,15 @@ def _sum_pieces(
         )
         while waiting:
             if halvings - halvings_before > patience and in_vain < MAX_HALVINGS:
-                put_off[at], nodes.total[0] = True, noted_before
+                put_off[at], nodes.total[0], left_out = True, noted_before, left_out_before
                 in_vain, halvings = in_vain + halvings - halvings_before, halvings_before
                 for k in range(total.size):
                     total[k] = before[k]
                 break
             waiting -= 1
             running = log_mass(total)
-            if bounds[waiting] < running - MARGIN_NATS or bounds[waiting] == -np.inf:
+            if bounds[waiting] < running - margin or bounds[waiting] == -np.inf:
+                left_out += math.exp(bounds[waiting] - limits[order[0]])
                 continue
             corners, which, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
             copy_corners(stack[waiting], corners, one)
@@ -174,13 +206,30 @@ def _sum_pieces(
             log_peak, noted = bound - math.log(_area(one, corners)), nodes.total[0]
             rough = variation[waiting] > 1.0
             highest = _integrate(
-                one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, out
+                one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, room, which_met, out
             )
             if -np.inf < highest < LOWEST_NATS:  # the bound is so loose that sums would underflow
                 log_peak, nodes.total[0] = log_peak + highest, noted
-                _integrate(one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, out)
+                _integrate(
+                    one,
+                    corners,
+                    piece,
+                    pieces,
+                    tables,
+                    prior,
+                    log_peak,
+                    rough,
+                    rule,
+                    nodes,
+                    room,
+                    which_met,
+                    out,
+                )
             add_part(total, log_peak, out, x1 + one[0, 0], x2 + one[0, 1])
-    return finish(total, mean, covariance)
+    found = finish(total, mean, covariance)
+    if found == -np.inf or left_out == 0:
+        return found, 0.0
+    return found, _counts(math.log(left_out) + limits[order[0]] - found, pieces, mean, covariance)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -223,6 +272,10 @@ def _look_at(
             worst, across, level = varied, which, 0.5 * (low + high)
             if varied > 8.0 and about:
                 level = -away
+            elif u < FAR_SCALES and v > 2 * FAR_SCALES:
+                level = 1.01 * FAR_SCALES * scale - away
+            elif v > -FAR_SCALES and u < -2 * FAR_SCALES:
+                level = -1.01 * FAR_SCALES * scale - away
     if prior[0] > 0:
         a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
         g1, g2 = prior[0] * a1 + prior[1] * a2, prior[1] * a1 + prior[2] * a2
@@ -260,9 +313,11 @@ def _area(corners: Array, count: int) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
-    rough: bool, rule: Rules, nodes: Nodes, out: Array,
+    rough: bool, rule: Rules, nodes: Nodes, room: Array, which_met: IntArray, out: Array,
 ) -> float:  # fmt: skip
     """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner.
+
+    `room` (6, N) and `which_met` (K,) are to work in.
 
     Where densities vary too much for the rules (`rough`), each node stands for the box about it, whose spread
     counts: one node may hold all.
@@ -280,16 +335,17 @@ def _integrate(
             steep = math.sqrt(s1 * s1 + s2 * s2)
             if steep / tables.scales[which] > best:
                 best, c, d = steep / tables.scales[which], s1 / steep, s2 / steep
-    s, t = np.empty(count), np.empty(count)
+    s, t, edges = room[0], room[1], room[2]
+    lowest_t, highest_t = np.inf, -np.inf
     for corner in range(count):
-        s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
+        s[corner] = edges[corner] = c * corners[corner, 0] + d * corners[corner, 1]
         t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
-    edges = rising(s)
-    extent_s, extent_t = edges[count - 1] - edges[0], t.max() - t.min()
+        lowest_t, highest_t = min(lowest_t, t[corner]), max(highest_t, t[corner])
+    put_in_order(edges, count)
+    extent_s, extent_t = edges[count - 1] - edges[0], highest_t - lowest_t
     # offsets from the centres of the beams that meet walls, in scales: begin + by_s s + by_t t
     met, constant = 0, -log_peak
-    which_met = np.empty(tabulated, np.int64)
-    begin, by_s, by_t = np.empty(tabulated), np.empty(tabulated), np.empty(tabulated)
+    begin, by_s, by_t = room[3], room[4], room[5]
     curved_s = curved_t = steep_s = steep_t = 0.0
     for which in range(tabulated):
         beam = tables.beams[which]

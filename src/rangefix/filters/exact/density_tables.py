@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,7 @@ class Tables(NamedTuple):
     no_wall: Array
 
 
+@cache
 def cell_ends(octaves: int) -> Array:
     """Offsets from the centre between which cells lie, in scales, (N + 1,)."""
     places = [
@@ -81,58 +83,83 @@ def tabulate(
     lost = np.abs(probed[0] - probed[1:]).reshape(2, 12, count) > 0.5  # the scale is where half a nat is lost
     scales = stds * 2.0 ** -np.maximum(lost.sum(axis=1).max(axis=0) - 1, 0)
     far = (np.maximum(farthest, centres) / scales).max(initial=1.0)
-    octaves = int(np.clip(np.ceil(np.log2(far + 1.0)) + 1, FINE_OCTAVES + 1, MOST_OCTAVES))
-    ends = cell_ends(octaves)
-    cells = len(ends) - 1
-    width = np.diff(ends)[:, None]
-    # below the centre a cell that holds range 0 lies farther in: no range is less
-    zero = centres / scales
-    moved = np.minimum(ends[1:, None], zero) - width
-    begins = np.stack([np.maximum(moved, 0.0), np.broadcast_to(ends[:-1, None], moved.shape)])  # (2, N, B)
-    stops = np.stack([np.maximum(np.minimum(ends[1:, None], zero), CENTRE_SHARE), begins[1] + width])
-    thirds = np.linspace(0.0, 1.0, 4)[:, None, None, None]
-    offsets = np.maximum(begins + thirds * (stops - begins), CENTRE_SHARE)  # (4, 2, N, B)
-    side = np.array([-1.0, 1.0])[:, None, None]
-    asked = np.maximum(centres + side * offsets * scales, CENTRE_SHARE * scales).reshape(-1, count)
-    values = floored(np.concatenate([asked, np.full((1, count), np.inf)]))
-    no_wall, values = values[-1], values[:-1].reshape(4, 2, cells, count)
-    stretch = width / (stops - begins)
-    shift = (ends[:-1, None] - begins) / (stops - begins)
-    cubics = _cubics(values, stretch, shift)
-    # a cell that holds range 0 reaches from its beginning to there, and what lies beyond is never asked for
-    most = np.where(
-        stops < ends[1:, None], np.where(ends[:-1, None] < stops, cubics[0], -np.inf), values[:3].max(axis=0)
-    )
-    most = np.maximum(most, values[3])
-    bounds = np.concatenate([most, most[:, -1:]], axis=1)
-    bounds = np.maximum.accumulate(bounds[:, ::-1], axis=1)[:, ::-1]
-    made, bounds = np.moveaxis(cubics, (0, 3), (3, 0)), np.moveaxis(bounds, 2, 0)
-    made[~measured], no_wall[~measured] = 0.0, 0.0
-    return Tables(
-        np.arange(count), centres, np.where(measured, scales, 0.0),
-        np.ascontiguousarray(made), np.ascontiguousarray(bounds), no_wall,
-    )  # fmt: skip
+    ends = cell_ends(int(np.clip(np.ceil(np.log2(far + 1.0)) + 1, FINE_OCTAVES + 1, MOST_OCTAVES)))
+    asked = np.full((8 * (len(ends) - 1) + 1, count), np.inf)
+    _places(ends, centres, scales, asked)
+    values = floored(asked)
+    cells, bounds = np.empty((count, 2, len(ends) - 1, 4)), np.empty((count, 2, len(ends)))
+    _fit(ends, centres / scales, values, cells, bounds)
+    no_wall = values[-1]
+    cells[~measured], no_wall[~measured] = 0.0, 0.0
+    return Tables(np.arange(count), centres, np.where(measured, scales, 0.0), cells, bounds, no_wall)
 
 
-def _cubics(values: Array, stretch: Array, shift: Array) -> Array:
-    """Coefficients in p, (4, ...), of cubics in shift + stretch p that are `values` (4, ...) at its thirds.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _span(side: int, begin: float, end: float, zero: float) -> tuple[float, float]:
+    """Between which offsets a cell's polynomial is fitted: below the centre no farther than range 0."""
+    if side == 1 or end <= zero:
+        return begin, end
+    return max(zero - (end - begin), 0.0), max(zero, CENTRE_SHARE)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _places(ends: Array, centres: Array, scales: Array, asked: Array) -> None:
+    """Where densities are asked for, m: at the thirds of cells below and above the centres, (8 N + 1, B)."""
+    for beam in range(centres.size):
+        for side in range(2):
+            for cell in range(ends.size - 1):
+                first, last = _span(side, ends[cell], ends[cell + 1], centres[beam] / scales[beam])
+                for third in range(4):
+                    offset = max(first + third * (last - first) / 3.0, CENTRE_SHARE) * scales[beam]
+                    place = centres[beam] + (offset if side else -offset)
+                    asked[8 * cell + 4 * side + third, beam] = max(place, CENTRE_SHARE * scales[beam])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(ends: Array, zeros: Array, values: Array, cells: Array, bounds: Array) -> None:
+    """Cubics through the values at the thirds of each cell, and the greatest values from each cell outwards.
 
     Where a value is one that cannot be and another can, a straight line: a cubic would swing above both.
+
+    Args:
+        ends: Where cells end, (N + 1,).
+        zeros: The offset of range 0 below each centre, in scales, (B,).
+        values: Log densities at `_places`, (8 N + 1, B).
+        cells, bounds: Receive what `Tables` holds.
     """
-    v0, v1, v2, v3 = values
-    linear = (values <= FLOOR_NATS).any(axis=0) & (values > FLOOR_NATS).any(axis=0)
-    a1 = 0.5 * (-11.0 * v0 + 18.0 * v1 - 9.0 * v2 + 2.0 * v3)
-    a2 = 4.5 * (2.0 * v0 - 5.0 * v1 + 4.0 * v2 - v3)
-    a3 = 4.5 * (v3 - v0 + 3.0 * (v1 - v2))
-    a1, a2, a3 = np.where(linear, v3 - v0, a1), np.where(linear, 0.0, a2), np.where(linear, 0.0, a3)
-    return np.stack(
-        [
-            v0 + shift * (a1 + shift * (a2 + shift * a3)),
-            stretch * (a1 + shift * (2.0 * a2 + 3.0 * shift * a3)),
-            stretch**2 * (a2 + 3.0 * shift * a3),
-            stretch**3 * a3,
-        ]
-    )
+    for beam in range(zeros.size):
+        for side in range(2):
+            most = -np.inf
+            for cell in range(ends.size - 2, -1, -1):
+                begin, end = ends[cell], ends[cell + 1]
+                first, last = _span(side, begin, end, zeros[beam])
+                row = 8 * cell + 4 * side
+                v0, v1, v2, v3 = (
+                    values[row, beam],
+                    values[row + 1, beam],
+                    values[row + 2, beam],
+                    values[row + 3, beam],
+                )
+                a1, a2, a3 = v3 - v0, 0.0, 0.0
+                least = min(min(v0, v1), min(v2, v3))
+                greatest = max(max(v0, v1), max(v2, v3))
+                if not least <= FLOOR_NATS < greatest:
+                    a1 = 0.5 * (-11.0 * v0 + 18.0 * v1 - 9.0 * v2 + 2.0 * v3)
+                    a2 = 4.5 * (2.0 * v0 - 5.0 * v1 + 4.0 * v2 - v3)
+                    a3 = 4.5 * (v3 - v0 + 3.0 * (v1 - v2))
+                # from shares of what was fitted, shift + stretch p, to shares p of the cell
+                stretch, shift = (end - begin) / (last - first), (begin - first) / (last - first)
+                cubic = cells[beam, side, cell]
+                cubic[0] = v0 + shift * (a1 + shift * (a2 + shift * a3))
+                cubic[1] = stretch * (a1 + shift * (2.0 * a2 + 3.0 * shift * a3))
+                cubic[2] = stretch**2 * (a2 + 3.0 * shift * a3)
+                cubic[3] = stretch**3 * a3
+                if last < end:  # what lies beyond range 0 is never asked for
+                    greatest = max(cubic[0], v3) if begin < last else v3
+                if cell == ends.size - 2:
+                    bounds[beam, side, cell + 1] = greatest
+                most = max(most, greatest)
+                bounds[beam, side, cell] = most
 
 
 def joined(layers: Sequence[Tables]) -> Tables:
@@ -159,9 +186,10 @@ def _padded(layer: Tables, cells: int) -> Tables:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _cell_of(offset: float, cells: int) -> tuple[int, float]:
     """The cell of an offset from the centre, in scales, and the share of the cell before it."""
-    bits = np.float64(1.0 + offset).view(np.int64)
+    bits = int(np.float64(1.0 + offset).view(np.int64))
     if bits < (EXPONENT_OF_ONE + FINE_OCTAVES) << MANTISSA_BITS:
-        return (bits >> FINE_SHIFT) - FINE_FIRST, (bits & ((1 << FINE_SHIFT) - 1)) * (1.0 / (1 << FINE_SHIFT))
+        share = (bits & ((1 << FINE_SHIFT) - 1)) * (1.0 / (1 << FINE_SHIFT))
+        return (bits >> FINE_SHIFT) - FINE_FIRST, share
     cell = (bits >> COARSE_SHIFT) - COARSE_FIRST
     if cell >= cells:
         return cells - 1, 1.0

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, BoolArray
+from ...compiled import in_threads
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
@@ -22,16 +23,18 @@ from ..models.uniform_prior import Uniform
 from ..models.wrapped_noise import reading_bias, reading_spread
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import JUMP_NATS, Nodes, moments_of_any, nodes_for
+from .any_noise import JUMP_NATS, NODES_WHERE_SMOOTH, moments_of_any, nodes_for
 from .density_tables import Tables, joined, tabulate
-from .integrals import Pieces, Rules, moments, rules
+from .integrals import NODES_OF_RULES, Pieces, Rules, moments, moments_of_runs, rules
 from .partition import partition
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
 APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
 ROUNDING_ERROR = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
-TABULATION_ERROR = 1e-5  # the same of densities that are interpolated between a table's nodes
+OTHER_ERROR = 1e-4  # the same of densities that are interpolated, and of parts that were left out
+NODES_OF_DRAWS = (18,) * len(NODES_OF_RULES)
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
+VALUES_TO_A_PIECE = 1000  # and beam that an integral reads, about
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
 MAX_DISAGREEING_SHARE = 0.01  # of the places
@@ -79,7 +82,7 @@ class ExactPositionFilter(BriefRepr):
     Gaussian cut off at the borders of each piece, and is integrated along its axes; with other noise pieces
     are halved until every beam's density is smooth. The pieces are worked out once and shared by all runs.
 
-    Numerical errors are of the order of 1e-9 of the posterior's deviations with Gaussian noise and 1e-6 with
+    Numerical errors are of the order of 1e-9 of the posterior's deviations with Gaussian noise and 1e-5 with
     other noise; `error` tells them. Where densities of many readings would take more than 20 000 halvings the
     answer is coarser. The yardstick of this package where it applies.
 
@@ -121,10 +124,8 @@ class ExactPositionFilter(BriefRepr):
         if prior is not self.problem.prior:
             raise ValueError("this prior is not the problem's: build the estimator for it")
         runs, beams = len(rngs), len(self.problem.sensor.bearings)
-        mean, covariance, _ = self._answer(np.zeros((0, beams)), self._rules)
-        stacked = Estimate(
-            np.repeat(mean[None], runs, axis=0), np.repeat(covariance[None], runs, axis=0), np.zeros(runs)
-        )
+        mean, covariance, _ = self._answers(np.zeros((1, 0, beams)), self._rules)
+        stacked = Estimate(np.repeat(mean, runs, axis=0), np.repeat(covariance, runs, axis=0), np.zeros(runs))
         return ExactBelief(np.empty((runs, 0, beams)), stacked)
 
     def predict(self, belief: ExactBelief, control: Array, rngs: Sequence[Generator]) -> ExactBelief:
@@ -141,12 +142,10 @@ class ExactPositionFilter(BriefRepr):
         measurement = check_measurement(self.problem.sensor, measurement, runs)
         readings = np.concatenate([belief.readings, measurement[:, None]], axis=1)
         mean, covariance, log_evidence = (np.array(part) for part in belief.estimate)
-        for run in range(runs):
-            if log_evidence[run] == -np.inf or np.isnan(measurement[run]).all():
-                continue
-            new_mean, new_covariance, log_evidence[run] = self._answer(readings[run], self._rules)
-            if log_evidence[run] > -np.inf:
-                mean[run], covariance[run] = new_mean, new_covariance
+        asked = np.flatnonzero((log_evidence > -np.inf) & ~np.isnan(measurement).all(axis=1))
+        new_mean, new_covariance, log_evidence[asked] = self._answers(readings[asked], self._rules)
+        possible = log_evidence[asked] > -np.inf
+        mean[asked[possible]], covariance[asked[possible]] = new_mean[possible], new_covariance[possible]
         return ExactBelief(readings, Estimate(mean, covariance, log_evidence))
 
     def estimate(self, belief: ExactBelief) -> Estimate:
@@ -156,19 +155,17 @@ class ExactPositionFilter(BriefRepr):
     def error(self, belief: ExactBelief) -> Array:
         """How far mean and covariance may be off, in posterior deviations, (M,): see `CanEstimateError`.
 
-        What rules with other nodes have otherwise, and what rounding or the tables of readings leave.
+        What rules with other nodes have otherwise, and what rounding, tables and parts left out may leave.
         """
-        least = ROUNDING_ERROR if self.problem.sensor.gaussian_stds is not None else TABULATION_ERROR
+        least = ROUNDING_ERROR if self.problem.sensor.gaussian_stds is not None else OTHER_ERROR
         mean, covariance, log_evidence = belief.estimate
         errors = np.zeros(len(mean))
-        other = rules(MORE_NODES)
-        for run in np.flatnonzero(np.asarray(log_evidence) > -np.inf):
-            again, spread, _ = self._answer(belief.readings[run], other)
-            std = np.sqrt(np.diagonal(covariance[run]))
-            off = np.abs(again - mean[run]) / std
-            errors[run] = least + max(
-                off.max(), (np.abs(spread - covariance[run]) / np.outer(std, std)).max()
-            )
+        some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
+        again, spread, _ = self._answers(belief.readings[some], self._rules_with(MORE_NODES))
+        std = np.sqrt(np.diagonal(covariance[some], axis1=1, axis2=2))
+        off = (np.abs(again - mean[some]) / std).max(axis=1)
+        scales = std[:, :, None] * std[:, None, :]
+        errors[some] = least + np.maximum(off, (np.abs(spread - covariance[some]) / scales).max(axis=(1, 2)))
         return errors
 
     def sample(self, belief: ExactBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -223,7 +220,16 @@ class ExactPositionFilter(BriefRepr):
 
     @cached_property
     def _rules(self) -> Rules:
-        return rules()
+        return self._rules_with(0)
+
+    @cached_property
+    def _close_rules(self) -> Rules:
+        """Rules whose nodes lie close together everywhere, for draws from the boxes about them."""
+        return rules(NODES_OF_DRAWS)
+
+    def _rules_with(self, more: int) -> Rules:
+        gaussian = self.problem.sensor.gaussian_stds is not None
+        return rules(NODES_OF_RULES if gaussian else NODES_WHERE_SMOOTH, more)
 
     def _parts(self, prior: Prior, log_share: float) -> tuple[PriorPart, ...]:
         if isinstance(prior, Mixture):
@@ -290,55 +296,39 @@ class ExactPositionFilter(BriefRepr):
                     "the exact filter needs a map that is made of its segments"
                 )
 
-    def _answer(self, readings: Array, rule: Rules, nodes: Nodes | None = None) -> tuple[Array, Array, float]:
-        """Mean (2,), covariance (2, 2) and log evidence for the readings (T, B) of one run."""
-        plain = self._gaussian(readings) if nodes is None else None
-        tables = self._tables(readings) if plain is None else None
-        logs, means, covariances = [], [], []
-        for part in self.parts:
-            mean, covariance = np.zeros(2), np.eye(2)
-            if plain is not None:
-                reading, weight, log_common = plain
-                log = log_common + moments(part.pieces, reading, weight, part.factor, rule, mean, covariance)
-            else:
-                assert tables is not None
-                target = nodes_for(0) if nodes is None else nodes
-                first = int(target.total[0])
-                log = moments_of_any(part.pieces, tables, part.factor, rule, target, mean, covariance)
-                target.log_weights[first : int(target.total[0])] += part.log_share - part.log_integral
-            logs.append(log + part.log_share - part.log_integral)
-            means.append(mean)
-            covariances.append(covariance)
-        if len(logs) == 1:
+    def _answers(self, readings: Array, rule: Rules) -> tuple[Array, Array, Array]:
+        """Means (M, 2), covariances (M, 2, 2) and log evidences (M,) for readings (M, T, B) of M runs."""
+        runs, parts = len(readings), len(self.parts)
+        means, covariances = np.zeros((parts, runs, 2)), np.tile(np.eye(2), (parts, runs, 1, 1))
+        logs = np.empty((parts, runs))
+        stds = self.problem.sensor.gaussian_stds
+        if stds is not None:
+            told, weights, common = _weighed(readings, stds)
+            for place, part in enumerate(self.parts):
+                work = VALUES_TO_A_PIECE * told.size * len(part.pieces.counts)
+                out = means[place], covariances[place], logs[place]
+                in_threads(moments_of_runs, runs, work, part.pieces, told, weights, part.factor, rule, *out)
+            logs += common
+        else:
+            nothing = nodes_for(0)
+            for run in range(runs):
+                tables = self._tables(readings[run])
+                for place, part in enumerate(self.parts):
+                    each = means[place, run], covariances[place, run]
+                    logs[place, run] = moments_of_any(part.pieces, tables, part.factor, rule, nothing, *each)
+        logs += np.array([part.log_share - part.log_integral for part in self.parts])[:, None]
+        if parts == 1:
             return means[0], covariances[0], logs[0]
-        best = max(logs)
-        if best == -np.inf:
-            return means[0], covariances[0], best
-        shares = np.exp(np.array(logs) - best)
-        log_evidence = best + math.log(shares.sum())
-        shares /= shares.sum()
-        mean = shares @ np.array(means)
-        away = np.array(means) - mean
-        covariance = np.tensordot(shares, np.array(covariances), 1) + (away * shares[:, None]).T @ away
-        return mean, covariance, log_evidence
-
-    def _gaussian(self, readings: Array) -> tuple[Array, Array, float] | None:
-        """Mean reading, precision and common log factor of each beam; None where noise is not plain."""
-        sensor = self.problem.sensor
-        stds = sensor.gaussian_stds
-        if stds is None:
-            return None
-        measured = ~np.isnan(readings)
-        returned = np.isfinite(readings)
-        counts = measured.sum(axis=0)
-        if ((returned.sum(axis=0) > 0) & (returned.sum(axis=0) < counts)).any():
-            return np.zeros(readings.shape[1]), np.zeros(readings.shape[1]), -np.inf
-        reading = np.where(returned, readings, 0.0).sum(axis=0) / np.maximum(counts, 1)
-        reading = np.where((counts > 0) & ~returned.any(axis=0), np.inf, reading)
-        spread = np.where(returned, readings - np.where(np.isfinite(reading), reading, 0.0), 0.0) / stds
-        level = np.where(returned, 0.5 * math.log(2 * math.pi) + np.log(stds), 0.0).sum()
-        with np.errstate(over="ignore"):  # readings of 1e300: impossible, which -inf says
-            return reading, counts / stds**2, float(-0.5 * (spread**2).sum() - level)
+        best = logs.max(axis=0)
+        shares = np.exp(logs - np.where(np.isneginf(best), 0.0, best))
+        total = shares.sum(axis=0)
+        shares[0, total == 0] = 1.0  # impossible: what the first says
+        shares /= shares.sum(axis=0)
+        mean = np.einsum("pm,pmi->mi", shares, means)
+        away = means - mean
+        covariance = np.einsum("pm,pmij->mij", shares, covariances + away[..., :, None] * away[..., None, :])
+        with np.errstate(divide="ignore"):
+            return mean, covariance, best + np.log(total)
 
     def _tables(self, readings: Array) -> Tables:
         """Log densities of one run's readings (T, B) as functions of the expected ranges."""
@@ -396,10 +386,13 @@ class ExactPositionFilter(BriefRepr):
             return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
-        room = 1 << 15
+        room, tables = 1 << 15, self._tables(readings)
         while True:
             nodes = nodes_for(room)
-            self._answer(readings, self._rules, nodes)
+            for part in self.parts:
+                first, unused = int(nodes.total[0]), (np.empty(2), np.empty((2, 2)))
+                moments_of_any(part.pieces, tables, part.factor, self._close_rules, nodes, *unused)
+                nodes.log_weights[first : int(nodes.total[0])] += part.log_share - part.log_integral
             if nodes.total[0] <= room:
                 break
             room = int(nodes.total[0])
@@ -412,3 +405,18 @@ class ExactPositionFilter(BriefRepr):
         return places[:, :2] + np.stack(
             [turns[:, 0] * s - turns[:, 1] * t, turns[:, 1] * s + turns[:, 0] * t], axis=1
         )
+
+
+def _weighed(readings: Array, stds: Array) -> tuple[Array, Array, Array]:
+    """Mean reading and precision of each beam, (M, B), and the common log factors, (M,), of (M, T, B)."""
+    returned = np.isfinite(readings)
+    counts, returns = (~np.isnan(readings)).sum(axis=1), returned.sum(axis=1)
+    told = np.where(returned, readings, 0.0).sum(axis=1) / np.maximum(counts, 1)
+    spread = np.where(returned, readings - told[:, None], 0.0) / stds
+    level = np.where(returned, 0.5 * math.log(2 * math.pi) + np.log(stds), 0.0)
+    with np.errstate(over="ignore"):  # readings of 1e300: impossible, which -inf says
+        common = -(0.5 * spread**2 + level).sum(axis=2).sum(axis=1)
+    told = np.where((counts > 0) & (returns == 0), np.inf, told)
+    torn = ((returns > 0) & (returns < counts)).any(axis=1)  # a beam that met a wall, and met none
+    told[torn], counts[torn], common[torn] = 0.0, 0, -np.inf
+    return told, counts / stds**2, common

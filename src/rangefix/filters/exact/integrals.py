@@ -16,51 +16,62 @@ from ...arrays import Array, IntArray
 from ...compiled import njit
 from .polygons import copy_corners, cut_by
 
-MARGIN_NATS = 40.0  # below the best of a piece, or of all, at which nothing counts
+MARGIN_NATS = 40.0  # below the best of all, at which nothing counts
+CLIP_NATS = (
+    26.0  # below the best of a piece, at which it is cut off: what is left out has some 1e-10 of its spread
+)
+CLOSED_FROM = 1.2  # deviations to a chord from where on its integral is one of error functions
+OUTSIDE_STDS = 6.0  # of a peak beyond a chord, up to which differences of those are right to 13 digits
+ROOT_HALF, ROOT_HALF_PI = math.sqrt(0.5), math.sqrt(0.5 * math.pi)
 STEEP_NATS = 200.0  # along the greater curvature; beyond that axes follow the gradient
 MOST_INTERVALS = 1000.0  # of a panel
 LONGEST_INTERVAL = 5.0  # e-folds or deviations to an interval of a Gauss-Legendre rule
-NODES_OF_RULES = (4, 6, 9, 13)  # nodes for intervals of up to LONGEST_OF_RULES
+NODES_OF_RULES = (4, 6, 9, 13, 13)  # nodes for intervals of up to LONGEST_OF_RULES, and for longer ones
 LONGEST_OF_RULES = (0.4, 1.2, 2.6, LONGEST_INTERVAL)
 
 
 class Rules(NamedTuple):
-    """Gauss-Legendre rules on [0, 1]: nodes and weights, (4, N) each, and how many nodes each has."""
+    """Gauss-Legendre rules on [0, 1].
+
+    Attributes:
+        nodes, weights: Of each rule, (5, N).
+        counts: How many nodes each has, (5,).
+        closed: Whether Gaussians along long chords are integrated in closed form, by error functions.
+    """
 
     nodes: Array
     weights: Array
     counts: IntArray
+    closed: bool
 
 
-def rules(more: int = 0) -> Rules:
-    """The rules, with `more` nodes each: a second set has no node in common with the first."""
-    counts = np.array(NODES_OF_RULES, dtype=np.int64) + more
-    nodes, weights = np.zeros((2, len(NODES_OF_RULES), counts.max()))
-    for place, count in enumerate(counts):
+def rules(counts: tuple[int, ...] = NODES_OF_RULES, more: int = 0) -> Rules:
+    """The rules; with `more` nodes each and no closed forms, a second set that checks the first."""
+    sizes = np.array(counts, dtype=np.int64) + more
+    nodes, weights = np.zeros((2, len(sizes), sizes.max()))
+    for place, count in enumerate(sizes):
         x, w = np.polynomial.legendre.leggauss(int(count))
         nodes[place, :count], weights[place, :count] = 0.5 * (x + 1), 0.5 * w
-    return Rules(nodes, weights, counts)
+    return Rules(nodes, weights, sizes, more == 0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def rule_for(length: float) -> int:
-    for rule in range(3):
+    for rule in range(len(LONGEST_OF_RULES)):
         if length <= LONGEST_OF_RULES[rule]:
             return rule
-    return 3
+    return len(LONGEST_OF_RULES)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rising(values: Array) -> Array:
-    """A few numbers in rising order."""
-    out = np.empty(values.size)
-    for place in range(values.size):
-        at = place
-        while at > 0 and out[at - 1] > values[place]:
-            out[at] = out[at - 1]
+def put_in_order(values: Array, count: int) -> None:
+    """The first few numbers in rising order, in place."""
+    for place in range(1, count):
+        value, at = values[place], place
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
             at -= 1
-        out[at] = values[place]
-    return out
+        values[at] = value
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -141,6 +152,33 @@ def _extent(corners: Array, count: int, c: float, d: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _along_chord(
+    base: float, along: float, small: float, root: float, low: float, high: float
+) -> tuple[float, float, float]:
+    """Integrals of 1, t, t t times exp(base - along t - small t t / 2) from low to high, in closed form.
+
+    Returns:
+        The integrals; -1 for the first where the peak lies so far outside that differences would cancel.
+    """
+    peak = -along / small
+    a, b = (low - peak) * root, (high - peak) * root
+    if a > OUTSIDE_STDS or b < -OUTSIDE_STDS:
+        return -1.0, 0.0, 0.0
+    if a > 0:
+        share = math.erfc(a * ROOT_HALF) - math.erfc(b * ROOT_HALF)
+    elif b < 0:
+        share = math.erfc(-b * ROOT_HALF) - math.erfc(-a * ROOT_HALF)
+    else:
+        share = math.erf(b * ROOT_HALF) - math.erf(a * ROOT_HALF)
+    top = base + 0.5 * along * along / small
+    i0 = math.exp(top) * ROOT_HALF_PI / root * share
+    at_low, at_high = math.exp(top - 0.5 * a * a), math.exp(top - 0.5 * b * b)
+    first = (at_low - at_high) / small  # about the peak
+    second = (i0 + (low - peak) * at_low - (high - peak) * at_high) / small
+    return i0, peak * i0 + first, peak * peak * i0 + 2 * peak * first + second
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def integrate_quadratic(
     corners: Array,
     count: int,
@@ -175,11 +213,11 @@ def integrate_quadratic(
         big, small = (c * h11 + 2 * d * h12) * c + d * d * h22, (d * h11 - 2 * c * h12) * d + c * c * h22
         cross = c * d * (h22 - h11) + (c * c - d * d) * h12
     gs, gt = c * g1 + d * g2, c * g2 - d * g1
-    s, t = np.empty(count), np.empty(count)
+    s, t, edges = np.empty((3, count))
     for corner in range(count):
-        s[corner] = c * corners[corner, 0] + d * corners[corner, 1]
+        s[corner] = edges[corner] = c * corners[corner, 0] + d * corners[corner, 1]
         t[corner] = c * corners[corner, 1] - d * corners[corner, 0]
-    edges = rising(s)
+    put_in_order(edges, count)
     root_big, root_small = math.sqrt(big), math.sqrt(max(small, 0.0))
     twist = abs(cross) * max(abs(edges[0]), abs(edges[count - 1]))
     m0 = m1 = m2 = m11 = m12 = m22 = 0.0
@@ -207,11 +245,22 @@ def integrate_quadratic(
                 chord = high - low
                 if chord <= 0:
                     continue
+                base, along = -gs * at_s - 0.5 * big * at_s * at_s, gt + cross * at_s
+                share = width / parts * rule.weights[outer, i]
+                if rule.closed and chord * root_small > CLOSED_FROM:
+                    i0, i1, i2 = _along_chord(base, along, small, root_small, low, high)
+                    if i0 >= 0:
+                        m0 += share * i0
+                        m1 += share * i0 * at_s
+                        m2 += share * i1
+                        m11 += share * i0 * at_s * at_s
+                        m12 += share * i1 * at_s
+                        m22 += share * i2
+                        continue
                 length_t = chord * rate_t
                 pieces = _intervals(length_t)
                 inner = rule_for(length_t / pieces)
-                scale = width / parts * rule.weights[outer, i] * chord / pieces
-                base, along = -gs * at_s - 0.5 * big * at_s * at_s, gt + cross * at_s
+                scale = share * chord / pieces
                 i0 = i1 = i2 = 0.0
                 for fraction in range(pieces):
                     for j in range(rule.counts[inner]):
@@ -379,24 +428,34 @@ def moments(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def moments_of_runs(
+    first: int, last: int, pieces: Pieces, readings: Array, weights: Array, prior: Array, rule: Rules,
+    means: Array, covariances: Array, logs: Array,
+) -> None:  # fmt: skip
+    """`moments` of some of the runs, whose readings and weights are (M, B); written in place."""
+    for run in range(first, last):
+        logs[run] = moments(pieces, readings[run], weights[run], prior, rule, means[run], covariances[run])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _clip(
     work: Array, corners: int, spare: Array, h11: float, h12: float, h22: float, g1: float, g2: float
 ) -> int:
-    """Cut off what lies MARGIN_NATS below the best point, the origin; returns the corners left."""
+    """Cut off what lies CLIP_NATS below the best point, the origin; returns the corners left."""
     half, mean = 0.5 * (h11 - h22), 0.5 * (h11 + h22)
     radius = math.sqrt(half * half + h12 * h12)
     angle = 0.5 * math.atan2(h12, half)
     c, d = math.cos(angle), math.sin(angle)
     for axis in range(5):
         if axis == 4:
-            n1, n2, level = g1, g2, MARGIN_NATS
+            n1, n2, level = g1, g2, CLIP_NATS
             if g1 == 0 and g2 == 0:
                 continue
         else:
             curvature = mean + radius if axis < 2 else mean - radius
             if curvature <= 1e-12 * (mean + radius) or curvature <= 0:
                 continue
-            level = math.sqrt(2 * MARGIN_NATS / curvature)
+            level = math.sqrt(2 * CLIP_NATS / curvature)
             sign = 1.0 if axis % 2 == 0 else -1.0
             n1, n2 = (sign * c, sign * d) if axis < 2 else (-sign * d, sign * c)
         outside = False
