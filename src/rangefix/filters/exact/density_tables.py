@@ -73,9 +73,9 @@ def tabulate(
         farthest: The farthest range that is asked for, m.
     """
 
-    def floored(expected: Array) -> Array:  # -inf has no differences
+    def floored(expected: Array) -> Array:  # -inf and NaN have no differences
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            return np.maximum(np.nan_to_num(density(expected), nan=-np.inf), FLOOR_NATS)
+            return np.fmax(density(expected), FLOOR_NATS)
 
     count = len(centres)
     probe = np.concatenate([[0.0], 0.5 ** np.arange(12), -(0.5 ** np.arange(12))])[:, None]

@@ -338,17 +338,18 @@ class ExactPositionFilter(BriefRepr):
 
     def _layers(self, readings: Array) -> list[Array]:
         """Readings (T, B) in sets, NaN where a reading is in another: those of a beam lie close together."""
+        if len(readings) == 1:
+            return [readings]
         sensor = self.problem.sensor
         at = np.clip(readings, 0.0, MAX_CENTRE_M)
         stds = np.broadcast_to(reading_spread(sensor.noise, at), readings.shape)
         layer = np.zeros(readings.shape, dtype=np.int64)
-        if len(readings) > 1:
-            order = np.argsort(readings, axis=0, kind="stable")  # NaN last
-            ordered = np.take_along_axis(readings, order, axis=0)
-            reach = (0.0 if self._jumps else APART_STDS) * np.take_along_axis(stds, order, axis=0)[1:]
-            with np.errstate(invalid="ignore", over="ignore"):  # inf - inf: the same reading
-                apart = (ordered[1:] - ordered[:-1] > reach).cumsum(axis=0)
-            np.put_along_axis(layer, order[1:], apart, axis=0)
+        order = np.argsort(readings, axis=0, kind="stable")  # NaN last
+        ordered = np.take_along_axis(readings, order, axis=0)
+        reach = (0.0 if self._jumps else APART_STDS) * np.take_along_axis(stds, order, axis=0)[1:]
+        with np.errstate(invalid="ignore", over="ignore"):  # inf - inf: the same reading
+            apart = (ordered[1:] - ordered[:-1] > reach).cumsum(axis=0)
+        np.put_along_axis(layer, order[1:], apart, axis=0)
         return [np.where(layer == number, readings, np.nan) for number in range(int(layer.max()) + 1)]
 
     def _tabulated(self, readings: Array) -> Tables:
