@@ -18,12 +18,8 @@ from scipy.stats import binom
 
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
 from rangefix.evaluation.consistency.intervals import Moments
-from rangefix.evaluation.consistency.verdict import (
-    ALARMS,
-    BY_ANEES,
-    LARGE_FACTOR,
-    decide_overall,
-)
+from rangefix.evaluation.consistency.null_distribution import LARGE_FACTOR
+from rangefix.evaluation.consistency.verdict import ALARMS, BY_ANEES, decide_overall
 from rangefix.filters import Estimate, Estimator, Problem, Rangefinder, StudentT, build
 
 from ..conftest import PriorOnly, make_problem

@@ -226,6 +226,17 @@ def test_a_reading_far_outside_the_model_stays_finite(options):
     assert -INF < found.log_evidence[0] < -500
 
 
+def test_copies_of_one_place_claim_what_lies_between_even_ones():
+    """Hostile reading 1933 left one place in 300 copies, and a covariance of zero: it is never none."""
+    estimator = ParticleFilter(PAPER, particles=100)
+    belief = estimator.init(PAPER.prior, generators(1))
+    alone = replace(belief, states=np.repeat(belief.states[:, :1], 100, axis=1))
+    lower, upper = PAPER.prior.support
+    claimed = estimator.estimate(alone).covariance[0]
+    np.testing.assert_allclose(claimed, np.diag((upper - lower) ** 2 / 12 / 100), rtol=1e-9)
+    assert estimator.effective_particles(alone)[0] == 1
+
+
 def test_nothing_measured_draws_nothing():
     estimator = ParticleFilter(PAPER, particles=100)
     rngs = generators(1)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .intervals import Interval
-from .null_distribution import SEEN
+from .null_distribution import SEEN, FarErrors
 from .row import Row
 
 ALIKE = 0.5  # p-value of Mauchly's test above which all directions count as alike
@@ -59,9 +59,14 @@ class Evidence:
         return self.row.null is not None and self.row.null.coherent
 
     @property
+    def anees(self) -> Interval:
+        """ANEES / n with what the runs alone say of it at 95 %."""
+        return self.row.anees if self.row.anees_of_runs is None else self.row.anees_of_runs
+
+    @property
     def factor(self) -> Interval:
         """ANEES / n with what the runs say of it at 95 %, few runs that make most of it included."""
-        value, low, high = self.row.anees
+        value, low, high = self.anees
         return Interval(value, float(np.fmax(low, value / MARKOV)) if value > 1 else low, high)
 
     @property
@@ -70,13 +75,18 @@ class Evidence:
         value = self.row.anees.value
         if self.row.null is None or not self.drawn or not math.isfinite(value):
             return self.factor
-        least, most = self.row.null.least, self.row.null.most
-        return Interval(value, value / most if most else 0.0, value / least if least else math.inf)
+        return self.row.null.range_of(value)
+
+    @property
+    def far(self) -> FarErrors | None:
+        """Far errors that alone keep the runs from telling; None where near ones do not tell either."""
+        null = self.row.null
+        return null.far if null is not None and self.drawn and null.near else None
 
     @property
     def too_large(self) -> float:
         """One-sided p-value of squared errors as large as these, as a whole; 1 if they are not too large."""
-        value, low, _ = self.row.anees
+        value, low, _ = self.anees
         if not value > 1:
             return 1.0
         if self.row.null is not None and self.drawn:
@@ -87,7 +97,7 @@ class Evidence:
     @property
     def too_small(self) -> float:
         """One-sided p-value of squared errors as small as these, as a whole; 1 if they are not too small."""
-        value, _, high = self.row.anees
+        value, _, high = self.anees
         if not value < 1:
             return 1.0
         if self.row.null is not None and self.drawn:
@@ -97,7 +107,7 @@ class Evidence:
     @property
     def scatters_about_one(self) -> bool:
         """Whether ANEES / n agrees with 1 as far as its own scatter tells, whatever the beliefs say of it."""
-        return self.row.anees.low <= 1 <= self.row.anees.high
+        return self.anees.low <= 1 <= self.anees.high
 
     @property
     def shows_caution(self) -> bool:

@@ -34,6 +34,8 @@ COUNTED = 2  # of them at least beyond a figure, or its p-value is that of a gam
 SLAB = 500  # runs at once, which stay in the cache
 COHERENT = 0.05  # by how much draws' squared distances may differ from those claimed, however sure it is
 INCOHERENT_P = 0.001  # p-value below which they do not differ by chance
+LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
+FAR = 5.0  # claimed deviations from the estimate, beyond which errors are far
 RAREST = 0.002  # share of a far mode that verdicts reckon with
 SEEN = 2100  # draws, or runs, among which it occurs but for 1.5 %: ln(0.015) / ln(1 - RAREST)
 
@@ -54,6 +56,19 @@ class Scatter(NamedTuple):
         return min(1.0, 2 * min(self.below, self.above))
 
 
+class FarErrors(NamedTuple):
+    """What beliefs hold more than `FAR` claimed deviations from their means.
+
+    Attributes:
+        share: Of the squared distances that they claim.
+        expected, found: How many truths lie there by the beliefs, and how many do.
+    """
+
+    share: float
+    expected: float
+    found: int
+
+
 @dataclass(frozen=True)
 class NullDistribution:
     """What draws from the beliefs of all runs say of the figures of a row.
@@ -66,6 +81,10 @@ class NullDistribution:
         scatter: Figure -> where it would lie: "anees", "ratio_NAME", "bias_NAME".
         least, most: Between which ANEES / n would lie in 95 % of studies: of all such ranges that with the
             least ratio, for a rare far mode can make ANEES many times larger, but not as much smaller.
+        near: Whether errors that count as no more than `FAR` deviations tell that claims are not off by
+            `LARGE_FACTOR`, either way: draws whose squared distances are multiplied, or divided, by it would
+            give as much, or as little, in less than 2.5 % of studies.
+        far: What lies beyond.
         ranks: How often the truth has each rank among the draws, in ten equal bins; a row for each component
             and one for the distance from the estimate, (n + 1, 10).
     """
@@ -76,6 +95,8 @@ class NullDistribution:
     scatter: Mapping[str, Scatter]
     least: float
     most: float
+    near: bool
+    far: FarErrors
     ranks: Array
 
     @property
@@ -87,6 +108,11 @@ class NullDistribution:
         value = self.claimed.value
         apart = abs(value - 1) > COHERENT and self.claimed_p < INCOHERENT_P
         return not (apart and (value > 1 or self.draws >= SEEN))
+
+    def range_of(self, anees: float) -> Interval:
+        """ANEES / n, and by which factors all claims may be off for it to be what it is, at 95 %."""
+        low = anees / self.most if self.most else 0.0
+        return Interval(anees, low, anees / self.least if self.least else math.inf)
 
     @property
     def rank_p_values(self) -> list[float]:
@@ -100,7 +126,8 @@ class NullSums:
     def __init__(self, names: tuple[str, ...]) -> None:
         size = len(names)
         self.names, self.runs = names, 0
-        self.sums = np.zeros((GROUPS, KEPT_DRAWS, 1 + 2 * size))
+        self.sums = np.zeros((GROUPS, KEPT_DRAWS, 3 + 2 * size))
+        self.near, self.found, self.far = 0.0, 0, np.zeros(3)
         self.ranks = np.zeros((size + 1, 10))
         self.claimed = Moments()
 
@@ -119,12 +146,17 @@ class NullSums:
         offsets, size = kept_offsets(block.draws[runs], covariance), len(self.names)
         squares = nees(offsets, covariance[:, None])
         squares = np.where(np.isfinite(squares), squares, 0.0) / size  # a claim of certainty, judged as such
-        figures = np.concatenate([squares[..., None], offsets, offsets**2], axis=-1)
+        bounded = [np.minimum(squares * by, FAR**2 / size) for by in (LARGE_FACTOR, 1 / LARGE_FACTOR)]
+        figures = np.concatenate([np.stack([squares, *bounded], axis=-1), offsets, offsets**2], axis=-1)
         for place in range(min(GROUPS, len(runs))):
             self.sums[(self.runs + place) % GROUPS] += figures[place::GROUPS].sum(0)
         self.runs += len(runs)
         self.claimed.add(squares.mean(1))
         errors, true = block.errors[runs], block.nees[runs] / size
+        beyond = squares * size > FAR**2
+        self.far += beyond.sum() / KEPT_DRAWS, squares[beyond].sum(), squares.sum()
+        self.near += float(np.minimum(true, FAR**2 / size).sum())
+        self.found += int((true * size > FAR**2).sum())
         ranks = [*(offsets < errors[:, None]).sum(1).T, (squares < true[:, None]).sum(1)]
         self.ranks += np.stack([rank_histogram(column, KEPT_DRAWS) for column in ranks])
 
@@ -142,15 +174,26 @@ class NullSums:
         middle = studies.mean(0)
         studies = middle + np.sqrt(1 + 1 / KEPT_DRAWS) * (studies - middle)  # the middle is one of 39 draws
         size = len(self.names)
-        variances = studies[:, 1 + size :] / np.where(claims > 0, claims, 1.0)
+        variances = studies[:, 3 + size :] / np.where(claims > 0, claims, 1.0)
         columns = {"anees": studies[:, 0]}
-        columns |= {f"bias_{name}": studies[:, 1 + i] for i, name in enumerate(self.names)}
+        columns |= {f"bias_{name}": studies[:, 3 + i] for i, name in enumerate(self.names)}
         columns |= {f"ratio_{name}": variances[:, i] for i, name in enumerate(self.names)}
         scatter = {name: _scatter(column, figures[name].value) for name, column in columns.items()}
         p = self.claimed.p_value_of_mean(1.0)
         least, most = _narrowest(np.maximum(columns["anees"], 0.0))
+        tail = 100 * (1 - LEVEL) / 2
+        too_much, too_little = np.percentile(studies[:, 1], tail), np.percentile(studies[:, 2], 100 - tail)
+        expected, far, whole = map(float, self.far)
         return NullDistribution(
-            self.runs * KEPT_DRAWS, self.claimed.interval(), p, scatter, least, most, self.ranks
+            draws=self.runs * KEPT_DRAWS,
+            claimed=self.claimed.interval(),
+            claimed_p=p,
+            scatter=scatter,
+            least=least,
+            most=most,
+            near=bool(too_little < self.near / self.runs < too_much),
+            far=FarErrors(far / whole if whole else 0.0, expected, self.found),
+            ranks=self.ranks,
         )
 
 

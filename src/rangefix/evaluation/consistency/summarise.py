@@ -149,6 +149,11 @@ class Accumulator:
         claims = self.claims / runs
         drawn = self.null.runs == self.runs  # not if a batch of the runs could not be sampled
         sound = bool(self.runs) and bool(np.isfinite(self.directions).all())
+        null = self.null.distribution(figures, claims.diagonal()) if drawn else None
+        alone = figures.get("anees")
+        if alone is not None and null is not None and null.coherent and np.isfinite(alone.value):
+            _, low, high = null.range_of(alone.value)
+            figures["anees"] = Interval(alone.value, min(alone.low, low), max(alone.high, high))
         return Row(
             estimator=estimator,
             beams=beams,
@@ -165,7 +170,8 @@ class Accumulator:
             p_values=self.p_values(),
             one_truth=one_truth,
             ranks=self.ranks if self.ranks.ndim else None,
-            null=self.null.distribution(figures, claims.diagonal()) if drawn else None,
+            null=null,
+            anees_of_runs=alone,
             pending=int(self.counts[Status.PENDING.code]),
             directions=np.asarray(np.linalg.eigvalsh(self.directions) / runs, float) if sound else None,
         )

@@ -16,9 +16,9 @@ from .evidence import Evidence, ShapeFault
 from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
 from .intervals import Interval
 from .metrics import MAX_ERROR, MIN_EFFECTIVE
+from .null_distribution import FAR, LARGE_FACTOR, FarErrors
 from .row import Row
 
-LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
 BY_ANEES = 0.05  # two-sided level of its 95 % interval, beyond which it accuses where there are no draws
 CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
@@ -157,6 +157,9 @@ def decide(row: Row, family: int = 1) -> Verdict:
     _, low, high = tolerance
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         needed = _needed(tolerance, row.ok)
+        if (far := evidence.far) is not None:
+            told = "honest: errs as it claims, but for the rarest errors, of which too few are met"
+            return Verdict("honest", tolerance, told, (_far_words(far, row.ok), needed, *notes))
         return Verdict("unsure", tolerance, _cannot_tell(row), (needed, *notes))
     off = format_percent(max(high, 1 / low) - 1)
     close = f"squared errors and claimed variances agree to within {off}, at 95 % confidence"
@@ -264,6 +267,15 @@ def _ground(evidence: Evidence) -> tuple[str, ...]:
         return ("judged by means and covariances alone, for want of samples of its beliefs",)
     claimed = format_number(null.claimed.value)
     return (f"its samples have {claimed} times the squared distances that it claims: judged without them",)
+
+
+def _far_words(far: FarErrors, runs: int) -> str:
+    """What the runs cannot tell of, and what they met of it."""
+    return (
+        f"{format_percent(far.share)} of the squared errors that it claims lie more than {FAR:g} claimed "
+        f"deviations from its estimates, where {format_number(far.expected)} of {runs} truths are to be "
+        f"expected and {far.found} were found; nearer ones agree with its claims"
+    )
 
 
 def _unseen(known: Interval) -> str:

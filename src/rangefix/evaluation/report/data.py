@@ -11,11 +11,11 @@ from ..comparison.paired import compare_estimators
 from ..comparison.worst_runs import WorstRun, worst_runs
 from ..consistency.formatting import format_interval
 from ..consistency.gates import Gate, GateLine, check_gates
+from ..consistency.null_distribution import LARGE_FACTOR
 from ..consistency.row import Row
 from ..consistency.summarise import run_blocks, summarise
 from ..consistency.verdict import (
     CERTAIN,
-    LARGE_FACTOR,
     Kind,
     Verdict,
     decide,

@@ -10,7 +10,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from ..consistency.formatting import beams_in_words, capital, format_interval, format_number, visible
-from ..consistency.verdict import ALARMS, LARGE_FACTOR
+from ..consistency.null_distribution import LARGE_FACTOR
+from ..consistency.verdict import ALARMS
 from ..results import FAILURES
 from .data import MAX_REASONS_SHOWN, Badge
 

@@ -40,6 +40,7 @@ SMOOTH_SCALES = 3.5  # scales of a beam to a piece near its reading
 WIDENING_SCALES = 4.0  # from a reading, from where on a beam's scale grows with the distance from it
 FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
+FAR_RATIO, FLAT_NATS = 6.0, 0.01  # of a part's ends beyond, where densities that vary at all fall as powers
 SMOOTH_NATS = 8.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
 HALVINGS_OF_ONE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
@@ -265,6 +266,10 @@ def _look_at(
         else:
             bound += max(tables.bounds[which, 0, 0], tables.bounds[which, 1, 0])
         varied = max(abs(at_v - at_u) / SMOOTH_NATS, _lengths(u, v) / SMOOTH_SCALES)
+        nearer, farther = min(abs(u), abs(v)), max(abs(u), abs(v))
+        tapers = u * v > 0 and nearer > FAR_SCALES and farther > FAR_RATIO * nearer
+        if tapers and abs(at_v - at_u) > FLAT_NATS:
+            varied = max(varied, 1.0 + 1e-3 * (farther / nearer))
         about = u < -NEAR_CENTRE and v > NEAR_CENTRE
         if about and abs(tables.cells[which, 1, 0, 0] - tables.cells[which, 0, 0, 0]) > JUMP_NATS:
             varied = max(varied, 1e3)
@@ -272,6 +277,8 @@ def _look_at(
             worst, across, level = varied, which, 0.5 * (low + high)
             if varied > 8.0 and about:
                 level = -away
+            elif tapers:
+                level = math.copysign(math.sqrt(nearer * farther), u) * scale - away
             elif u < FAR_SCALES and v > 2 * FAR_SCALES:
                 level = 1.01 * FAR_SCALES * scale - away
             elif v > -FAR_SCALES and u < -2 * FAR_SCALES:

@@ -55,6 +55,7 @@ from .weights import effective_number, effective_places, equal, exp_of, longest_
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
 SUM_ROUNDING = 1e-12  # of a covariance summed over particles
+ONE_PLACE = 1e-12  # of a side of the box of the prior: a smaller spread is rounding
 MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
 MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
 MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
@@ -181,12 +182,18 @@ class ParticleFilter(BriefRepr):
 
         Where so few particles have all the weight that they lie on a line, what is between particles is
         added: the posterior is narrower than that, and how narrow they cannot tell. Where all lie on one, as
-        copies at two places do, as much is added across it.
+        copies at two places do, as much is added across it; where all are copies of one place, what would
+        lie between as many spread evenly over the box of the prior.
         """
         space, weights = self.problem.space, exp_of(belief.log_weights)
         mean, covariance = space.moments(belief.states, weights)
-        for run in np.flatnonzero(~is_definite(covariance, SUM_ROUNDING)):
+        lower, upper = belief.prior.support
+        rounding = (ONE_PLACE * (upper - lower)) ** 2
+        alone = (np.diagonal(covariance, axis1=1, axis2=2) <= rounding).all(axis=1)
+        for run in np.flatnonzero(alone | ~is_definite(covariance, SUM_ROUNDING)):
             spacing = self._spacing(belief.states[run])
+            if (np.diagonal(spacing) <= rounding).all():
+                spacing = np.diag((upper - lower) ** 2 / 12 * self._spaced(belief.states[run]))
             covariance[run] += spacing
             if not is_definite(covariance[run], SUM_ROUNDING):
                 across = np.diagonal(spacing)
