@@ -233,7 +233,7 @@ def test_copies_of_one_place_claim_what_lies_between_even_ones():
     alone = replace(belief, states=np.repeat(belief.states[:, :1], 100, axis=1))
     lower, upper = PAPER.prior.support
     claimed = estimator.estimate(alone).covariance[0]
-    np.testing.assert_allclose(claimed, np.diag((upper - lower) ** 2 / 12 / 100), rtol=1e-9)
+    np.testing.assert_allclose(claimed, np.diag((upper - lower) ** 2 / 12 / 100), atol=1e-12)
     assert estimator.effective_particles(alone)[0] == 1
 
 
