@@ -196,3 +196,57 @@ def test_small_errors_may_be_a_mode_that_was_not_met():
     alike = credibility(np.zeros(2), errors * [np.sqrt(2.5), np.sqrt(0.5)], np.eye(2))
     assert decide(alike).kind == "cautious"
     assert decide(replace(row, directions=None)).kind == "unsure"
+
+
+def far_mode_row(runs, share, distance, seed=0, met=None):
+    """Beliefs with a far mode in x1 that truths are in as often as they should be, or so many times."""
+    rng = np.random.default_rng(seed)
+
+    def drawn(shape, far):
+        points = rng.standard_normal((*shape, 2))
+        points[..., 0] += distance * (far - share)
+        return points
+
+    often = rng.random(runs) < share if met is None else np.arange(runs) < met
+    claim = np.diag([1 + share * (1 - share) * distance**2, 1.0])
+    draws = drawn((runs, KEPT_DRAWS), rng.random((runs, KEPT_DRAWS)) < share)
+    return credibility(drawn((runs,), often), np.zeros((runs, 2)), claim, draws=draws)
+
+
+def test_rare_far_errors_do_not_hide_that_the_others_are_as_claimed():
+    """0.05 % at 80 deviations, a third of the claims' x1: the runs that are in it make ANEES what it is."""
+    found = decide(row := far_mode_row(1000, 0.0005, 30.0, met=0))
+    assert row.null is not None
+    assert found.kind == "honest"
+    assert row.anees.low <= 1 <= row.anees.high
+    # half of the claims lie far, and 2 truths were to be met there: of that 1000 runs tell nothing
+    row = far_mode_row(1000, 0.002, 50.0, met=0)
+    assert row.null is not None
+    assert row.null.near
+    assert row.null.far.share > 1 / 3
+    assert row.null.far.expected == pytest.approx(2, abs=0.5)
+    assert decide(row).kind == "unsure"
+    # 10 000 runs tell how often they occur: as often as claimed, or not
+    often = decide(far_mode_row(10_000, 0.002, 50.0, met=17))
+    assert often.kind == "honest"
+    assert decide(far_mode_row(10_000, 0.002, 50.0, met=2)).kind != "honest"
+
+
+def test_the_interval_holds_what_beliefs_say_of_modes_that_were_not_met():
+    """Of the runs alone it ends below 1; with draws it holds 1, and is never narrower."""
+    row = far_mode_row(1000, 0.002, 50.0, met=0)
+    alone = row.anees_of_runs
+    assert alone is not None
+    assert alone.high < 1 < row.anees.high
+    assert row.anees.low <= alone.low
+    assert row.flat()["anees_high"] == row.anees.high
+
+
+def test_claims_that_are_off_are_no_far_errors():
+    """Claims too small by 1.6, a far mode or not: near errors tell."""
+    rng = np.random.default_rng(1)
+    errors, draws = rng.standard_normal((1000, 2)), rng.standard_normal((1000, KEPT_DRAWS, 2))
+    row = credibility(errors * np.sqrt(1.6), np.zeros((1000, 2)), np.eye(2), draws=draws)
+    assert row.null is not None
+    assert not row.null.near
+    assert decide(row).kind == "overconfident"

@@ -23,13 +23,15 @@ from typing import NamedTuple
 import numpy as np
 
 from .intervals import Interval
-from .null_distribution import SEEN, FarErrors
+from .null_distribution import LARGE_FACTOR, SEEN, FarErrors
 from .row import Row
 
 ALIKE = 0.5  # p-value of Mauchly's test above which all directions count as alike
 PLAIN = 3.0  # standard errors by which every direction must be too small
 COMPONENT_RUNS = 100  # without draws and with fewer, p-values as small as components need do not hold
 SHAPE_OFF = 0.03  # share of truths that must lie elsewhere than believed for the shape to be named
+ENOUGH_FAR = 10.0  # far errors to be expected, from which their number tells
+FAR_P = 0.005  # one-sided p-value of that number, below which it is not as claimed
 MARKOV = 20.0  # ANEES / n from which a single run is evidence
 
 
@@ -79,9 +81,20 @@ class Evidence:
 
     @property
     def far(self) -> FarErrors | None:
-        """Far errors that alone keep the runs from telling; None where near ones do not tell either."""
+        """Far errors, where they alone keep the runs from telling and all else agrees; None otherwise.
+
+        Near errors must tell, and far ones either be so small a part of the claims that these would not be
+        too large by `LARGE_FACTOR` if there were none, or occur as often as they should.
+        """
+        from scipy.special import pdtr, pdtrc
+
         null = self.row.null
-        return null.far if null is not None and self.drawn and null.near else None
+        if null is None or not self.drawn or not null.near:
+            return None
+        share, expected, found = null.far
+        tail = min(float(pdtr(found, expected)), float(pdtrc(found - 1, expected)) if found else 1.0)
+        occur = expected >= ENOUGH_FAR and tail > FAR_P
+        return null.far if occur or share < 1 - 1 / LARGE_FACTOR else None
 
     @property
     def too_large(self) -> float:
