@@ -136,8 +136,7 @@ def _sum_pieces(
     """
     count, most = tables.centres.size, pieces.corners.shape[1] + 2 * tables.centres.size + 8
     stack, one, out, total = np.empty((STACK, most, 2)), np.empty((most, 2)), np.empty(6), np.zeros(7)
-    sizes, across = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
-    bounds, variation, level = np.empty(STACK), np.empty(STACK), np.empty(STACK)
+    sizes = np.empty(STACK, np.int64)
     total[1] = -np.inf
     halvings, in_vain, before = 0, 0, np.empty(total.size)
     room, which_met = np.empty((6, max(most, count))), np.empty(count, np.int64)
@@ -160,9 +159,6 @@ def _sum_pieces(
             stack[0, corner, 0] = pieces.corners[piece, corner, 0] - x1
             stack[0, corner, 1] = pieces.corners[piece, corner, 1] - x2
         sizes[0], waiting = corners, 1
-        bounds[0], variation[0], across[0], level[0] = _look_at(
-            stack[0], corners, piece, pieces, tables, prior
-        )
         while waiting:
             if halvings - halvings_before > patience and in_vain < MAX_HALVINGS:
                 put_off[at], nodes.total[0], left_out = True, noted_before, left_out_before
@@ -171,47 +167,33 @@ def _sum_pieces(
                     total[k] = before[k]
                 break
             waiting -= 1
-            running = log_mass(total)
-            if bounds[waiting] < running - margin or bounds[waiting] == -np.inf:
-                left_out += math.exp(bounds[waiting] - limits[order[0]])
-                continue
-            corners, which, cut, bound = sizes[waiting], across[waiting], level[waiting], bounds[waiting]
+            corners = sizes[waiting]
             copy_corners(stack[waiting], corners, one)
-            if variation[waiting] > 1.0 and halvings < MAX_HALVINGS and waiting + 2 <= STACK:
+            bound, variation, which, cut = _look_at(one, corners, piece, pieces, tables, prior)
+            if bound < log_mass(total) - margin or bound == -np.inf:
+                left_out += math.exp(bound - limits[order[0]])
+                continue
+            if variation > 1.0 and halvings < MAX_HALVINGS and waiting + 2 <= STACK:
                 halvings += 1
                 if which < count:
                     beam = tables.beams[which]
                     s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+                    offset = pieces.ranges[piece, beam] + cut - tables.centres[which]
                 else:  # across an axis, for the prior's sake
                     s1, s2 = (1.0, 0.0) if which == count else (0.0, 1.0)
-                for side in (1.0, -1.0):
+                    offset = cut + (x1 - prior[3] if which == count else x2 - prior[4])
+                worse = 1.0 if offset < 0 else -1.0  # the half that is farther from the reading comes later
+                for side in (worse, -worse):
                     kept = cut_by(one, corners, side * s1, side * s2, side * cut, stack[waiting])
                     if kept >= 3:
                         sizes[waiting] = kept
-                        bounds[waiting], variation[waiting], across[waiting], level[waiting] = _look_at(
-                            stack[waiting], kept, piece, pieces, tables, prior
-                        )
                         waiting += 1
-                if waiting >= 2 and bounds[waiting - 2] > bounds[waiting - 1]:  # the better half comes next
-                    x, y = waiting - 2, waiting - 1
-                    for corner in range(max(sizes[x], sizes[y])):
-                        for k in range(2):
-                            value = stack[x, corner, k]
-                            stack[x, corner, k], stack[y, corner, k] = stack[y, corner, k], value
-                    sizes[x], sizes[y] = sizes[y], sizes[x]
-                    bounds[x], bounds[y] = bounds[y], bounds[x]
-                    variation[x], variation[y] = variation[y], variation[x]
-                    across[x], across[y] = across[y], across[x]
-                    level[x], level[y] = level[y], level[x]
                 continue
             log_peak, noted = bound - math.log(_area(one, corners)), nodes.total[0]
-            rough = variation[waiting] > 1.0
-            highest = _integrate(
-                one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, room, which_met, out
-            )
-            if -np.inf < highest < LOWEST_NATS:  # the bound is so loose that sums would underflow
-                log_peak, nodes.total[0] = log_peak + highest, noted
-                _integrate(
+            rough = variation > 1.0
+            for _ in range(2):
+                nodes.total[0] = noted
+                highest = _integrate(
                     one,
                     corners,
                     piece,
@@ -226,6 +208,9 @@ def _sum_pieces(
                     which_met,
                     out,
                 )
+                if highest == -np.inf or highest >= LOWEST_NATS:
+                    break
+                log_peak += highest  # the bound is so loose that sums would underflow
             add_part(total, log_peak, out, x1 + one[0, 0], x2 + one[0, 1])
     found = finish(total, mean, covariance)
     if found == -np.inf or left_out == 0:
@@ -298,7 +283,7 @@ def _look_at(
     return bound, worst, across, level
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _lengths(u: float, v: float) -> float:
     """How long it is from one offset to another, in scales near the centre and in growing ones beyond it."""
     away = u if u > 0 else (-v if v < 0 else 0.0)

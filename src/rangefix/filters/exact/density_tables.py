@@ -183,7 +183,7 @@ def _padded(layer: Tables, cells: int) -> Tables:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cell_of(offset: float, cells: int) -> tuple[int, float]:
     """The cell of an offset from the centre, in scales, and the share of the cell before it."""
     bits = int(np.float64(1.0 + offset).view(np.int64))
@@ -196,7 +196,7 @@ def _cell_of(offset: float, cells: int) -> tuple[int, float]:
     return cell, (bits & ((1 << COARSE_SHIFT) - 1)) * (1.0 / (1 << COARSE_SHIFT))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def at_offset(cells: Array, which: int, u: float) -> float:
     """The log density of a beam at an offset of its expected range from the table's centre, in scales."""
     side = 1 if u >= 0 else 0

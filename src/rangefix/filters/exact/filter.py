@@ -25,7 +25,7 @@ from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import JUMP_NATS, NODES_WHERE_SMOOTH, moments_of_any, nodes_for
 from .density_tables import Tables, joined, tabulate
-from .integrals import NODES_OF_RULES, Pieces, Rules, moments, moments_of_runs, rules
+from .integrals import NODES_OF_RULES, Pieces, Rules, moments, rules
 from .partition import partition
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
@@ -193,7 +193,6 @@ class ExactPositionFilter(BriefRepr):
         Raises:
             ValueError: If the prior gives these pieces no probability.
         """
-        nothing = np.zeros(len(self.problem.sensor.bearings))
         parts = []
         for part, pieces_kept in zip(self.parts, kept, strict=True):
             every = part.pieces
@@ -202,12 +201,7 @@ class ExactPositionFilter(BriefRepr):
                 every.log_areas[pieces_kept], every.ranges[pieces_kept], every.slopes[pieces_kept],
                 every.lows[pieces_kept], every.highs[pieces_kept],
             )  # fmt: skip
-            moment = np.empty(2), np.empty((2, 2))
-            log_integral = (
-                moments(pieces, nothing, nothing, part.factor, self._rules, *moment)
-                if len(pieces.counts)
-                else -np.inf
-            )
+            log_integral = self._whole(pieces, part.factor)
             if log_integral > -np.inf:
                 log_share = part.log_share + log_integral - part.log_integral
                 parts.append(PriorPart(log_share, part.factor, pieces, log_integral))
@@ -246,11 +240,18 @@ class ExactPositionFilter(BriefRepr):
         free = (lambda points: np.ones(len(points), dtype=bool)) if prior.room is None else prior.room.is_free
         lower, upper = prior.support
         pieces = self._pieces(lower, upper, free)
-        nothing = np.zeros(len(self.problem.sensor.bearings))
-        log_integral = moments(pieces, nothing, nothing, factor, self._rules, np.empty(2), np.empty((2, 2)))
+        log_integral = self._whole(pieces, factor)
         if log_integral == -np.inf:
             raise ValueError("the prior has no free space")
         return (PriorPart(log_share, factor, pieces, log_integral),)
+
+    def _whole(self, pieces: Pieces, factor: Array) -> float:
+        """Log of the integral of a Gaussian factor of the prior over all pieces, without constants."""
+        log, nothing = np.full(1, -np.inf), np.zeros((1, len(self.problem.sensor.bearings)))
+        if len(pieces.counts):
+            unused = np.empty((1, 2)), np.empty((1, 2, 2))
+            moments(0, 1, pieces, nothing, nothing, factor, self._rules, *unused, log)
+        return float(log[0])
 
     def _pieces(self, lower: Array, upper: Array, free: Callable[[Array], BoolArray]) -> Pieces:
         sensor, heading = self.problem.sensor, self.problem.space.heading
@@ -307,7 +308,7 @@ class ExactPositionFilter(BriefRepr):
             for place, part in enumerate(self.parts):
                 work = VALUES_TO_A_PIECE * told.size * len(part.pieces.counts)
                 out = means[place], covariances[place], logs[place]
-                in_threads(moments_of_runs, runs, work, part.pieces, told, weights, part.factor, rule, *out)
+                in_threads(moments, runs, work, part.pieces, told, weights, part.factor, rule, *out)
             logs += common
         else:
             nothing = nodes_for(0)

@@ -354,87 +354,83 @@ def _bound(piece: int, reading: Array, weight: Array, lows: Array, highs: Array)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def moments(
-    pieces: Pieces, reading: Array, weight: Array, prior: Array, rule: Rules, mean: Array, covariance: Array
-) -> float:
-    """Mean and covariance of a posterior, and the log of the integral of prior times likelihood.
+    first_run: int, last_run: int, pieces: Pieces, readings: Array, weights: Array, prior: Array, rule: Rules,
+    means: Array, covariances: Array, logs: Array,
+) -> None:  # fmt: skip
+    """Means and covariances of posteriors, and logs of the integrals of prior times likelihood.
 
     Args:
+        first_run, last_run: Of which of the M runs, up to the one before the last.
         pieces: The pieces.
-        reading: Mean reading of each beam, m, (B,); inf = no wall.
-        weight: Number of readings over variance, 1 / m^2, (B,); 0 = not measured.
+        readings: Mean reading of each beam, m, (M, B); inf = no wall.
+        weights: Number of readings over variance, 1 / m^2, (M, B); 0 = not measured.
         prior: A Gaussian factor of the prior, without constants: its precision p11, p12, p22 and mean, (5,).
         rule: The rules.
-        mean, covariance: Receive the moments, (2,) and (2, 2).
-
-    Returns:
-        The log integral, without constants; -inf where no piece is possible.
+        means, covariances: Receive the moments, (M, 2) and (M, 2, 2).
+        logs: Receives the log integrals, without constants, (M,); -inf where no piece is possible.
     """
     count = len(pieces.counts)
     bounds = np.empty(count)
-    first, best = -1, -np.inf
-    for piece in range(count):
-        bounds[piece] = pieces.log_areas[piece] + _bound(piece, reading, weight, pieces.lows, pieces.highs)
-        if bounds[piece] > best:
-            first, best = piece, bounds[piece]
     total = np.zeros(7)
-    total[1] = -np.inf
     k = pieces.corners.shape[1] + 8
     work, spare, at, out = np.empty((k, 2)), np.empty((k, 2)), np.empty(2), np.empty(6)
-    for turn in range(-1, count):
-        piece = first if turn < 0 else turn
-        if piece < 0 or (turn >= 0 and piece == first):
-            continue
-        running = log_mass(total)
-        if not bounds[piece] > running - MARGIN_NATS or bounds[piece] == -np.inf:
-            continue
-        # the exponent about the centre: q0 + g.x + x'Hx / 2
-        x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
-        h11, h12, h22 = prior[0], prior[1], prior[2]
-        a1, a2 = x1 - prior[3], x2 - prior[4]
-        g1, g2 = h11 * a1 + h12 * a2, h12 * a1 + h22 * a2
-        q0 = 0.5 * (a1 * g1 + a2 * g2)
-        for beam in range(reading.size):
-            if weight[beam] == 0 or reading[beam] == np.inf:
+    for run in range(first_run, last_run):
+        reading, weight, mean, covariance = readings[run], weights[run], means[run], covariances[run]
+        for entry in range(total.size):
+            total[entry] = 0.0
+        first, best = -1, -np.inf
+        for piece in range(count):
+            bounds[piece] = pieces.log_areas[piece] + _bound(
+                piece, reading, weight, pieces.lows, pieces.highs
+            )
+            if bounds[piece] > best:
+                first, best = piece, bounds[piece]
+        total[1] = -np.inf
+        for turn in range(-1, count):
+            piece = first if turn < 0 else turn
+            if piece < 0 or (turn >= 0 and piece == first):
                 continue
-            misfit = pieces.ranges[piece, beam] - reading[beam]
-            s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
-            w = weight[beam]
-            q0 += 0.5 * w * misfit * misfit
-            g1 += w * misfit * s1
-            g2 += w * misfit * s2
-            h11 += w * s1 * s1
-            h12 += w * s1 * s2
-            h22 += w * s2 * s2
-        corners = pieces.counts[piece]
-        for corner in range(corners):
-            work[corner, 0] = pieces.corners[piece, corner, 0] - x1
-            work[corner, 1] = pieces.corners[piece, corner, 1] - x2
-        least = q0 + lowest(work, corners, h11, h12, h22, g1, g2, at)
-        if not least < np.inf:  # readings whose squares overflow
-            continue
-        if pieces.log_areas[piece] - least < running - MARGIN_NATS:
-            continue
-        # about the best point, where the gradient points into the piece
-        for corner in range(corners):
-            work[corner, 0] -= at[0]
-            work[corner, 1] -= at[1]
-        g1, g2 = g1 + h11 * at[0] + h12 * at[1], g2 + h12 * at[0] + h22 * at[1]
-        corners = _clip(work, corners, spare, h11, h12, h22, g1, g2)
-        if corners < 3:
-            continue
-        integrate_quadratic(work, corners, h11, h12, h22, g1, g2, rule, out)
-        add_part(total, -least, out, x1 + at[0], x2 + at[1])
-    return finish(total, mean, covariance)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def moments_of_runs(
-    first: int, last: int, pieces: Pieces, readings: Array, weights: Array, prior: Array, rule: Rules,
-    means: Array, covariances: Array, logs: Array,
-) -> None:  # fmt: skip
-    """`moments` of some of the runs, whose readings and weights are (M, B); written in place."""
-    for run in range(first, last):
-        logs[run] = moments(pieces, readings[run], weights[run], prior, rule, means[run], covariances[run])
+            running = log_mass(total)
+            if not bounds[piece] > running - MARGIN_NATS or bounds[piece] == -np.inf:
+                continue
+            # the exponent about the centre: q0 + g.x + x'Hx / 2
+            x1, x2 = pieces.centres[piece, 0], pieces.centres[piece, 1]
+            h11, h12, h22 = prior[0], prior[1], prior[2]
+            a1, a2 = x1 - prior[3], x2 - prior[4]
+            g1, g2 = h11 * a1 + h12 * a2, h12 * a1 + h22 * a2
+            q0 = 0.5 * (a1 * g1 + a2 * g2)
+            for beam in range(reading.size):
+                if weight[beam] == 0 or reading[beam] == np.inf:
+                    continue
+                misfit = pieces.ranges[piece, beam] - reading[beam]
+                s1, s2 = pieces.slopes[piece, beam, 0], pieces.slopes[piece, beam, 1]
+                w = weight[beam]
+                q0 += 0.5 * w * misfit * misfit
+                g1 += w * misfit * s1
+                g2 += w * misfit * s2
+                h11 += w * s1 * s1
+                h12 += w * s1 * s2
+                h22 += w * s2 * s2
+            corners = pieces.counts[piece]
+            for corner in range(corners):
+                work[corner, 0] = pieces.corners[piece, corner, 0] - x1
+                work[corner, 1] = pieces.corners[piece, corner, 1] - x2
+            least = q0 + lowest(work, corners, h11, h12, h22, g1, g2, at)
+            if not least < np.inf:  # readings whose squares overflow
+                continue
+            if pieces.log_areas[piece] - least < running - MARGIN_NATS:
+                continue
+            # about the best point, where the gradient points into the piece
+            for corner in range(corners):
+                work[corner, 0] -= at[0]
+                work[corner, 1] -= at[1]
+            g1, g2 = g1 + h11 * at[0] + h12 * at[1], g2 + h12 * at[0] + h22 * at[1]
+            corners = _clip(work, corners, spare, h11, h12, h22, g1, g2)
+            if corners < 3:
+                continue
+            integrate_quadratic(work, corners, h11, h12, h22, g1, g2, rule, out)
+            add_part(total, -least, out, x1 + at[0], x2 + at[1])
+        logs[run] = finish(total, mean, covariance)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
