@@ -226,8 +226,7 @@ def _tail(drawn: Array, value: float) -> float:
         return float("nan")
     beyond = int((drawn >= value).sum())
     counted = (1 + beyond) / (1 + len(drawn))
-    spread = float(drawn.std())
-    if beyond >= COUNTED or spread == 0.0:
+    if beyond >= COUNTED or (spread := float(drawn.std())) == 0.0:
         return counted
     if value == np.inf:
         return 0.0
