@@ -7,8 +7,9 @@ Unknown headings: "circle", "arc". Moving against walls: "walls" (pose), "walk" 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -72,7 +73,8 @@ def draw(family: str, number: int) -> Drawn:
     rng = np.random.default_rng([11, FAMILIES.index(family), number])
     if family in MOVING:
         return _moving(family, rng)
-    room = {"room": draw_room, "mesh": draw_mesh}.get(family, draw_plan)(rng)
+    drawing: dict[str, Callable[[Generator], RangeMap]] = {"room": draw_room, "mesh": draw_mesh}
+    room = drawing.get(family, draw_plan)(rng)
     heading = None if family in HEADING else float(rng.uniform(0, TWO_PI))
     space = pose_space() if heading is None else position_space(heading)
     beams = int(rng.integers(1 if heading is not None else 3, 9))
@@ -104,7 +106,9 @@ def draw_plan(rng: Generator) -> FloorPlan:
          (other, length), (0, length)],
     )  # fmt: skip
     outer = np.array(outlines[int(rng.integers(3))], dtype=float)
-    wall_at, holes, walls = float(rng.uniform(0.25, 0.35) * length), [], []
+    wall_at = float(rng.uniform(0.25, 0.35) * length)
+    holes: list[Any] = []
+    walls: list[Any] = []
     for _ in range(int(rng.integers(3))):
         size = rng.uniform(0.2, 0.6, 2)
         low = rng.uniform([0.1, 0.1], [width - 0.8, wall_at - 0.1 - size[1]])
@@ -127,7 +131,8 @@ def draw_mesh(rng: Generator) -> MeshRoom:
 
 def mesh_of(plan: FloorPlan, more: Sequence[Sequence[tuple[float, float, float]]] = ()) -> MeshRoom:
     """A plan's walls and its floor as triangles, cut halfway up, and more faces of four corners."""
-    vertices, triangles = [], []
+    vertices: list[Any] = []
+    triangles: list[Any] = []
     (left, low), (right, high) = plan.bounds
     quads = [[(a, b, 0.0), (c, d, 0.0), (c, d, HEIGHT_M), (a, b, HEIGHT_M)] for a, b, c, d in plan.segments]
     quads.append([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
@@ -151,9 +156,10 @@ def draw_bearings(beams: int, heading: float, rng: Generator) -> Array:
     return np.linspace(-opening / 2, opening / 2, beams) if beams > 1 else np.zeros(1)
 
 
-def draw_noise(family: str, beams: int, rng: Generator) -> tuple[Noise, dict[str, float]]:
+def draw_noise(family: str, beams: int, rng: Generator) -> tuple[Noise, dict[str, Any]]:
     """Noise and limits of the sensor: deviations of 1 to 10 cm, of each beam or of all."""
-    stds = np.exp(rng.uniform(*np.log(STDS_M), beams))
+    low, high = np.log(STDS_M)
+    stds = np.exp(rng.uniform(low, high, beams))
     std = float(stds[0])
     if family == "student":
         return StudentT(scale=std, dof=float(rng.uniform(3, 8))), {}

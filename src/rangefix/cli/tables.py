@@ -194,12 +194,12 @@ def _is_told(metric: Metric, rows: Sequence[Row]) -> bool:
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """The verdicts after the last measurement in words, but for the honest ones; equal words share a line."""
+    """Verdicts after the last measurement in words, but for plainly honest ones; equal words share a line."""
     end = max(row.step for row in rows)
     told: dict[str, list[str]] = {}
     for row in rows:
         verdict = decide(row)
-        if row.step == end and verdict.kind != "honest":
+        if row.step == end and not verdict.plain:
             told.setdefault(verdict.words, []).append(f"{row.estimator}, {beams_in_words(row.beams)}")
     return [
         f"{where[0]}: {words}" if len(where) == 1 else f"{words}: {listed(where, MAX_NAMED)}"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from rangefix.cli.tables import verdicts
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
 from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.consistency.null_distribution import NullSums
@@ -218,6 +219,8 @@ def test_rare_far_errors_do_not_hide_that_the_others_are_as_claimed():
     found = decide(row := far_mode_row(1000, 0.0005, 30.0, met=0))
     assert row.null is not None
     assert found.kind == "honest"
+    assert not found.plain
+    assert "rarest errors" in verdicts([row])[0]
     assert row.anees.low <= 1 <= row.anees.high
     # half of the claims lie far, and 2 truths were to be met there: of that 1000 runs tell nothing
     row = far_mode_row(1000, 0.002, 50.0, met=0)

@@ -541,3 +541,21 @@ def test_a_narrow_prior_and_one_of_two_places(hidden):
     np.testing.assert_allclose((covariance - spread) / (std[:, :, None] * std[:, None]), 0, atol=1e-5)
     draws = estimator.sample(belief, 4000, [np.random.default_rng(run) for run in range(3)])
     assert (np.abs(draws.mean(1) - center) < 5 * std / np.sqrt(4000)).all()
+
+
+def test_light_pieces_leave_halvings_for_heavy_ones():
+    """30 m by 20 m with 28 walls, eight 3 mm beams of a mixture: off by 0.06 nats when all shared 20 000.
+
+    The right value is that of two million halvings.
+    """
+    walls = [(x, 4.0 * row, x + 2, 4.0 * row) for row in range(1, 5) for x in np.arange(2, 28, 4.0)]
+    hall = FloorPlan([(0, 0), (30, 0), (30, 20), (0, 20)], walls=walls)
+    noise = BeamMixture(hit=0.6, short=0.1, max=0.1, random=0.2, std=0.003, rate=1.0, max_range=8.0)
+    rng = np.random.default_rng([2, 8])
+    heading = float(rng.uniform(0, 6))
+    problem = pose(hall, rng.uniform(0, 6.28, 8), noise, heading)
+    truth = problem.prior.sample(1, rng)
+    estimator = ExactPositionFilter(problem)
+    belief = fixed(estimator, problem.sensor.sample(truth, rng))
+    assert estimator.estimate(belief).log_evidence[0] == pytest.approx(-12.96459, abs=1e-4)
+    assert estimator.error(belief)[0] < 2e-4

@@ -6,6 +6,7 @@ import pytest
 from rangefix.filters import (
     BeamMixture,
     Gaussian,
+    Odometry,
     Problem,
     Rangefinder,
     Stationary,
@@ -188,3 +189,27 @@ def test_stages_over_too_many_ranges_are_refused():
     with pytest.raises(ValueError, match=r"2000 particles with 10000 beams are 2e\+07 ranges"):
         build("particle", problem)
     assert build("particle", problem, temper=False)
+
+
+def test_a_run_that_stands_beside_one_that_has_moved():
+    """The first reading is taken in anew by more particles: whose starts are those of before, run by run."""
+    space = pose_space()
+    room = FloorPlan([(0, 0), (8, 0), (8, 5), (3, 5), (3, 7), (0, 7)])
+    sensor = Rangefinder(room, np.linspace(0, 6, 5), Gaussian(0.05), space)
+    problem = Problem(space, Odometry(space, (0.01, 0.01, 0.01, 0.01)), sensor, Uniform(room, space))
+    estimator = ParticleFilter(problem, particles=300)
+    rng = np.random.default_rng(1)
+    readings = sensor.sample(problem.prior.sample(2, rng), rng)
+    controls = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.1]])
+
+    def after(runs):
+        rngs = [np.random.default_rng(10 + run) for run in runs]
+        belief = estimator.predict(estimator.init(problem.prior, rngs), controls[runs], rngs)
+        for _ in range(2):
+            belief = estimator.update(belief, readings[runs], rngs)
+        return estimator.estimate(belief)
+
+    together = after([0, 1])
+    for run in range(2):
+        for one, both in zip(after([run]), together, strict=True):
+            np.testing.assert_array_equal(one[0], both[run])

@@ -23,6 +23,7 @@ BY_ANEES = 0.05  # two-sided level of its 95 % interval, beyond which it accuses
 CERTAIN = 1e6  # ANEES / n beyond this is no factor any more: the claim is one of certainty
 ALARMS = 0.06  # the stated rate of false alarms, of a row and of an estimator as a whole
 MENTION_SHARE = 0.01  # failed, or improbable, runs that a verdict mentions, as a share
+HONEST = "honest: errs as it claims"
 KNOWN = 2.0  # a factor whose lower bound is further from it is known as "at least" that bound
 Kind = Literal[
     "honest", "overconfident", "cautious", "uneven", "biased", "shape", "unsure", "failed", "pending"
@@ -102,6 +103,11 @@ class Verdict:
         return f"{value:.3g}" if value < 1.1 else format_factor(value)
 
     @property
+    def plain(self) -> bool:
+        """Whether it is honest without reserve, which needs no words."""
+        return self.kind == "honest" and self.words == HONEST
+
+    @property
     def overconfident(self) -> bool:
         """Whether the errors are larger than claimed, on the whole or in a component."""
         return self.kind in ("overconfident", "uneven")
@@ -158,12 +164,12 @@ def decide(row: Row, family: int = 1) -> Verdict:
     if not (low == low and high <= LARGE_FACTOR and low >= 1 / LARGE_FACTOR):
         needed = _needed(tolerance, row.ok)
         if (far := evidence.far) is not None:
-            told = "honest: errs as it claims, but for the rarest errors, of which too few are met"
+            told = f"{HONEST}, but for the rarest errors, of which too few are met"
             return Verdict("honest", tolerance, told, (_far_words(far, row.ok), needed, *notes))
         return Verdict("unsure", tolerance, _cannot_tell(row), (needed, *notes))
     off = format_percent(max(high, 1 / low) - 1)
     close = f"squared errors and claimed variances agree to within {off}, at 95 % confidence"
-    return Verdict("honest", tolerance, "honest: errs as it claims", (close, *notes))
+    return Verdict("honest", tolerance, HONEST, (close, *notes))
 
 
 def _levels(evidence: Evidence, family: int) -> Levels:

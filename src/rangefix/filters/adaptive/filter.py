@@ -98,12 +98,6 @@ class AdaptivePointMassFilter(BriefRepr):
             raise ValueError(f"the adaptive point-mass filter {why}")
         refuse_shared_errors(self.problem.sensor, "the adaptive point-mass filter")
         check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
-        beams, most = len(self.problem.sensor.bearings), int(WORK / USUAL_STATES - STATE_COST)
-        if beams > most:
-            raise ValueError(
-                f"a fix asks some {USUAL_STATES} states for {beams} ranges each, more than {WORK:.2g} "
-                f"rays: take at most {most} beams"
-            )
         self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property
@@ -312,9 +306,15 @@ def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
 
 
 def unknown_to_lattices(problem: Problem) -> str:
-    """What of a problem's sensor the adaptive point-mass filter does not know; "" if it knows all."""
+    """What of a problem's sensor the adaptive point-mass filter cannot take; "" if it takes all."""
     if problem.sensor.max_incidence < np.pi / 2:
         return "knows no largest incidence: use a BeamMixture"
+    beams, most = len(problem.sensor.bearings), int(WORK / USUAL_STATES - STATE_COST)
+    if beams > most:
+        return (
+            f"asks some {USUAL_STATES} states for {beams} ranges each, more than {WORK:.2g} rays: take at "
+            f"most {most} beams"
+        )
     states = problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
     return (
         "" if expects_map_ranges(problem.sensor, states) else "needs a sensor that expects what its map says"

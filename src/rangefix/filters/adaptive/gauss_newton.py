@@ -108,7 +108,7 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     scale = spread[:, beams] / np.sqrt(counts)
     with np.errstate(invalid="ignore"):
         deviates = np.where(usable, mean_reading - expected[:, beams], 0.0) / scale
-    used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable)[:, None])
+    used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable, states.shape[1])[:, None])
     slopes = np.where(used[..., None], slopes / scale[..., None], 0.0)
     information = np.swapaxes(slopes, 1, 2) @ slopes + precision
     back = sensor.space.difference(mean, states)
@@ -118,10 +118,14 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     return Peaks(states, logs, _scores(target, expected, prior), information), (information, pull)
 
 
-def _bars(sizes: Array, usable: Array) -> Array:
-    """How far off a beam may be and count: 3 standard deviations, or those of the share that must count."""
-    ordered = np.sort(np.where(usable, sizes, np.inf), axis=1)
-    place = np.maximum((FITTED_SHARE * usable.sum(axis=1)).astype(int) - 1, 0)
+def _bars(sizes: Array, usable: Array, components: int) -> Array:
+    """How far off a beam may be and count: 3 standard deviations, or those of the share that must count.
+
+    As many count as there are components, if there are: fewer leave a curve on which a step ends anywhere.
+    """
+    ordered, beams = np.sort(np.where(usable, sizes, np.inf), axis=1), usable.sum(axis=1)
+    fitted = np.maximum((FITTED_SHARE * beams).astype(int), np.minimum(beams, components))
+    place = np.maximum(fitted - 1, 0)
     return np.asarray(np.maximum(3.0, ordered[np.arange(len(sizes)), place]))
 
 

@@ -116,6 +116,17 @@ class Quadrature:
         return moments_of(self.modes)
 
     @cached_property
+    def error_of_sums(self) -> float:
+        """The same as `error`, without a look at whether headings have a mean: finer lattices may tell."""
+        if not self.modes:
+            return 0.0
+        if not self.checks or self.moments.resultant < NO_DIRECTION:
+            return np.inf
+        if all(check.log_integral == -np.inf for check in self.checks):
+            return np.inf
+        return max(SAFETY * self._gap, self.halves_error) + self.missed
+
+    @cached_property
     def error(self) -> float:
         """Error of mean and covariance in deviations of the posterior: see `CanEstimateError`.
 
@@ -123,13 +134,9 @@ class Quadrature:
         holds; inf without checks, and where headings may be so evenly spread that none is their mean: the
         length of the mean resultant vector may be off by as much as the moments are.
         """
-        if not self.modes:
-            return 0.0
-        if not self.checks or self.moments.resultant < NO_DIRECTION:
-            return np.inf
-        if all(check.log_integral == -np.inf for check in self.checks):
-            return np.inf
-        error = max(SAFETY * self._gap, self.halves_error) + self.missed
+        error = self.error_of_sums
+        if not self.modes or error == np.inf:
+            return error
         angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
         resultant_error = error * min(1.0, float(np.sqrt(angles.max(initial=0.0))))
         return error if self.moments.resultant - resultant_error >= NO_DIRECTION else np.inf
@@ -321,14 +328,14 @@ def verified(target: Target, check: Target, found: Quadrature, accuracy: Accurac
     except TooManyCells:
         return replace(found, checks=())
     found, best = replace(found, checks=checks), np.inf
-    if not found.modes or not np.isfinite(found.error):
+    if not found.modes or not np.isfinite(found.error_of_sums):
         return found
     for turn in range(MAX_HALVINGS):
-        if found.error <= accuracy.error or (
-            turn % IDLE_HALVINGS == 0 and found.error > LEAST_PROGRESS * best
+        if found.error_of_sums <= accuracy.error or (
+            turn % IDLE_HALVINGS == 0 and found.error_of_sums > LEAST_PROGRESS * best
         ):
             return found
-        best = found.error if turn % IDLE_HALVINGS == 0 else best
+        best = found.error_of_sums if turn % IDLE_HALVINGS == 0 else best
         sizes = np.array([len(mode.keys) for mode in found.modes])
         gaps = np.maximum(found.gaps(), found.errors.max(axis=1))
         gaps[2 * sizes > most] = -1.0

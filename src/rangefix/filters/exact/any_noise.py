@@ -42,7 +42,7 @@ FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
 FAR_RATIO, FLAT_NATS = 6.0, 0.01  # of a part's ends beyond, where densities that vary at all fall as powers
 SMOOTH_NATS = 8.0  # nats by which a density may vary over a piece
-MAX_HALVINGS = 20_000  # of pieces, for one answer; what is left then is integrated as it is
+MAX_HALVINGS = 20_000  # of pieces, in each turn; what is left then is integrated as it is
 HALVINGS_OF_ONE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
 STACK = 512  # parts that wait; halving them one after the other takes no more than their depth
 JUMP_NATS = 1e-7  # nats; a greater step of the density at the reading is cut along
@@ -143,6 +143,9 @@ def _sum_pieces(
     put_off, left_out = np.ones(order.size, np.bool_), 0.0
     for turn in range(len(HALVINGS_OF_ONE) * order.size):
         patience, at = HALVINGS_OF_ONE[turn // order.size], turn % order.size
+        allowed = MAX_HALVINGS * (
+            1 + turn // order.size
+        )  # what light pieces take leaves as much for heavy ones
         piece, running = order[at], log_mass(total)
         if put_off[at] and (limits[piece] < running - margin or limits[piece] < IMPOSSIBLE_NATS):
             put_off[at] = False
@@ -173,7 +176,7 @@ def _sum_pieces(
             if bound < log_mass(total) - margin or bound == -np.inf:
                 left_out += math.exp(bound - limits[order[0]])
                 continue
-            if variation > 1.0 and halvings < MAX_HALVINGS and waiting + 2 <= STACK:
+            if variation > 1.0 and halvings < allowed and waiting + 2 <= STACK:
                 halvings += 1
                 if which < count:
                     beam = tables.beams[which]

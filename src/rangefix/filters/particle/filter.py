@@ -75,7 +75,8 @@ class ParticleFilter(BriefRepr):
 
     Args:
         problem: What may be known.
-        particles: How many, N; four times as many take in the first reading where the heading is open.
+        particles: How many, N; four times as many take in the first reading where the heading is open, if
+            they and the beams make no more than a million ranges.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
@@ -236,7 +237,11 @@ class ParticleFilter(BriefRepr):
         if not isinstance(target, Posterior) or self.temper is False or np.isnan(reading).all():
             return self._taken_in(belief, run, reading, target, rng)[0]
         taken = None
-        if not target.readings and self._turned_anyhow(belief.prior):
+        if (
+            not target.readings
+            and np.isfinite(belief.log_evidence[run])
+            and self._turned_anyhow(belief.prior)
+        ):
             taken = self._from_more(belief, run, (), reading, rng, MORE_AT_ANY_HEADING)
         found, best = taken or self._taken_in(belief, run, reading, target, rng)
         if np.isfinite(belief.log_evidence[run] + found[3]) and not self._fits(reading, best):
@@ -284,7 +289,8 @@ class ParticleFilter(BriefRepr):
         if not np.isfinite(gain):
             return None
         ancestors = systematic(exp_of(log_weights), rng)[int(rng.integers(more)) :: more]
-        return (states[ancestors], equal(self.particles), None, gain), best
+        starts = None if belief.starts is None else belief.starts[run]
+        return (states[ancestors], equal(self.particles), starts, gain), best
 
     def _taken_in(
         self, belief: ParticleBelief, run: int, reading: Array, target: Target | None, rng: Generator

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..option_units import option_units
 from ..problem import Problem
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 ACCURACY = 0.02  # of mean and covariance, in deviations
 REFINED_CELLS, MODE_CELLS = 200_000, 1_000_000
+LEAST_MODE_CELLS = 1000
 GRID_CELLS = 20_000_000
 
 
@@ -64,6 +66,13 @@ def point_mass(
             from ..adaptive import AdaptivePointMassFilter  # with all that it imports: a tenth of a second
 
             most = MODE_CELLS if most_cells is None else most_cells
+            refuse_shared_errors(problem.sensor, "the point-mass filter without cell")
+            if not 1e-4 <= accuracy <= 0.5:
+                raise ValueError(f"at an unknown heading accuracy must be in [0.0001, 0.5], got {accuracy}")
+            if most < LEAST_MODE_CELLS:
+                raise ValueError(
+                    f"at an unknown heading most_cells must be at least {LEAST_MODE_CELLS}, got {most}"
+                )
             return AdaptivePointMassFilter(problem, accuracy, most_cells=most)
         return RefinedPointMassFilter(problem, accuracy, REFINED_CELLS if most_cells is None else most_cells)
     if accuracy is not None:

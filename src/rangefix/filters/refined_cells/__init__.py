@@ -1,4 +1,4 @@
-"""Cells that follow the readings: the point-mass filter where no cell size is given."""
+"""Cells that follow the readings: the point-mass filter without a cell size, heading known."""
 
 from .filter import RefinedBelief, RefinedPointMassFilter
 
