@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rangefix.filters import Gaussian, Rangefinder, StudentT, position_space
-from rangefix.filters.exact.density_tables import COARSE_BEGINS, Tables, at_offset, cell_ends, most_between
+from rangefix.filters.exact.density_tables import FINE_OCTAVES, Tables, at_offset, cell_ends, most_between
 from rangefix.filters.exact.filter import ExactPositionFilter
 from rangefix.filters.models.beam_noise import BeamMixture, Quantised
 from rangefix.filters.models.noise import RangeProportional
@@ -54,7 +54,7 @@ def test_cells_are_found_by_their_ends():
     ends = cell_ends(8)
     assert ends[0] == 0
     assert (np.diff(ends) > 0).all()
-    assert COARSE_BEGINS - 1 in ends
+    assert 2.0**FINE_OCTAVES - 1 in ends
     cells = np.zeros((1, 2, len(ends) - 1, 4))
     cells[0, :, :, 0], cells[0, :, :, 1] = ends[:-1], np.diff(ends)
     for offset in [*ends[:-1], *(0.3 * ends[:-1] + 0.7 * ends[1:])]:

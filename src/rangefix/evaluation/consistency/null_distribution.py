@@ -146,17 +146,18 @@ class NullSums:
         offsets, size = kept_offsets(block.draws[runs], covariance), len(self.names)
         squares = nees(offsets, covariance[:, None])
         squares = np.where(np.isfinite(squares), squares, 0.0) / size  # a claim of certainty, judged as such
-        bounded = [np.minimum(squares * by, FAR**2 / size) for by in (LARGE_FACTOR, 1 / LARGE_FACTOR)]
+        limit = FAR**2 / size
+        bounded = [np.minimum(squares * by, limit) for by in (LARGE_FACTOR, 1 / LARGE_FACTOR)]
         figures = np.concatenate([np.stack([squares, *bounded], axis=-1), offsets, offsets**2], axis=-1)
         for place in range(min(GROUPS, len(runs))):
             self.sums[(self.runs + place) % GROUPS] += figures[place::GROUPS].sum(0)
         self.runs += len(runs)
         self.claimed.add(squares.mean(1))
         errors, true = block.errors[runs], block.nees[runs] / size
-        beyond = squares * size > FAR**2
+        beyond = squares > limit
         self.far += beyond.sum() / KEPT_DRAWS, squares[beyond].sum(), squares.sum()
-        self.near += float(np.minimum(true, FAR**2 / size).sum())
-        self.found += int((true * size > FAR**2).sum())
+        self.near += float(np.minimum(true, limit).sum())
+        self.found += int((true > limit).sum())
         ranks = [*(offsets < errors[:, None]).sum(1).T, (squares < true[:, None]).sum(1)]
         self.ranks += np.stack([rank_histogram(column, KEPT_DRAWS) for column in ranks])
 

@@ -86,8 +86,8 @@ class Row:
         directions: Mean squared errors over claimed variances along lines at right angles in the frame of the
             claims' principal axes, the least and the largest first and last, (n,); their mean is ANEES / n.
         pending: Of the runs planned, those that were not made yet, as the study was interrupted.
-        anees_of_runs: ANEES / n with the interval that the runs alone give, where that of `anees` is wider:
-            a far mode of the beliefs that no truth was in counts there.
+        anees_of_runs: ANEES / n with the interval that the runs alone give; that of `anees` holds it, and a
+            far mode of the beliefs that no truth was in counts there.
     """
 
     estimator: str

@@ -30,6 +30,8 @@ from .target import STATE_COST, WORK, Target, TooManyCells
 
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
 USUAL_STATES = 15_000  # that a fix looks at: guesses, climbs, a mode and its neighbour
+ACCURACIES = (1e-4, 0.5)  # that may be asked for
+LEAST_CELLS = 1000  # that a mode may be allowed
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
@@ -327,12 +329,13 @@ def check_options(accuracy: float, drop: float, table_rays: int, most_cells: int
     Raises:
         ValueError: If one is.
     """
-    if not 1e-4 <= accuracy <= 0.5:
-        raise ValueError(f"the accuracy must be in [0.0001, 0.5], got {accuracy}")
+    finest, coarsest = ACCURACIES
+    if not finest <= accuracy <= coarsest:
+        raise ValueError(f"the accuracy must be in [{finest}, {coarsest}], got {accuracy}")
     if not 0 < drop < 1e-2:
         raise ValueError(f"the dropped density must be in (0, 0.01), got {drop}")
-    if table_rays < 1000 or most_cells < 1000:
-        raise ValueError("need at least 1000 rays for the table and 1000 cells")
+    if table_rays < 1000 or most_cells < LEAST_CELLS:
+        raise ValueError(f"need at least 1000 rays for the table and {LEAST_CELLS} cells")
 
 
 def _joined(measurements: Array, fresh: Array) -> Array:

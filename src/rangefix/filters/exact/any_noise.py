@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import njit
-from .density_tables import Tables, at_offset, most_between, most_beyond
+from .density_tables import Tables, at_offset, most_between, most_over
 from .integrals import (
     MARGIN_NATS,
     Pieces,
@@ -30,16 +30,14 @@ from .integrals import (
 from .polygons import copy_corners, cut_by
 
 NODES_WHERE_SMOOTH = (3, 5, 7, 11, 15)  # of the rules for parts; errors of some 1e-8
-MARGINS_NATS = (
-    28.0,
-    MARGIN_NATS,
-)  # below what was found, at which parts are left out; the second if they count
+MARGINS_NATS = (28.0, MARGIN_NATS)  # below what was found, at which parts go; the second if they count
 LEFT_OUT = 1e-4  # squares of the posterior's deviations that parts left out may take from its covariance
 LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again with another scale
 SMOOTH_SCALES = 3.5  # scales of a beam to a piece near its reading
 WIDENING_SCALES = 4.0  # from a reading, from where on a beam's scale grows with the distance from it
 FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
+CUT_SCALES = 1.01 * FAR_SCALES  # where far parts are cut off: rounding does not make them near
 FAR_RATIO, FLAT_NATS = 6.0, 0.01  # of a part's ends beyond, where densities that vary at all fall as powers
 SMOOTH_NATS = 8.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, in each turn; what is left then is integrated as it is
@@ -143,9 +141,7 @@ def _sum_pieces(
     put_off, left_out = np.ones(order.size, np.bool_), 0.0
     for turn in range(len(HALVINGS_OF_ONE) * order.size):
         patience, at = HALVINGS_OF_ONE[turn // order.size], turn % order.size
-        allowed = MAX_HALVINGS * (
-            1 + turn // order.size
-        )  # what light pieces take leaves as much for heavy ones
+        allowed = MAX_HALVINGS * (1 + turn // order.size)  # light pieces leave as much for heavy ones
         piece, running = order[at], log_mass(total)
         if put_off[at] and (limits[piece] < running - margin or limits[piece] < IMPOSSIBLE_NATS):
             put_off[at] = False
@@ -197,20 +193,9 @@ def _sum_pieces(
             for _ in range(2):
                 nodes.total[0] = noted
                 highest = _integrate(
-                    one,
-                    corners,
-                    piece,
-                    pieces,
-                    tables,
-                    prior,
-                    log_peak,
-                    rough,
-                    rule,
-                    nodes,
-                    room,
-                    which_met,
+                    one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, room, which_met,
                     out,
-                )
+                )  # fmt: skip
                 if highest == -np.inf or highest >= LOWEST_NATS:
                     break
                 log_peak += highest  # the bound is so loose that sums would underflow
@@ -247,12 +232,7 @@ def _look_at(
         scale, away = tables.scales[which], rho - tables.centres[which]
         u, v = (low + away) / scale, (high + away) / scale
         at_u, at_v = at_offset(tables.cells, which, u), at_offset(tables.cells, which, v)
-        if u > 0:
-            bound += most_beyond(tables, which, u, at_u)
-        elif v < 0:
-            bound += most_beyond(tables, which, v, at_v)
-        else:
-            bound += max(tables.bounds[which, 0, 0], tables.bounds[which, 1, 0])
+        bound += most_over(tables, which, u, v, at_u, at_v)
         varied = max(abs(at_v - at_u) / SMOOTH_NATS, _lengths(u, v) / SMOOTH_SCALES)
         nearer, farther = min(abs(u), abs(v)), max(abs(u), abs(v))
         tapers = u * v > 0 and nearer > FAR_SCALES and farther > FAR_RATIO * nearer
@@ -268,9 +248,9 @@ def _look_at(
             elif tapers:
                 level = math.copysign(math.sqrt(nearer * farther), u) * scale - away
             elif u < FAR_SCALES and v > 2 * FAR_SCALES:
-                level = 1.01 * FAR_SCALES * scale - away
+                level = CUT_SCALES * scale - away
             elif v > -FAR_SCALES and u < -2 * FAR_SCALES:
-                level = -1.01 * FAR_SCALES * scale - away
+                level = -CUT_SCALES * scale - away
     if prior[0] > 0:
         a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
         g1, g2 = prior[0] * a1 + prior[1] * a2, prior[1] * a1 + prior[2] * a2

@@ -20,7 +20,6 @@ FINE_CELLS = FINE_OCTAVES << FINE_BITS
 FINE_SHIFT, COARSE_SHIFT = MANTISSA_BITS - FINE_BITS, MANTISSA_BITS - COARSE_BITS
 FINE_FIRST = EXPONENT_OF_ONE << FINE_BITS
 COARSE_FIRST = ((EXPONENT_OF_ONE + FINE_OCTAVES) << COARSE_BITS) - FINE_CELLS
-COARSE_BEGINS = float(1 << FINE_OCTAVES)
 CENTRE_SHARE = 1e-9  # of a scale, at which values at the centre and at 0 are taken: densities may jump there
 FLOOR_NATS = -1e8  # what tables hold where a reading cannot be
 
@@ -210,19 +209,17 @@ def most_between(tables: Tables, which: int, low: float, high: float) -> float:
     """A bound on the log density of a beam whose expected range lies between two."""
     if low == np.inf:
         return float(tables.no_wall[which])
-    scale = tables.scales[which]
-    if scale == 0:
-        return 0.0
-    u, v = (low - tables.centres[which]) / scale, (high - tables.centres[which]) / scale
-    if u > 0:
-        return most_beyond(tables, which, u, at_offset(tables.cells, which, u))
-    if v < 0:
-        return most_beyond(tables, which, v, at_offset(tables.cells, which, v))
-    return float(max(tables.bounds[which, 0, 0], tables.bounds[which, 1, 0]))
+    centre, scale = tables.centres[which], tables.scales[which]
+    u, v = (low - centre) / scale, (high - centre) / scale
+    at_u, at_v = at_offset(tables.cells, which, u), at_offset(tables.cells, which, v)
+    return float(most_over(tables, which, u, v, at_u, at_v))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def most_beyond(tables: Tables, which: int, u: float, here: float) -> float:
-    """The greatest log density at an offset, where it is `here`, and farther out."""
-    cell, _ = _cell_of(abs(u), tables.cells.shape[2])
-    return float(max(here, tables.bounds[which, 1 if u > 0 else 0, cell + 1]))
+def most_over(tables: Tables, which: int, u: float, v: float, at_u: float, at_v: float) -> float:
+    """The same between two offsets, in scales, where the log density is known."""
+    if u <= 0 <= v:
+        return float(max(tables.bounds[which, 0, 0], tables.bounds[which, 1, 0]))
+    side, nearer, here = (1, u, at_u) if u > 0 else (0, -v, at_v)
+    cell, _ = _cell_of(nearer, tables.cells.shape[2])
+    return float(max(here, tables.bounds[which, side, cell + 1]))

@@ -83,8 +83,8 @@ class ExactPositionFilter(BriefRepr):
     are halved until every beam's density is smooth. The pieces are worked out once and shared by all runs.
 
     Numerical errors are of the order of 1e-9 of the posterior's deviations with Gaussian noise and 1e-5 with
-    other noise; `error` tells them. Where densities of many readings would take more than 20 000 halvings the
-    answer is coarser. The yardstick of this package where it applies.
+    other noise; `error` tells them. Where densities of many readings would take tens of thousands of
+    halvings the answer is coarser. The yardstick of this package where it applies.
 
     Args:
         problem: The problem: known heading, `Stationary`, a map of walls (`segments`), and a prior that is

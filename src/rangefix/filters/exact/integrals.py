@@ -247,30 +247,24 @@ def integrate_quadratic(
                     continue
                 base, along = -gs * at_s - 0.5 * big * at_s * at_s, gt + cross * at_s
                 share = width / parts * rule.weights[outer, i]
+                scale, i0, i1, i2 = share, -1.0, 0.0, 0.0
                 if rule.closed and chord * root_small > CLOSED_FROM:
                     i0, i1, i2 = _along_chord(base, along, small, root_small, low, high)
-                    if i0 >= 0:
-                        m0 += share * i0
-                        m1 += share * i0 * at_s
-                        m2 += share * i1
-                        m11 += share * i0 * at_s * at_s
-                        m12 += share * i1 * at_s
-                        m22 += share * i2
-                        continue
-                length_t = chord * rate_t
-                pieces = _intervals(length_t)
-                inner = rule_for(length_t / pieces)
-                scale = share * chord / pieces
-                i0 = i1 = i2 = 0.0
-                for fraction in range(pieces):
-                    for j in range(rule.counts[inner]):
-                        at_t = low + chord * (fraction + rule.nodes[inner, j]) / pieces
-                        value = rule.weights[inner, j] * math.exp(
-                            base - along * at_t - 0.5 * small * at_t * at_t
-                        )
-                        i0 += value
-                        i1 += value * at_t
-                        i2 += value * at_t * at_t
+                if i0 < 0:
+                    length_t = chord * rate_t
+                    pieces = _intervals(length_t)
+                    inner = rule_for(length_t / pieces)
+                    scale = share * chord / pieces
+                    i0 = i1 = i2 = 0.0
+                    for fraction in range(pieces):
+                        for j in range(rule.counts[inner]):
+                            at_t = low + chord * (fraction + rule.nodes[inner, j]) / pieces
+                            value = rule.weights[inner, j] * math.exp(
+                                base - along * at_t - 0.5 * small * at_t * at_t
+                            )
+                            i0 += value
+                            i1 += value * at_t
+                            i2 += value * at_t * at_t
                 m0 += scale * i0
                 m1 += scale * i0 * at_s
                 m2 += scale * i1

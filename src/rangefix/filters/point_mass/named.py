@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 ACCURACY = 0.02  # of mean and covariance, in deviations
 REFINED_CELLS, MODE_CELLS = 200_000, 1_000_000
-LEAST_MODE_CELLS = 1000
 GRID_CELLS = 20_000_000
 
 
@@ -64,14 +63,17 @@ def point_mass(
         accuracy = ACCURACY if accuracy is None else accuracy
         if looks_for_modes(problem):
             from ..adaptive import AdaptivePointMassFilter  # with all that it imports: a tenth of a second
+            from ..adaptive.filter import ACCURACIES, LEAST_CELLS
 
             most = MODE_CELLS if most_cells is None else most_cells
             refuse_shared_errors(problem.sensor, "the point-mass filter without cell")
-            if not 1e-4 <= accuracy <= 0.5:
-                raise ValueError(f"at an unknown heading accuracy must be in [0.0001, 0.5], got {accuracy}")
-            if most < LEAST_MODE_CELLS:
+            if not ACCURACIES[0] <= accuracy <= ACCURACIES[1]:
                 raise ValueError(
-                    f"at an unknown heading most_cells must be at least {LEAST_MODE_CELLS}, got {most}"
+                    f"at an unknown heading accuracy must be in {list(ACCURACIES)}, got {accuracy}"
+                )
+            if most < LEAST_CELLS:
+                raise ValueError(
+                    f"at an unknown heading most_cells must be at least {LEAST_CELLS}, got {most}"
                 )
             return AdaptivePointMassFilter(problem, accuracy, most_cells=most)
         return RefinedPointMassFilter(problem, accuracy, REFINED_CELLS if most_cells is None else most_cells)
