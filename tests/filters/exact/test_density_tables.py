@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from rangefix.filters import Gaussian, Rangefinder, StudentT, position_space
-from rangefix.filters.exact.density_tables import FINE_OCTAVES, Tables, at_offset, cell_ends, most_between
+from rangefix.filters.exact.density_tables import (
+    CELL_ORIGIN,
+    FINE_OCTAVES,
+    Tables,
+    at_offset,
+    cell_ends,
+    most_between,
+    of_run,
+)
 from rangefix.filters.exact.filter import ExactPositionFilter
 from rangefix.filters.models.beam_noise import BeamMixture, Quantised
 from rangefix.filters.models.noise import RangeProportional
@@ -12,7 +20,6 @@ from rangefix.filters.models.noise import RangeProportional
 from ..families import draw
 from .test_filter import ROOMS, pose
 
-FARTHEST_M = 12.0
 NEAR_NATS = 50.0  # below a density's peak, to which a table must be right
 TOLERANCE_NATS = 1e-4  # four times what was measured, and what the filter states
 NOISES = {
@@ -23,10 +30,11 @@ NOISES = {
 }
 
 
-def asked(tables: Tables) -> np.ndarray:
-    """Ranges to compare at: everywhere, and more about the reading."""
+def asked(tables: Tables, farthest: float) -> np.ndarray:
+    """Ranges to compare at: everywhere that the filter asks, and more about the reading."""
     about = tables.centres[0] + np.linspace(-10, 10, 801) * tables.scales[0]
-    return np.sort(np.concatenate([np.linspace(1e-6, FARTHEST_M, 801), about[about > 1e-6]]))
+    ranges = np.concatenate([np.linspace(1e-6, farthest, 801), about])
+    return np.sort(ranges[(ranges >= 1e-6) & (ranges <= farthest)])
 
 
 @pytest.mark.parametrize("reading", [3.0, 0.04, 0.01, 9.9, np.inf])
@@ -35,14 +43,17 @@ def test_tables_hold_the_densities(name, reading):
     """Right to 1e-4 nats where a density counts, also between a reading and range 0; bounds hold."""
     sensor = Rangefinder(ROOMS, [0.0], NOISES[name], position_space(0.0), max_range=10.0)
     problem = pose(ROOMS, [0.0], NOISES[name], max_range=10.0)
-    tables = ExactPositionFilter(problem)._tables(np.array([[reading]]))
-    ranges = asked(tables)
+    estimator = ExactPositionFilter(problem)
+    tables = of_run(estimator._tables(np.array([[[reading]]])), 0)
+    ranges = asked(tables, estimator._farthest)
     true = sensor.beam_log_density(np.array([reading]), ranges[:, None])[:, 0]
     mine = np.array(
         [at_offset(tables.cells, 0, (at - tables.centres[0]) / tables.scales[0]) for at in ranges]
     )
-    near = true > true.max() - NEAR_NATS
+    peak = sensor.beam_log_density(np.array([reading]), tables.centres[:1])[0]
+    near = true > max(peak, true.max()) - NEAR_NATS
     np.testing.assert_allclose(mine[near], true[near], rtol=0, atol=TOLERANCE_NATS)
+    assert near.any() or reading > 9
     for low, high in np.random.default_rng(0).choice(ranges, (200, 2)):
         between = (ranges >= min(low, high)) & (ranges <= max(low, high))
         bound = most_between(tables, 0, min(low, high), max(low, high))
@@ -54,7 +65,7 @@ def test_cells_are_found_by_their_ends():
     ends = cell_ends(8)
     assert ends[0] == 0
     assert (np.diff(ends) > 0).all()
-    assert 2.0**FINE_OCTAVES - 1 in ends
+    assert CELL_ORIGIN * (2.0**FINE_OCTAVES - 1) in ends
     cells = np.zeros((1, 2, len(ends) - 1, 4))
     cells[0, :, :, 0], cells[0, :, :, 1] = ends[:-1], np.diff(ends)
     for offset in [*ends[:-1], *(0.3 * ends[:-1] + 0.7 * ends[1:])]:
@@ -73,3 +84,32 @@ def test_a_density_that_falls_as_a_power_far_from_its_reading():
     rngs = [np.random.default_rng(0)]
     belief = estimator.update(estimator.init(drawn.problem.prior, rngs), drawn.readings[:1], rngs)
     assert estimator.error(belief)[0] < 1.1e-4
+
+
+def test_runs_and_readings_share_no_table() -> None:
+    """Tables of a run are the same among others', and of several readings those of each by itself.
+
+    Readings near together and far apart, beams that were not measured, and one that met nothing.
+    """
+    problem = pose(ROOMS, [0.0, 1.0, 2.0], NOISES["student"], max_range=10.0)
+    estimator = ExactPositionFilter(problem)
+    readings = np.array([[3.0, np.nan, 4.0], [0.02, 6.0, np.inf], [np.nan, np.nan, np.nan], [5.0, 0.5, 4.1]])
+    together = estimator._tables(readings[:, None])
+    assert together.counts.tolist() == [2, 3, 0, 3]
+    for run, reading in enumerate(readings):
+        alone, among = of_run(estimator._tables(reading[None, None]), 0), of_run(together, run)
+        assert (alone.beams == among.beams).all()
+        for which in range(len(alone.centres)):
+            ranges = np.linspace(0.1, estimator._farthest, 50)
+            for each in (ranges - alone.centres[which]) / alone.scales[which]:
+                assert at_offset(alone.cells, which, each) == at_offset(among.cells, which, each)
+    layered = of_run(estimator._tables(readings[None]), 0)
+    expected = np.linspace(0.1, estimator._farthest, 50)
+    for beam in range(3):
+        logs = sum(
+            np.array([at_offset(layered.cells, which, (at - layered.centres[which]) / layered.scales[which])
+                      for at in expected])
+            for which in np.flatnonzero(layered.beams == beam)
+        )  # fmt: skip
+        true = problem.sensor.beam_log_density(readings[:, None], expected[:, None])[..., beam].sum(axis=0)
+        np.testing.assert_allclose(logs, true, rtol=0, atol=2 * TOLERANCE_NATS)

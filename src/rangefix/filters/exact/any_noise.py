@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...compiled import njit
-from .density_tables import Tables, at_offset, most_between, most_over
+from ...compiled import in_threads, njit
+from .density_tables import RunTables, Tables, at_offset, most_between, most_over, of_run
 from .integrals import (
     MARGIN_NATS,
     Pieces,
@@ -22,15 +22,16 @@ from .integrals import (
     add_part,
     chord_at,
     finish,
+    light_rule_for,
     log_mass,
     lowest,
     put_in_order,
-    rule_for,
 )
 from .polygons import copy_corners, cut_by
 
 NODES_WHERE_SMOOTH = (3, 5, 7, 11, 15)  # of the rules for parts; errors of some 1e-8
 MARGINS_NATS = (28.0, MARGIN_NATS)  # below what was found, at which parts go; the second if they count
+VALUES_TO_A_PIECE = 1000  # and beam that an integral reads, about
 LEFT_OUT = 1e-4  # squares of the posterior's deviations that parts left out may take from its covariance
 LOWEST_NATS = -300.0  # of sums over a part: below it they are worked out again with another scale
 SMOOTH_SCALES = 3.5  # scales of a beam to a piece near its reading
@@ -39,6 +40,7 @@ FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
 CUT_SCALES = 1.01 * FAR_SCALES  # where far parts are cut off: rounding does not make them near
 FAR_RATIO, FLAT_NATS = 6.0, 0.01  # of a part's ends beyond, where densities that vary at all fall as powers
+STRAIGHT_NATS = 1e-8  # by which a density may differ from a straight line, where a part holds all
 SMOOTH_NATS = 8.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, in each turn; what is left then is integrated as it is
 HALVINGS_OF_ONE = (256, 4096, MAX_HALVINGS)  # halvings of a piece after which others are looked at first
@@ -69,32 +71,27 @@ def nodes_for(room: int) -> Nodes:
 
 
 def moments_of_any(
-    pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, mean: Array, covariance: Array
-) -> float:
-    """Mean and covariance of a posterior, and the log of the integral of prior times likelihood.
+    pieces: Pieces, tables: RunTables, prior: Array, rule: Rules, nodes: Nodes, means: Array,
+    covariances: Array, logs: Array,
+) -> None:  # fmt: skip
+    """Mean and covariance of each run's posterior, and the log of the integral of prior times likelihood.
 
     Args:
         pieces: The pieces.
-        tables: The measurement.
+        tables: What M runs measured.
         prior: A Gaussian factor of the prior: precision p11, p12, p22 and mean, (5,); zeros for none.
         rule: The rules.
-        nodes: Receives the nodes, as far as there is room; `total` says how many there were.
-        mean, covariance: Receive the moments, (2,) and (2, 2).
-
-    Returns:
-        The log integral; -inf where no piece is possible.
+        nodes: Receives the nodes, as far as there is room, of one run; `total` says how many there were.
+        means, covariances: Receive the moments, (M, 2) and (M, 2, 2).
+        logs: Receive the log integrals; -inf where no piece is possible, (M,).
     """
-    limits = np.empty(len(pieces.counts))
-    _limit(pieces, tables, limits)
-    order, noted, log = np.argsort(-limits, kind="stable"), int(nodes.total[0]), -np.inf
-    for margin in MARGINS_NATS:
-        nodes.total[0] = noted
-        log, left_out = _sum_pieces(
-            pieces, tables, prior, rule, nodes, order, limits, margin, mean, covariance
-        )
-        if left_out <= LEFT_OUT:
-            break
-    return float(log)
+    runs, count = len(tables.counts), len(pieces.counts)
+    limits, work = np.empty((runs, count)), VALUES_TO_A_PIECE * tables.beams.size * count
+    in_threads(_limit, runs, work // 1000, pieces, tables, limits)
+    order = np.argsort(-limits, axis=1, kind="stable")
+    in_threads(
+        _sum_runs, runs, work, pieces, tables, prior, rule, nodes, order, limits, means, covariances, logs
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -111,13 +108,51 @@ def _counts(log_share: float, pieces: Pieces, mean: Array, covariance: Array) ->
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _limit(pieces: Pieces, tables: Tables, limits: Array) -> None:
-    """Bounds on the log mass of each piece, written in place."""
-    for piece in range(limits.size):
-        limits[piece] = pieces.log_areas[piece]
-        for which in range(tables.centres.size):
-            beam = tables.beams[which]
-            limits[piece] += most_between(tables, which, pieces.lows[piece, beam], pieces.highs[piece, beam])
+def _lightness(bound: float, total: Array, corners: Array, count: int, x1: float, x2: float) -> float:
+    """By how many nats a part of such a log mass adds less to the covariance than what was summed up so far.
+
+    That is in squares of the least deviation so far: its sum of squares only grows as others are added.
+    """
+    if not total[0] > 0:
+        return 0.0
+    half = 0.5 * (total[4] - total[6])
+    least = 0.5 * (total[4] + total[6]) - math.hypot(half, total[5])
+    farthest = least
+    for corner in range(count):
+        d1, d2 = x1 + corners[corner, 0] - total[2], x2 + corners[corner, 1] - total[3]
+        farthest = max(farthest, d1 * d1 + d2 * d2)
+    return max(log_mass(total) - bound - math.log(farthest / least), 0.0) if least > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _limit(first: int, end: int, pieces: Pieces, every: RunTables, limits: Array) -> None:
+    """Bounds on the log mass of each piece in each run, written in place, (M, P)."""
+    for run in range(first, end):
+        tables = of_run(every, run)
+        for piece in range(limits.shape[1]):
+            limit = pieces.log_areas[piece]
+            for which in range(tables.centres.size):
+                beam = tables.beams[which]
+                limit += most_between(tables, which, pieces.lows[piece, beam], pieces.highs[piece, beam])
+            limits[run, piece] = limit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_runs(
+    first: int, end: int, pieces: Pieces, every: RunTables, prior: Array, rule: Rules, nodes: Nodes,
+    order: IntArray, limits: Array, means: Array, covariances: Array, logs: Array,
+) -> None:  # fmt: skip
+    """What `moments_of_any` gives, for some runs."""
+    for run in range(first, end):
+        tables, noted = of_run(every, run), nodes.total[0]
+        for margin in MARGINS_NATS:
+            nodes.total[0] = noted
+            logs[run], left_out = _sum_pieces(
+                pieces, tables, prior, rule, nodes, order[run], limits[run], margin, means[run],
+                covariances[run],
+            )  # fmt: skip
+            if left_out <= LEFT_OUT:
+                break
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -125,7 +160,7 @@ def _sum_pieces(
     pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, order: IntArray, limits: Array,
     margin: float, mean: Array, covariance: Array,
 ) -> tuple[float, float]:  # fmt: skip
-    """What `moments_of_any` gives, with the pieces in the order of their bounds, the heaviest first.
+    """The moments of one run, with the pieces in the order of their bounds, the heaviest first.
 
     A piece that takes many halvings is put off: what others hold may show that little of it counts.
 
@@ -190,11 +225,12 @@ def _sum_pieces(
                 continue
             log_peak, noted = bound - math.log(_area(one, corners)), nodes.total[0]
             rough = variation > 1.0
+            light = 0.0 if rough else _lightness(bound, total, one, corners, x1, x2)
             for _ in range(2):
                 nodes.total[0] = noted
                 highest = _integrate(
-                    one, corners, piece, pieces, tables, prior, log_peak, rough, rule, nodes, room, which_met,
-                    out,
+                    one, corners, piece, pieces, tables, prior, log_peak, light, rough, rule, nodes, room,
+                    which_met, out,
                 )  # fmt: skip
                 if highest == -np.inf or highest >= LOWEST_NATS:
                     break
@@ -288,7 +324,7 @@ def _area(corners: Array, count: int) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
-    rough: bool, rule: Rules, nodes: Nodes, room: Array, which_met: IntArray, out: Array,
+    light: float, rough: bool, rule: Rules, nodes: Nodes, room: Array, which_met: IntArray, out: Array,
 ) -> float:  # fmt: skip
     """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner.
 
@@ -321,7 +357,8 @@ def _integrate(
     # offsets from the centres of the beams that meet walls, in scales: begin + by_s s + by_t t
     met, constant = 0, -log_peak
     begin, by_s, by_t = room[3], room[4], room[5]
-    curved_s = curved_t = steep_s = steep_t = 0.0
+    curved_s = curved_t = steep_s = steep_t = along_s = along_t = middle = 0.0
+    straight = 0.0 if rough else STRAIGHT_NATS * math.exp(light)  # a bend of fewer nats is none
     for which in range(tabulated):
         beam = tables.beams[which]
         if pieces.ranges[piece, beam] == np.inf:
@@ -336,17 +373,23 @@ def _integrate(
             at = by_s[met] * s[corner] + by_t[met] * t[corner]
             low, high = min(low, at), max(high, at)
         low, high = low + begin[met], high + begin[met]
+        at_low, rate, bend = at_offset(tables.cells, which, low), 0.0, 0.0
         if high > low:
-            at_low, at_high = at_offset(tables.cells, which, low), at_offset(tables.cells, which, high)
-            bend = abs(at_low + at_high - 2 * at_offset(tables.cells, which, 0.5 * (low + high)))
-            curve, rate = (
-                max(_lengths(low, high) ** 2, 4 * bend) / (high - low) ** 2,
-                (at_high - at_low) / (high - low),
-            )
-            curved_s += curve * (by_s[met] * extent_s) ** 2
-            curved_t += curve * (by_t[met] * extent_t) ** 2
+            rise, width = at_offset(tables.cells, which, high) - at_low, high - low
+            rate = rise / width
+            middle = abs(at_offset(tables.cells, which, low + 0.5 * width) - at_low - 0.5 * rise)
+            first = abs(at_offset(tables.cells, which, low + 0.25 * width) - at_low - 0.25 * rise)
+            third = abs(at_offset(tables.cells, which, low + 0.75 * width) - at_low - 0.75 * rise)
+            bend = max(middle, max(first, third))
             steep_s += rate * by_s[met] * extent_s
             steep_t += rate * by_t[met] * extent_t
+        if bend < straight:
+            constant += at_low + rate * (begin[met] - low)
+            along_s, along_t = along_s + rate * by_s[met], along_t + rate * by_t[met]
+            continue
+        curve = max(_lengths(low, high) ** 2, 8 * middle) / (high - low) ** 2
+        curved_s += curve * (by_s[met] * extent_s) ** 2
+        curved_t += curve * (by_t[met] * extent_t) ** 2
         met += 1
     a1, a2 = pieces.centres[piece, 0] - prior[3], pieces.centres[piece, 1] - prior[4]
     h_ss = c * c * prior[0] + 2 * c * d * prior[1] + d * d * prior[2]
@@ -356,7 +399,7 @@ def _integrate(
         curved_s, curved_t = curved_s + h_ss * extent_s**2, curved_t + h_tt * extent_t**2
         steep_s, steep_t = steep_s - (c * g1 + d * g2) * extent_s, steep_t - (c * g2 - d * g1) * extent_t
     length_s, length_t = max(math.sqrt(curved_s), abs(steep_s)), max(math.sqrt(curved_t), abs(steep_t))
-    inner = rule_for(length_t)
+    inner = light_rule_for(length_t, light, rule.counts)
     for k in range(6):
         out[k] = 0.0
     m0 = m1 = m2 = m11 = m12 = m22 = 0.0
@@ -370,7 +413,8 @@ def _integrate(
         if high <= low:
             continue
         tilt = max(abs(low_slope), abs(high_slope)) * width
-        order = rule_for(max(length_s * width / extent_s, length_t * min(tilt / extent_t, 1.0)))
+        length = max(length_s * width / extent_s, length_t * min(tilt / extent_t, 1.0))
+        order = light_rule_for(length, light, rule.counts)
         before_s = 0.0
         for i in range(rule.counts[order]):
             at_s = left + width * rule.nodes[order, i]
@@ -379,7 +423,7 @@ def _integrate(
             before_t = 0.0
             for j in range(rule.counts[inner]):
                 at_t = bottom + chord * rule.nodes[inner, j]
-                log_density = constant
+                log_density = constant + along_s * at_s + along_t * at_t
                 for k in range(met):
                     log_density += at_offset(
                         tables.cells, which_met[k], begin[k] + by_s[k] * at_s + by_t[k] * at_t

@@ -11,21 +11,24 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import njit
 
-# cells end where 1 + the offset from the centre, in scales, has so many leading bits: 32, then 8 to an octave
-FINE_BITS, COARSE_BITS = 5, 3
-FINE_OCTAVES = 3  # up to an offset of 7 scales
+# cells end where CELL_ORIGIN + the offset from the centre, in scales, has so many leading bits
+ORIGIN_EXPONENT = 2
+CELL_ORIGIN = 2.0**ORIGIN_EXPONENT  # so that the first octave of cells ends at an offset of as much
+FINE_BITS, COARSE_BITS = 5, 3  # 32 cells to an octave, then 8
+FINE_OCTAVES = 2  # up to an offset of 12 scales
 MOST_OCTAVES = 40
-MANTISSA_BITS, EXPONENT_OF_ONE = 52, 1023
+MANTISSA_BITS, EXPONENT_OF_ORIGIN = 52, 1023 + ORIGIN_EXPONENT
 FINE_CELLS = FINE_OCTAVES << FINE_BITS
 FINE_SHIFT, COARSE_SHIFT = MANTISSA_BITS - FINE_BITS, MANTISSA_BITS - COARSE_BITS
-FINE_FIRST = EXPONENT_OF_ONE << FINE_BITS
-COARSE_FIRST = ((EXPONENT_OF_ONE + FINE_OCTAVES) << COARSE_BITS) - FINE_CELLS
+FINE_FIRST = EXPONENT_OF_ORIGIN << FINE_BITS
+COARSE_FIRST = ((EXPONENT_OF_ORIGIN + FINE_OCTAVES) << COARSE_BITS) - FINE_CELLS
 CENTRE_SHARE = 1e-9  # of a scale, at which values at the centre and at 0 are taken: densities may jump there
+OFFSET_ROUNDING = 1e-9  # of offsets, and scales by which places may lie farther off than the farthest
 FLOOR_NATS = -1e8  # what tables hold where a reading cannot be
 
 
 class Tables(NamedTuple):
-    """Log densities of readings as functions of the expected ranges of their beams, K of them.
+    """Log densities of a run's readings as functions of the expected ranges of their beams, K of them.
 
     Readings of a beam that lie close together share a table; those far apart have one each, for a table is
     fine about its centre alone. In a cell a log density is a cubic polynomial in the share of the cell that
@@ -34,8 +37,9 @@ class Tables(NamedTuple):
     Attributes:
         beams: Which beam each is of, (K,).
         centres: Range about which each table lies, m, (K,).
-        scales: Width over which a density varies there, m, (K,); 0 = a beam that says nothing.
-        cells: Coefficients of the polynomials below and above the centre, outwards, (K, 2, N, 4).
+        scales: Width over which a density varies there, m, (K,).
+        cells: Coefficients of the polynomials below and above the centre, outwards, (K, 2, N, 4); NaN where
+            nobody may ask: beyond range 0 and the farthest of all.
         bounds: The greatest log density from a cell's beginning on outwards, (K, 2, N + 1).
         no_wall: Log density where no wall is, (K,).
     """
@@ -48,6 +52,31 @@ class Tables(NamedTuple):
     no_wall: Array
 
 
+class RunTables(NamedTuple):
+    """The tables of M runs: those of `Tables` with a leading axis (M,), and how many of them each run has.
+
+    Beams that say nothing in a run have none there.
+    """
+
+    beams: IntArray
+    centres: Array
+    scales: Array
+    cells: Array
+    bounds: Array
+    no_wall: Array
+    counts: IntArray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def of_run(every: RunTables, run: int) -> Tables:
+    """The tables of one run."""
+    count = every.counts[run]
+    return Tables(
+        every.beams[run, :count], every.centres[run, :count], every.scales[run, :count],
+        every.cells[run, :count], every.bounds[run, :count], every.no_wall[run, :count],
+    )  # fmt: skip
+
+
 @cache
 def cell_ends(octaves: int) -> Array:
     """Offsets from the centre between which cells lie, in scales, (N + 1,)."""
@@ -56,19 +85,19 @@ def cell_ends(octaves: int) -> Array:
         for octave in range(octaves)
         for bits in [FINE_BITS if octave < FINE_OCTAVES else COARSE_BITS]
     ]
-    return np.append(np.concatenate(places), 2.0**octaves) - 1.0
+    return CELL_ORIGIN * (np.append(np.concatenate(places), 2.0**octaves) - 1.0)
 
 
 def tabulate(
     density: Callable[[Array], Array], centres: Array, stds: Array, measured: BoolArray, farthest: float
-) -> Tables:
-    """Tables of log densities, one for each beam.
+) -> RunTables:
+    """Tables of log densities, one for each beam of each run.
 
     Args:
-        density: Log density of each beam's readings given expected ranges: (N, B) m -> (N, B).
-        centres: Where each beam's density is tabulated finely, m, (B,).
-        stds: A first guess of its width there, m, (B,).
-        measured: Which beams say something, (B,).
+        density: Log density of each beam's readings given expected ranges: (N, M, B) m -> (N, M, B).
+        centres: Where each beam's density is tabulated finely, m, (M, B).
+        stds: A first guess of its width there, m, (M, B).
+        measured: Which beams say something, (M, B).
         farthest: The farthest range that is asked for, m.
     """
 
@@ -76,117 +105,141 @@ def tabulate(
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             return np.fmax(density(expected), FLOOR_NATS)
 
-    count = len(centres)
-    probe = np.concatenate([[0.0], 0.5 ** np.arange(12), -(0.5 ** np.arange(12))])[:, None]
+    runs, count = centres.shape
+    probe = np.concatenate([[0.0], 0.5 ** np.arange(12), -(0.5 ** np.arange(12))])[:, None, None]
     probed = floored(np.maximum(centres + probe * stds, 0.0))
-    lost = np.abs(probed[0] - probed[1:]).reshape(2, 12, count) > 0.5  # the scale is where half a nat is lost
+    lost = np.abs(probed[0] - probed[1:]).reshape(2, 12, runs, count) > 0.5  # half a nat: so wide is a scale
     scales = stds * 2.0 ** -np.maximum(lost.sum(axis=1).max(axis=0) - 1, 0)
-    far = (np.maximum(farthest, centres) / scales).max(initial=1.0)
-    ends = cell_ends(int(np.clip(np.ceil(np.log2(far + 1.0)) + 1, FINE_OCTAVES + 1, MOST_OCTAVES)))
-    asked = np.full((8 * (len(ends) - 1) + 1, count), np.inf)
-    _places(ends, centres, scales, asked)
-    values = floored(asked)
-    cells, bounds = np.empty((count, 2, len(ends) - 1, 4)), np.empty((count, 2, len(ends)))
-    _fit(ends, centres / scales, values, cells, bounds)
-    no_wall = values[-1]
-    cells[~measured], no_wall[~measured] = 0.0, 0.0
-    return Tables(np.arange(count), centres, np.where(measured, scales, 0.0), cells, bounds, no_wall)
+    below_and_above = np.stack([centres, np.maximum(farthest - centres, 0.0)])
+    reaches = below_and_above / scales * (1 + OFFSET_ROUNDING) + OFFSET_ROUNDING
+    octaves = int(
+        np.clip(np.ceil(np.log2(reaches.max(initial=1.0) / CELL_ORIGIN + 1.0)), FINE_OCTAVES, MOST_OCTAVES)
+    )
+    ends = cell_ends(octaves)
+    used = np.searchsorted(ends, reaches.max(axis=(1, 2), initial=1.0)).clip(1, len(ends) - 1)
+    asked = np.full((3 * int(used.sum()) + 3, runs, count), np.inf)
+    _places(ends, used, centres, scales, reaches[0], asked)
+    cells, bounds = np.full((runs, count, 2, len(ends) - 1, 4), np.nan), np.empty((runs, count, 2, len(ends)))
+    found = RunTables(
+        np.empty((runs, count), dtype=np.int64), np.empty((runs, count)), np.empty((runs, count)), cells,
+        bounds, np.empty((runs, count)), np.empty(runs, dtype=np.int64),
+    )  # fmt: skip
+    _fit(ends, used, centres, scales, reaches, measured, floored(asked), found)
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _span(side: int, begin: float, end: float, zero: float) -> tuple[float, float]:
-    """Between which offsets a cell's polynomial is fitted: below the centre no farther than range 0."""
-    if side == 1 or end <= zero:
-        return begin, end
-    return max(zero - (end - begin), 0.0), max(zero, CENTRE_SHARE)
+def _places(ends: Array, used: IntArray, centres: Array, scales: Array, zeros: Array, asked: Array) -> None:
+    """Where densities are asked for, m: at the thirds of used cells below and above the centres.
+
+    Args:
+        ends: Where cells end, in scales, (N + 1,).
+        used: How many cells are used below the centres and above them, (2,).
+        centres, scales: Of the tables, m, (M, B).
+        zeros: Offsets of range 0 below the centres, in scales, (M, B).
+        asked: Receives 3 cells + 1 ranges below the centre and as many above it, none less than 0; a last
+            row is left as it is: (3 (used[0] + used[1]) + 3, M, B).
+    """
+    for run in range(centres.shape[0]):
+        for beam in range(centres.shape[1]):
+            centre, scale = centres[run, beam], scales[run, beam]
+            row = 0
+            for side in range(2):
+                for third in range(3 * used[side] + 1):
+                    cell = min(third // 3, used[side] - 1)
+                    begin, end = ends[cell], _end(ends, cell, side, zeros[run, beam])
+                    offset = begin + (third - 3 * cell) * (end - begin) / 3.0
+                    offset = max(offset, CENTRE_SHARE) * scale
+                    asked[row, run, beam] = max(centre + (offset if side else -offset), CENTRE_SHARE * scale)
+                    row += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _places(ends: Array, centres: Array, scales: Array, asked: Array) -> None:
-    """Where densities are asked for, m: at the thirds of cells below and above the centres, (8 N + 1, B)."""
-    for beam in range(centres.size):
-        for side in range(2):
-            for cell in range(ends.size - 1):
-                first, last = _span(side, ends[cell], ends[cell + 1], centres[beam] / scales[beam])
-                for third in range(4):
-                    offset = max(first + third * (last - first) / 3.0, CENTRE_SHARE) * scales[beam]
-                    place = centres[beam] + (offset if side else -offset)
-                    asked[8 * cell + 4 * side + third, beam] = max(place, CENTRE_SHARE * scales[beam])
+def _end(ends: Array, cell: int, side: int, zero: float) -> float:
+    """Where a cell ends, in scales; below the centre no farther than range 0."""
+    return float(ends[cell + 1] if side else max(min(ends[cell + 1], zero), ends[cell] + CENTRE_SHARE))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(ends: Array, zeros: Array, values: Array, cells: Array, bounds: Array) -> None:
+def _fit(
+    ends: Array, used: IntArray, centres: Array, scales: Array, reaches: Array, measured: BoolArray,
+    values: Array, found: RunTables,
+) -> None:  # fmt: skip
     """Cubics through the values at the thirds of each cell, and the greatest values from each cell outwards.
 
     Where a value is one that cannot be and another can, a straight line: a cubic would swing above both.
 
     Args:
-        ends: Where cells end, (N + 1,).
-        zeros: The offset of range 0 below each centre, in scales, (B,).
-        values: Log densities at `_places`, (8 N + 1, B).
-        cells, bounds: Receive what `Tables` holds.
+        ends, used, centres, scales: As `_places` takes them.
+        reaches: Offsets below and above the centres up to which densities are asked for, (2, M, B).
+        measured: Which beams say something, (M, B).
+        values: Log densities at `_places`, (3 (used[0] + used[1]) + 3, M, B).
+        found: Receives the tables.
     """
-    for beam in range(zeros.size):
-        for side in range(2):
-            most = -np.inf
-            for cell in range(ends.size - 2, -1, -1):
-                begin, end = ends[cell], ends[cell + 1]
-                first, last = _span(side, begin, end, zeros[beam])
-                row = 8 * cell + 4 * side
-                v0, v1, v2, v3 = (
-                    values[row, beam],
-                    values[row + 1, beam],
-                    values[row + 2, beam],
-                    values[row + 3, beam],
-                )
-                a1, a2, a3 = v3 - v0, 0.0, 0.0
-                least = min(min(v0, v1), min(v2, v3))
-                greatest = max(max(v0, v1), max(v2, v3))
-                if not least <= FLOOR_NATS < greatest:
-                    a1 = 0.5 * (-11.0 * v0 + 18.0 * v1 - 9.0 * v2 + 2.0 * v3)
-                    a2 = 4.5 * (2.0 * v0 - 5.0 * v1 + 4.0 * v2 - v3)
-                    a3 = 4.5 * (v3 - v0 + 3.0 * (v1 - v2))
-                # from shares of what was fitted, shift + stretch p, to shares p of the cell
-                stretch, shift = (end - begin) / (last - first), (begin - first) / (last - first)
-                cubic = cells[beam, side, cell]
-                cubic[0] = v0 + shift * (a1 + shift * (a2 + shift * a3))
-                cubic[1] = stretch * (a1 + shift * (2.0 * a2 + 3.0 * shift * a3))
-                cubic[2] = stretch**2 * (a2 + 3.0 * shift * a3)
-                cubic[3] = stretch**3 * a3
-                if last < end:  # what lies beyond range 0 is never asked for
-                    greatest = max(cubic[0], v3) if begin < last else v3
-                if cell == ends.size - 2:
-                    bounds[beam, side, cell + 1] = greatest
-                most = max(most, greatest)
-                bounds[beam, side, cell] = most
+    for run in range(centres.shape[0]):
+        place = 0
+        for beam in range(centres.shape[1]):
+            if not measured[run, beam]:
+                continue
+            found.beams[run, place], found.no_wall[run, place] = beam, values[values.shape[0] - 1, run, beam]
+            found.centres[run, place], found.scales[run, place] = centres[run, beam], scales[run, beam]
+            for side in range(2):
+                most, first = -np.inf, (3 * used[0] + 1) * side
+                for cell in range(used[side] - 1, -1, -1):
+                    begin, row = ends[cell], first + 3 * cell
+                    if cell > 0 and begin >= reaches[side, run, beam]:
+                        continue
+                    v0, v1 = values[row, run, beam], values[row + 1, run, beam]
+                    v2, v3 = values[row + 2, run, beam], values[row + 3, run, beam]
+                    a1, a2, a3 = v3 - v0, 0.0, 0.0
+                    least = min(min(v0, v1), min(v2, v3))
+                    greatest = max(max(v0, v1), max(v2, v3))
+                    if not least <= FLOOR_NATS < greatest:
+                        a1 = 0.5 * (-11.0 * v0 + 18.0 * v1 - 9.0 * v2 + 2.0 * v3)
+                        a2 = 4.5 * (2.0 * v0 - 5.0 * v1 + 4.0 * v2 - v3)
+                        a3 = 4.5 * (v3 - v0 + 3.0 * (v1 - v2))
+                    end = _end(ends, cell, side, reaches[0, run, beam])
+                    stretch = (ends[cell + 1] - begin) / (end - begin)  # to shares of a cell cut at range 0
+                    cubic = found.cells[run, place, side, cell]
+                    cubic[0], cubic[1], cubic[2], cubic[3] = (
+                        v0,
+                        stretch * a1,
+                        stretch**2 * a2,
+                        stretch**3 * a3,
+                    )
+                    if most == -np.inf:
+                        found.bounds[run, place, side, cell + 1] = greatest
+                    most = max(most, greatest)
+                    found.bounds[run, place, side, cell] = most
+            place += 1
+        found.counts[run] = place
 
 
-def joined(layers: Sequence[Tables]) -> Tables:
-    """The tables of several sets of readings, without those that say nothing."""
-    cells = max(layer.cells.shape[2] for layer in layers)
-    if len(layers) > 1:
-        layers = [_padded(layer, cells) for layer in layers]
-    parts = [np.concatenate(arrays) for arrays in zip(*layers, strict=True)]
-    kept = parts[2] > 0
-    return Tables(*(part if kept.all() else np.ascontiguousarray(part[kept]) for part in parts))
-
-
-def _padded(layer: Tables, cells: int) -> Tables:
-    """The same tables with more cells, which hold the last value."""
-    more = cells - layer.cells.shape[2]
-    further = np.zeros((len(layer.beams), 2, more, 4))
-    further[..., 0] = layer.cells[:, :, -1:].sum(axis=3)
-    return layer._replace(
-        cells=np.concatenate([layer.cells, further], axis=2),
-        bounds=np.concatenate([layer.bounds, np.repeat(layer.bounds[:, :, -1:], more, axis=2)], axis=2),
+def joined(layers: Sequence[RunTables]) -> RunTables:
+    """The tables of several sets of readings of one run as one set of tables."""
+    if len(layers) == 1:
+        return layers[0]
+    beams, centres, scales, no_wall = (
+        np.concatenate([np.asarray(layer[field])[:, : layer.counts[0]] for layer in layers], axis=1)
+        for field in (0, 1, 2, 5)
     )
+    counts = np.array([beams.shape[1]])
+    ends = max(layer.bounds.shape[3] for layer in layers)
+    cells, bounds = np.full((1, counts[0], 2, ends - 1, 4), np.nan), np.empty((1, counts[0], 2, ends))
+    first = 0
+    for layer in layers:  # what lies beyond the cells of one nobody asks for
+        rows, count = slice(first, first + layer.counts[0]), layer.bounds.shape[3]
+        cells[:, rows, :, : count - 1] = layer.cells[:, : layer.counts[0]]
+        bounds[:, rows, :, :count] = layer.bounds[:, : layer.counts[0]]
+        first = rows.stop
+    return RunTables(beams, centres, scales, cells, bounds, no_wall, counts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cell_of(offset: float, cells: int) -> tuple[int, float]:
     """The cell of an offset from the centre, in scales, and the share of the cell before it."""
-    bits = int(np.float64(1.0 + offset).view(np.int64))
-    if bits < (EXPONENT_OF_ONE + FINE_OCTAVES) << MANTISSA_BITS:
+    bits = int(np.float64(CELL_ORIGIN + offset).view(np.int64))
+    if bits < (EXPONENT_OF_ORIGIN + FINE_OCTAVES) << MANTISSA_BITS:
         share = (bits & ((1 << FINE_SHIFT) - 1)) * (1.0 / (1 << FINE_SHIFT))
         return (bits >> FINE_SHIFT) - FINE_FIRST, share
     cell = (bits >> COARSE_SHIFT) - COARSE_FIRST

@@ -23,8 +23,8 @@ from ..models.uniform_prior import Uniform
 from ..models.wrapped_noise import reading_bias, reading_spread
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import JUMP_NATS, NODES_WHERE_SMOOTH, moments_of_any, nodes_for
-from .density_tables import Tables, joined, tabulate
+from .any_noise import JUMP_NATS, NODES_WHERE_SMOOTH, VALUES_TO_A_PIECE, moments_of_any, nodes_for
+from .density_tables import RunTables, joined, tabulate
 from .integrals import NODES_OF_RULES, Pieces, Rules, moments, rules
 from .partition import partition
 
@@ -34,7 +34,7 @@ ROUNDING_ERROR = 1e-7  # deviations of the posterior that corners of pieces, kno
 OTHER_ERROR = 1e-4  # the same of densities that are interpolated, and of parts that were left out
 NODES_OF_DRAWS = (18,) * len(NODES_OF_RULES)
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
-VALUES_TO_A_PIECE = 1000  # and beam that an integral reads, about
+BEAMS_AT_ONCE = 128  # of some runs, whose densities are tabulated at once
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
 MAX_DISAGREEING_SHARE = 0.01  # of the places
@@ -311,12 +311,13 @@ class ExactPositionFilter(BriefRepr):
                 in_threads(moments, runs, work, part.pieces, told, weights, part.factor, rule, *out)
             logs += common
         else:
-            nothing = nodes_for(0)
-            for run in range(runs):
-                tables = self._tables(readings[run])
+            nothing, at_once = nodes_for(0), max(1, BEAMS_AT_ONCE // readings.shape[2])
+            for first in range(0, runs, at_once if readings.shape[1] == 1 else 1):
+                tables = self._tables(readings[first : first + at_once])
+                block = slice(first, first + len(tables.counts))
                 for place, part in enumerate(self.parts):
-                    each = means[place, run], covariances[place, run]
-                    logs[place, run] = moments_of_any(part.pieces, tables, part.factor, rule, nothing, *each)
+                    out = means[place, block], covariances[place, block], logs[place, block]
+                    moments_of_any(part.pieces, tables, part.factor, rule, nothing, *out)
         logs += np.array([part.log_share - part.log_integral for part in self.parts])[:, None]
         if parts == 1:
             return means[0], covariances[0], logs[0]
@@ -331,16 +332,16 @@ class ExactPositionFilter(BriefRepr):
         with np.errstate(divide="ignore"):
             return mean, covariance, best + np.log(total)
 
-    def _tables(self, readings: Array) -> Tables:
-        """Log densities of one run's readings (T, B) as functions of the expected ranges."""
-        if not len(readings):
-            readings = np.full((1, readings.shape[1]), np.nan)
-        return joined([self._tabulated(layer) for layer in self._layers(readings)])
+    def _tables(self, readings: Array) -> RunTables:
+        """Log densities of readings (M, T, B) as functions of the expected ranges; of several for one run."""
+        if readings.shape[1] == 1:
+            return self._tabulated(readings)
+        if readings.shape[1] == 0:
+            return self._tabulated(np.full((1, 1, readings.shape[2]), np.nan))
+        return joined([self._tabulated(layer[None]) for layer in self._layers(readings[0])])
 
     def _layers(self, readings: Array) -> list[Array]:
         """Readings (T, B) in sets, NaN where a reading is in another: those of a beam lie close together."""
-        if len(readings) == 1:
-            return [readings]
         sensor = self.problem.sensor
         at = np.clip(readings, 0.0, MAX_CENTRE_M)
         stds = np.broadcast_to(reading_spread(sensor.noise, at), readings.shape)
@@ -353,23 +354,25 @@ class ExactPositionFilter(BriefRepr):
         np.put_along_axis(layer, order[1:], apart, axis=0)
         return [np.where(layer == number, readings, np.nan) for number in range(int(layer.max()) + 1)]
 
-    def _tabulated(self, readings: Array) -> Tables:
-        """A table for each beam of readings (T, B) that lie close together."""
+    def _tabulated(self, readings: Array) -> RunTables:
+        """A table for each beam of readings (M, T, B) that lie close together."""
         sensor = self.problem.sensor
         finite = np.isfinite(readings)
-        counts = finite.sum(axis=0)
+        counts = finite.sum(axis=1)
         farthest = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
-        limit = np.where(np.isneginf(readings).any(axis=0), sensor.min_range, farthest)
-        sums = np.where(finite, readings, 0.0).sum(axis=0)
+        limit = np.where(np.isneginf(readings).any(axis=1), sensor.min_range, farthest)
+        sums = np.where(finite, readings, 0.0).sum(axis=1)
         walls = sums / np.maximum(counts, 1) - reading_bias(sensor.noise)
         centres = np.where(counts > 0, np.maximum(walls, 0.0), limit)
         centres = np.minimum(centres, MAX_CENTRE_M)
         stds = np.broadcast_to(reading_spread(sensor.noise, centres), centres.shape)
 
         def density(expected: Array) -> Array:
-            return np.asarray(sum(sensor.beam_log_density(row, expected) for row in readings))
+            return np.asarray(
+                sum(sensor.beam_log_density(rows, expected) for rows in readings.swapaxes(0, 1))
+            )
 
-        return tabulate(density, centres, stds, np.asarray((~np.isnan(readings)).any(axis=0)), self._farthest)
+        return tabulate(density, centres, stds, np.asarray((~np.isnan(readings)).any(axis=1)), self._farthest)
 
     @cached_property
     def _farthest(self) -> float:
@@ -388,11 +391,11 @@ class ExactPositionFilter(BriefRepr):
             return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
-        room, tables = 1 << 15, self._tables(readings)
+        room, tables = 1 << 15, self._tables(readings[None])
         while True:
             nodes = nodes_for(room)
             for part in self.parts:
-                first, unused = int(nodes.total[0]), (np.empty(2), np.empty((2, 2)))
+                first, unused = int(nodes.total[0]), (np.empty((1, 2)), np.empty((1, 2, 2)), np.empty(1))
                 moments_of_any(part.pieces, tables, part.factor, self._close_rules, nodes, *unused)
                 nodes.log_weights[first : int(nodes.total[0])] += part.log_share - part.log_integral
             if nodes.total[0] <= room:

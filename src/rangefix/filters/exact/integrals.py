@@ -64,6 +64,15 @@ def rule_for(length: float) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def light_rule_for(length: float, light: float, counts: IntArray) -> int:
+    """The same where errors may be exp(light) times as large: n nodes err by the length to the power 2n."""
+    for rule in range(len(LONGEST_OF_RULES)):
+        if length <= LONGEST_OF_RULES[rule] * math.exp(0.5 * light / counts[rule]):
+            return rule
+    return len(LONGEST_OF_RULES)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def put_in_order(values: Array, count: int) -> None:
     """The first few numbers in rising order, in place."""
     for place in range(1, count):

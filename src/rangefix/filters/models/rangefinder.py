@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -215,10 +216,11 @@ class Rangefinder:
         with np.errstate(over="ignore"):  # readings that are far off
             terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
         terms = np.where(possible, terms, -np.inf)
-        if silent.ndim == 1 and silent.any():  # one scan at many states: only its beams that did not return
-            kept = np.flatnonzero(silent)
-            noise = noise_of_beams(self.noise, kept, len(silent))
-            terms[..., kept] = noise.log_above(np.asarray(self.max_range), expected[..., kept])
+        if silent.any() and silent.shape == expected.shape[-silent.ndim :]:  # only beams that did not return
+            beams = np.nonzero(silent)
+            kept: tuple[Any, ...] = (..., *beams)
+            noise = noise_of_beams(self.noise, beams[-1], silent.shape[-1])
+            terms[kept] = noise.log_above(np.asarray(self.max_range), expected[kept])
         elif silent.any():
             terms = np.where(silent, self.noise.log_above(np.asarray(self.max_range), expected), terms)
         if close.any() and self.min_range:
