@@ -2,7 +2,7 @@
 
 `FAMILIES` names the families; `draw(family, number)` gives one problem of it, a truth from its prior, its
 moves and the readings at each step. Known headings: "room", "plan", "mesh", "student", "mixture", "limited".
-Unknown headings: "circle", "arc". Moving against walls: "walls" (pose), "walk" (known heading).
+Unknown headings: "circle", "arc", and "fine" with beams of 1 to 10 mm. Moving against walls: "walls" (pose), "walk" (known heading).
 """
 
 from __future__ import annotations
@@ -39,8 +39,10 @@ from rangefix.maps import FloorPlan, MeshRoom, RectangularRoom
 POSITION = ("room", "plan", "mesh", "student", "mixture", "limited")
 HEADING = ("circle", "arc")
 MOVING = ("walls", "walk")
-FAMILIES = (*POSITION, *HEADING, *MOVING)
+FINE = ("fine",)
+FAMILIES = (*POSITION, *HEADING, *MOVING, *FINE)
 STDS_M = (0.01, 0.1)  # of the noise, evenly in its log
+FINE_STDS_M = (0.001, 0.01)  # likewise
 HEIGHT_M = 2.5  # of the walls of meshes
 STEPS = 4  # measurements of a moving object
 
@@ -75,7 +77,7 @@ def draw(family: str, number: int) -> Drawn:
         return _moving(family, rng)
     drawing: dict[str, Callable[[Generator], RangeMap]] = {"room": draw_room, "mesh": draw_mesh}
     room = drawing.get(family, draw_plan)(rng)
-    heading = None if family in HEADING else float(rng.uniform(0, TWO_PI))
+    heading = None if family in HEADING + FINE else float(rng.uniform(0, TWO_PI))
     space = pose_space() if heading is None else position_space(heading)
     beams = int(rng.integers(1 if heading is not None else 3, 9))
     noise, limits = draw_noise(family, beams, rng)
@@ -158,7 +160,7 @@ def draw_bearings(beams: int, heading: float, rng: Generator) -> Array:
 
 def draw_noise(family: str, beams: int, rng: Generator) -> tuple[Noise, dict[str, Any]]:
     """Noise and limits of the sensor: deviations of 1 to 10 cm, of each beam or of all."""
-    low, high = np.log(STDS_M)
+    low, high = np.log(FINE_STDS_M if family in FINE else STDS_M)
     stds = np.exp(rng.uniform(low, high, beams))
     std = float(stds[0])
     if family == "student":

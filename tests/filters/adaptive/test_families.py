@@ -22,7 +22,7 @@ from rangefix.filters.exact import ExactPositionFilter
 from rangefix.filters.optional_methods import numerical_error
 from rangefix.filters.space import NO_DIRECTION
 
-from ..families import HEADING, POSITION, Drawn, draw
+from ..families import FINE, HEADING, POSITION, Drawn, draw
 from .heading_oracle import known, off_by
 
 FINER_TABLE_RAYS = 30_000_000  # of the reference, whose cells are others than the default's
@@ -103,7 +103,7 @@ def judged(family: str, numbers: range) -> None:
     assert (errors <= EXCEEDED_FACTOR * stated).all()
 
 
-@pytest.mark.parametrize("family", HEADING)
+@pytest.mark.parametrize("family", HEADING + FINE)
 def test_says_how_far_off_it_is(family: str) -> None:
     """Two problems of any heading: nothing missed, and no stated error exceeded."""
     judged(family, range(6, 8))
@@ -139,7 +139,7 @@ def test_a_mode_that_halved_steps_would_fill_too_much_of_is_answered(
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("family", HEADING)
+@pytest.mark.parametrize("family", HEADING + FINE)
 def test_says_how_far_off_it_is_in_many_problems(family: str) -> None:
     """The same over 400 problems: exceeded in 0.5 % at most, by 3 times at most."""
     judged(family, range(1000, 1000 + COUNT))
