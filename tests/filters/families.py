@@ -2,7 +2,8 @@
 
 `FAMILIES` names the families; `draw(family, number)` gives one problem of it, a truth from its prior, its
 moves and the readings at each step. Known headings: "room", "plan", "mesh", "student", "mixture", "limited".
-Unknown headings: "circle", "arc", and "fine" with beams of 1 to 10 mm. Moving against walls: "walls" (pose), "walk" (known heading).
+Unknown headings: "circle", "arc", and "fine" with beams of 1 to 10 mm. Moving against walls: "walls" (pose),
+"walk" (known heading).
 """
 
 from __future__ import annotations

@@ -206,3 +206,16 @@ def test_what_costs_too_much_is_refused() -> None:
     assert not work.has(2e5)
     with pytest.raises(TooManyCells, match=r"more than 1e\+06 rays"):
         work.spend(2e5)
+
+
+def test_what_finer_lattices_no_longer_hold_is_counted() -> None:
+    """A sliver that the first, coarse lattice held goes as steps are halved: the stated error says so."""
+    drawn, rng = draw("circle", 1044), np.random.default_rng(0)
+    estimator = AdaptivePointMassFilter(drawn.problem)
+    belief = estimator.update(estimator.init(drawn.problem.prior, rng), drawn.readings[0], rng)
+    target = estimator._targets(drawn.problem.prior, None, drawn.readings[:1])[0]
+    first, survey = estimator._search.fix(drawn.problem.prior, target)
+    assert survey is not None
+    assert belief.posterior is not None
+    assert belief.posterior.missed == survey.missed(belief.posterior)
+    assert belief.posterior.missed > 5 * survey.missed(first)

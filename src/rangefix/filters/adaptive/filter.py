@@ -275,18 +275,26 @@ class AdaptivePointMassFilter(BriefRepr):
         """
         target, other = self._targets(prior, check, measurements)
         if not isinstance(prior, Predicted):
-            found = self._search.fix(prior, target)
+            found, survey = self._search.fix(prior, target)
         else:
             try:
-                found = self._search.after_move(prior, target)
+                found, survey = self._search.after_move(prior, target)
             except TooManyCells:
                 if check is None:
                     raise
                 coarse = self._targets(check, None, measurements)[0]
-                found = refined(coarse, self._search.after_move(check, coarse), self._accuracy)
+                found = refined(coarse, self._search.after_move(check, coarse)[0], self._accuracy)
                 return replace(found, missed=np.inf)  # coarser by an unknown amount, rather than no answer
+        if not found.modes:
+            return found
         found = refined(target, found, self._accuracy)
-        return verified(target, other, found, self._accuracy) if found.modes else found
+        if survey is None:
+            return verified(target, other, found, self._accuracy)
+        again = self._search.completed(target, found, survey)  # finer lattices hold less
+        if len(again.modes) > len(found.modes):
+            again = refined(target, again, self._accuracy)
+        found = verified(target, other, again, self._accuracy)
+        return replace(found, missed=survey.missed(found))
 
     def _shortfall(self, measurement: Array) -> float:
         """By how many nats readings (B,) fall short of a perfect fit, at least, wherever they were taken."""

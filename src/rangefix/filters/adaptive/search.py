@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import TWO_PI, Array
+from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, climb, quick_scores
 from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, with_lattices
@@ -29,6 +30,40 @@ MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 
 
+class Survey(NamedTuple):
+    """Draws that stand for all of a posterior, by which to tell what its lattices do not hold.
+
+    Attributes:
+        draws: With the posterior's density, log.
+        rough: The posterior with a prior that is quick to work out, for the climb from them.
+        means, precisions: Gaussians that stand for the prior near the draws of each part, (P, n) and
+            inverse covariances, (P, n, n).
+        blur: What kernels of the prior blur beside, in deviations.
+    """
+
+    draws: Draws
+    rough: Target
+    means: Array
+    precisions: Array
+    blur: float = 0.0
+
+    def missed(self, found: Quadrature) -> float:
+        """By how much mean and covariance are off for what no lattice holds, in deviations."""
+        left = self.unheld(found)
+        return self.blur + _summed(self.worth(found, left))
+
+    def unheld(self, found: Quadrature) -> IntArray:
+        """Which draws lie in no cell, and count, (k,)."""
+        return np.flatnonzero(~found.holds(self.draws.states) & (self.draws.log_mass > -np.inf))
+
+    def worth(self, found: Quadrature, left: IntArray) -> Array:
+        """How much those draws count, log, (k,)."""
+        worth = self.draws.log_mass[left]
+        if not found.modes:
+            return worth
+        return np.asarray(worth - found.log_integral + np.log(found.counts(self.draws.states[left])))
+
+
 @dataclass(frozen=True)
 class ModeSearch:
     """How modes are found: from the boxes of a table before any move, from predicted points after one.
@@ -43,25 +78,25 @@ class ModeSearch:
     table: SearchTable
     accuracy: Accuracy
 
-    def fix(self, prior: Prior, target: Target) -> Quadrature:
-        """The posterior before any move."""
+    def fix(self, prior: Prior, target: Target) -> tuple[Quadrature, Survey | None]:
+        """The posterior before any move, and draws that tell what it misses; none with many beams."""
         precision = np.asarray(np.linalg.inv(prior.covariance), dtype=float)
         beams = len(target.beams)
         share = int((~np.isnan(target.measurements)).sum()) / beams
-        found = NOWHERE
+        found, survey = NOWHERE, None
         for factor in MARGIN_FACTORS:
             margin = factor * self.accuracy.margin
             boxes, volume = self._boxes(target.measurements, margin)
             if not len(boxes):
                 continue
-            found = self._search(target, boxes, float(np.log(volume)), precision)
+            found, survey = self._search(target, boxes, float(np.log(volume)), precision)
             if found.modes:
                 fit = found.level - float(prior.log_density(found.peak[None])[0])
                 if target.perfect() - fit + self.accuracy.margin <= share * self.table.limit(beams, margin):
                     break
-        return found
+        return found, survey
 
-    def after_move(self, prior: Predicted, target: Target) -> Quadrature:
+    def after_move(self, prior: Predicted, target: Target) -> tuple[Quadrature, Survey]:
         """The posterior after a move: from some predicted points, then from those not yet in a mode."""
         found, rough, scores = NOWHERE, replace(target, log_prior=prior.roughly), prior.scores(target)
         likely = replace(target, log_prior=no_prior, log_prior_cost=0.0)
@@ -74,42 +109,33 @@ class ModeSearch:
             found = with_lattices(target, peaks, self.accuracy, found)
         draws = prior.draws(DRAWS_ASKED)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
-        found = self._completed(target, rough, found, draws, *prior.means_and_precisions())
-        return replace(found, missed=found.missed + prior.blur(draws)) if found.modes else found
+        survey = Survey(draws, rough, *prior.means_and_precisions(), prior.blur(draws))
+        return self.completed(target, found, survey), survey
 
-    def _completed(
-        self, target: Target, rough: Target, found: Quadrature, draws: Draws, means: Array, precisions: Array
-    ) -> Quadrature:
-        """The modes found, and those that draws show where these hold nothing; and what is still not held.
-
-        Args:
-            target: The posterior.
-            rough: The same with a prior that is quick to work out, for the climb.
-            found: Its modes so far.
-            draws: Draws that stand for all of it.
-            means: Gaussians that stand for the prior near the draws of each part: means (P, n),
-            precisions: and inverse covariances, (P, n, n).
-        """
+    def completed(self, target: Target, found: Quadrature, survey: Survey) -> Quadrature:
+        """The modes found, and those that draws show where these hold nothing; and what is still not held."""
+        draws, rough = survey.draws, survey.rough
         for steps in (*DRAW_STEPS, None):
-            left = np.flatnonzero(~found.holds(draws.states) & (draws.log_mass > -np.inf))
-            worth = draws.log_mass[left]
+            left = survey.unheld(found)
+            worth = survey.worth(found, left)
             if found.modes:
-                worth = worth - found.log_integral + np.log(found.counts(draws.states[left]))
-                missed = min(float(np.logaddexp.reduce(worth, initial=-np.inf)), MOST_MISSED_NATS)
-                found = replace(found, missed=float(np.exp(missed)))
-                if found.missed < MISSED_SHARE * self.accuracy.error:
+                missed = _summed(worth)
+                found = replace(found, missed=missed + survey.blur)
+                if missed < MISSED_SHARE * self.accuracy.error:
                     break
             if steps is None or not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
                 break
             best = left[np.argsort(-worth, kind="stable")[:DRAWS_FOLLOWED]]
             of = draws.parts[best]
-            peaks = climb(rough, draws.states[best], means[of], precisions[of], steps)
+            peaks = climb(rough, draws.states[best], survey.means[of], survey.precisions[of], steps)
             if rough is not target:
                 peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = with_lattices(target, peaks, self.accuracy, found)
         return found
 
-    def _search(self, target: Target, boxes: Array, log_volume: float, precision: Array) -> Quadrature:
+    def _search(
+        self, target: Target, boxes: Array, log_volume: float, precision: Array
+    ) -> tuple[Quadrature, Survey | None]:
         """The modes about the best boxes, and about boxes that are good and in none of these modes.
 
         A wide posterior has more good boxes than can be followed, and its best mode may hold all the best.
@@ -133,11 +159,12 @@ class ModeSearch:
             if not len(left) or not target.work.has(SEARCH_SHARE * target.work.limit):
                 break
         if len(target.beams) > QUICK_BEAMS or target.perfect() - found.level > UNEXPLAINED_NATS:
-            return found
+            return found, None
         drawn = replace(target, work=Work(np.inf))
         draws = self._draws_in(boxes[scores > -np.inf], log_volume)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(drawn, draws.states))
-        return self._completed(target, target, found, draws, mean[None], precision[None])
+        survey = Survey(draws, target, mean[None], precision[None])
+        return self.completed(target, found, survey), survey
 
     def _draws_in(self, boxes: Array, log_volume: float) -> Draws:
         """Draws spread evenly over boxes (K, n) of such a volume each, the same number in each."""
@@ -218,6 +245,11 @@ class ModeSearch:
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))
+
+
+def _summed(worth: Array) -> float:
+    """The sum of numbers given by their logs, (k,)."""
+    return float(np.exp(min(float(np.logaddexp.reduce(worth, initial=-np.inf)), MOST_MISSED_NATS)))
 
 
 def draw_log_densities(target: Target, states: Array) -> Array:
