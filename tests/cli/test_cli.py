@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -435,3 +436,22 @@ def test_help_is_quick() -> None:
     pairs = [(cpu("-m", "rangefix", "--help"), cpu("-c", "pass")) for _ in range(9)]
     quickest, bare = (min(times) for times in zip(*pairs, strict=True))
     assert quickest < 22 * max(bare, 0.004)
+
+
+@pytest.mark.parametrize(
+    ("before", "expected"),
+    [
+        ("", "True 1"),
+        ("os.environ['OPENBLAS_NUM_THREADS'] = '2'", "True 2"),
+        ("import numpy", "False None"),
+    ],
+)
+def test_a_process_that_shows_results_is_brief(before: str, expected: str) -> None:
+    """It has no threads that wait, unless asked for, and collects garbage seldom; others are let alone."""
+    told = "gc.get_threshold()[0] == 100_000, os.environ.get('OPENBLAS_NUM_THREADS')"
+    program = f"import gc, os; {before}\nfrom rangefix.cli import results; results._be_brief(); print({told})"
+    unset = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    said = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=unset
+    )
+    assert said.stdout.strip() == expected

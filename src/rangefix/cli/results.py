@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +17,7 @@ if TYPE_CHECKING:
 
 Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
 
+OBJECTS = 100_000  # that are made before the collector of garbage looks again
 FIGURE_NAMES = (
     "map, claims (covariance), anees, efficiency, errors, runs, posterior, steps, ways, ranks, time"  # ours
 )
@@ -26,6 +30,17 @@ def _complete_figures(begun: str) -> list[str]:
     before, comma, name = begun.rpartition(",")
     names = [known for kind in figure_kinds() for known in (kind.name, *kind.other_names)]
     return [before + comma + known for known in names if known.startswith(name)]
+
+
+def _be_brief() -> None:
+    """Spare a process that only shows results what pays in long ones; no effect where others have begun it.
+
+    The collector of garbage looks at all objects again and again, and figures are made of many that stay; the
+    threads of BLAS, of numpy and of scipy, wait a while for work that arrays of this size never give them.
+    """
+    if "numpy" not in sys.modules:
+        gc.set_threshold(OBJECTS)
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _unfinished(*folders: Path) -> list[Results]:
@@ -97,6 +112,7 @@ def plot(
     as_json: Json = False,
 ) -> None:
     """Draw the figures of a folder of results anew, for the screen or for a paper."""
+    _be_brief()
     from ..evaluation.drawing import USUAL, draw
     from ..evaluation.figures import Layout
 
@@ -132,6 +148,7 @@ def table(
     as_json: Json = False,
 ) -> None:
     """Print the comparison of a study as a table for a paper: LaTeX, Markdown or CSV."""
+    _be_brief()
     from ..evaluation import comparison_table, load
     from ..evaluation.comparison.table import SUFFIXES
     from ..evaluation.results import write_bytes
@@ -171,6 +188,7 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Write one self-contained page about a folder of results, or about several of the same study."""
+    _be_brief()
     from ..evaluation import write_comparison, write_report
 
     path = write_report(folders[0], out) if len(folders) == 1 else write_comparison(folders, out)
@@ -201,6 +219,7 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """What differs between two results, or between the estimators of one, and what of it may be chance."""
+    _be_brief()
     from ..evaluation import load
     from ..evaluation.comparison.compare import compare as compared
 
