@@ -171,7 +171,10 @@ class NullSums:
         if not self.runs:
             return None
         groups = self.sums[: min(GROUPS, self.runs)]
-        studies = groups[np.arange(len(groups)), _choices(len(groups))].sum(1) / self.runs
+        studies = np.zeros((REPEATS, groups.shape[-1]))
+        for drawn, chosen in zip(groups, _choices(len(groups)), strict=True):
+            studies += drawn.take(chosen, axis=0)
+        studies /= self.runs
         middle = studies.mean(0)
         studies = middle + np.sqrt(1 + 1 / KEPT_DRAWS) * (studies - middle)  # the middle is one of 39 draws
         size = len(self.names)
@@ -200,8 +203,9 @@ class NullSums:
 
 @lru_cache(maxsize=GROUPS)
 def _choices(groups: int) -> IntArray:
-    """Which draw each group has in each of the repeats, (REPEATS, groups); the same in every process."""
-    return np.random.default_rng(0).integers(KEPT_DRAWS, size=(REPEATS, groups))
+    """Which draw each group has in each of the repeats, (groups, REPEATS); the same in every process."""
+    chosen = np.random.default_rng(0).integers(KEPT_DRAWS, size=(REPEATS, groups))
+    return np.ascontiguousarray(chosen.T)
 
 
 def _narrowest(drawn: Array) -> tuple[float, float]:
