@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core import event
+from numba.core.errors import TypingError
 
 from rangefix import compiled
 from rangefix.arrays import Array
@@ -62,6 +65,38 @@ def test_no_folder_for_a_cache_is_no_mistake(tmp_path: Path) -> None:
         [sys.executable, "-c", block + PREDICTED], env=bare, capture_output=True, text=True, check=True
     )
     assert (told.stdout, told.stderr) == ("1.5\n", "")
+
+
+def test_garbage_is_looked_for_seldom_only_while_loops_are_compiled() -> None:
+    """As often as before afterwards, also where one loop has another compiled, or cannot be compiled."""
+    before, seen = gc.get_threshold(), []
+
+    class Looks(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: object) -> None:
+            seen.append(gc.get_threshold()[0])
+
+        def on_end(self, event: object) -> None:
+            seen.append(gc.get_threshold()[0])
+
+    @njit()
+    def inner(value: float) -> float:
+        return value + 1.0
+
+    @njit()
+    def outer(value: float) -> float:
+        return 2.0 * inner(value)
+
+    @njit()
+    def wrong(value: float) -> float:
+        return value.nothing  # type: ignore[attr-defined, no-any-return]
+
+    with event.install_listener("numba:compile", Looks()):  # type: ignore[no-untyped-call]
+        assert outer(1.0) == 4.0
+    assert gc.get_threshold() == before
+    assert max(seen) == compiled.OBJECTS
+    with pytest.raises(TypingError):
+        wrong(1.0)
+    assert gc.get_threshold() == before
 
 
 def test_exp_below_zero_is_exact_to_two_units_in_the_last_place() -> None:

@@ -12,6 +12,7 @@ threads, which numba starts and nobody uses, would spin unless told otherwise. A
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -35,6 +36,7 @@ LEAST_WORK = 1_000_000  # values that a loop reads: with fewer, waking a thread 
 Loop = TypeVar("Loop", bound=Callable[..., Any])
 NOTICE = "compiling for this machine: some seconds, the first time only ..."
 CLEARED = "\r\033[K"  # a line of a terminal
+OBJECTS = 100_000  # that are made before one looks for garbage
 
 
 def njit(**options: Any) -> Callable[[Loop], Loop]:
@@ -72,7 +74,27 @@ class _SaysSo(event.Listener):
             sys.stderr.flush()
 
 
-event.register("numba:compile", _SaysSo())  # type: ignore[no-untyped-call]
+class _CollectsSeldom(event.Listener):
+    """Looks for garbage seldom while a loop is compiled, which makes millions of objects that mostly stay."""
+
+    depth, usual = 0, gc.get_threshold()
+
+    def on_start(self, event: Any) -> None:
+        """Begin, unless this is compiled for something that is being compiled already."""
+        self.depth += 1
+        if self.depth == 1:
+            self.usual = gc.get_threshold()
+            gc.set_threshold(OBJECTS)
+
+    def on_end(self, event: Any) -> None:
+        """Look as often as before."""
+        self.depth -= 1
+        if self.depth == 0:
+            gc.set_threshold(*self.usual)
+
+
+for listener in (_SaysSo(), _CollectsSeldom()):
+    event.register("numba:compile", listener)  # type: ignore[no-untyped-call]
 
 
 PER_LOG_2 = 1.4426950408889634

@@ -19,6 +19,8 @@ from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
 
 CELLS_PER_BLOCK = 64
 FUSED = {"contract"}  # a product and a sum may be rounded once, where the machine does both at once
+# Called by compiled loops alone: no code by which Python could.
+CALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def block_bounds(values: Array) -> tuple[Array, Array]:
@@ -75,10 +77,10 @@ def _weigh_block(
         two = weighed[cell + 1] if weighed[cell + 1] > two else two
         three = weighed[cell + 2] if weighed[cell + 2] > three else three
         four = weighed[cell + 3] if weighed[cell + 3] > four else four
-    return float(max(one, two, three, four))
+    return float(max(max(one, two), max(three, four)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, inline="always")
+@njit(error_model="numpy", fastmath=FUSED, **CALLED)
 def _select(
     readings: Readings, run: int, table: CellTable, mass: CellMass, chosen: IntArray, logs: Array
 ) -> tuple[int, float]:
@@ -91,23 +93,23 @@ def _select(
     for block in range(blocks):
         bounds[block] = mass.tops[row, block]
     start = _bound_blocks(readings, run, table, bounds)
-    # the most promising block sets the bar for all others
-    best = _weigh_block(readings, run, table, mass.logs, row, start * CELLS_PER_BLOCK, weighed)
-    count = 0
-    for block in range(blocks):
+    count, best = 0, -math.inf
+    for turn in range(-1, blocks):  # before all others the most promising block, which sets the bar for them
+        block = start if turn < 0 else turn
+        block = block if block > 0 else 0  # known not to be negative, it is swept faster
         if bounds[block] > best - NEGLIGIBLE_NATS:
             first = block * CELLS_PER_BLOCK
             most = _weigh_block(readings, run, table, mass.logs, row, first, weighed)
             best = most if most > best else best
             bar = best - NEGLIGIBLE_NATS
-            if most > bar:
-                for start in range(0, CELLS_PER_BLOCK, 8):  # most hold nothing
-                    one = max(weighed[start], weighed[start + 1])
-                    two = max(weighed[start + 2], weighed[start + 3])
-                    three = max(weighed[start + 4], weighed[start + 5])
-                    four = max(weighed[start + 6], weighed[start + 7])
+            if most > bar and turn >= 0:
+                for eight in range(0, CELLS_PER_BLOCK, 8):  # most hold nothing
+                    one = max(weighed[eight], weighed[eight + 1])
+                    two = max(weighed[eight + 2], weighed[eight + 3])
+                    three = max(weighed[eight + 4], weighed[eight + 5])
+                    four = max(weighed[eight + 6], weighed[eight + 7])
                     if max(max(one, two), max(three, four)) > bar:
-                        for cell in range(start, start + 8):  # each is written, and kept or not
+                        for cell in range(eight, eight + 8):  # each is written, and kept or not
                             chosen[count], logs[count] = first + cell, weighed[cell]
                             count += 1 if weighed[cell] > bar else 0
     return count, best
