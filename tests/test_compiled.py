@@ -16,6 +16,8 @@ from numba.core.errors import TypingError
 from rangefix import compiled
 from rangefix.arrays import Array
 from rangefix.compiled import exp_below_zero, njit
+from rangefix.maps import FloorPlan, segment_kernels
+from rangefix.maps.polygon import locate
 
 PREDICTED = """
 import numpy as np
@@ -97,6 +99,18 @@ def test_garbage_is_looked_for_seldom_only_while_loops_are_compiled() -> None:
     with pytest.raises(TypingError):
         wrong(1.0)
     assert gc.get_threshold() == before
+
+
+def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 6.0], [0.0, 6.0]])
+    points = np.array([[1.0, 1.0], [5.0, 5.0], [4.0, 3.0]])
+    walls = FloorPlan(corners)._walls
+    loops, counts = (segment_kernels.locate_in_polygon, segment_kernels.see_past_segments), set()
+    for given in (points, np.asfortranarray(points), np.repeat(points, 2, axis=0)[::2]):
+        assert [*locate(given, corners)] == [1, -1, 0]
+        assert [*walls.in_sight(given[:1], given[1:2])] == [False]
+        counts.add(tuple(len(loop.signatures) for loop in loops))  # type: ignore[attr-defined]
+    assert len(counts) == 1
 
 
 def test_exp_below_zero_is_exact_to_two_units_in_the_last_place() -> None:

@@ -140,7 +140,8 @@ class Walls:
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
 
         clear = np.empty(len(starts))
-        see_past_segments(self._rows, starts - self._centre, ends - self._centre, clear)
+        starts, ends = (np.ascontiguousarray(points - self._centre) for points in (starts, ends))
+        see_past_segments(self._rows, starts, ends, clear)  # compiled anew for each order of arrays
         return clear > 0
 
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
