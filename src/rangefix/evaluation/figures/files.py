@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import io
-import struct
-import zlib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib import rc_context, rcParams
 from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ..results import ResultsError, write_bytes
 from .style import styled
 
 FORMATS: dict[str, dict[str, Any]] = {
-    "png": {},
+    "png": {"Software": None},
     "svg": {"Date": None, "Creator": "rangefix"},
     "pdf": {"CreationDate": None, "Creator": "rangefix", "Producer": None},
 }  # what each is not to tell: neither date nor version
 DPI = 50.0, 1200.0
 MOST_PIXELS = 20_000  # of a side
-PNG = b"\x89PNG\r\n\x1a\n"  # begins such a file (ISO/IEC 15948)
-PNG_RGB, PNG_RGBA = 2, 6  # types of pixels
-PNG_LEVEL = 3  # of zlib: files as small as matplotlib's, in a third of the time
+PNG_LEVEL = 3  # of zlib: a third of the time
 
 
 def lay_out(figure: Figure) -> None:
@@ -131,59 +125,11 @@ def to_svg(figure: Figure) -> bytes:
 
 
 def to_png(figure: Figure) -> bytes:
-    """A figure as PNG, as it is laid out or will be; it may be the caller's, on a canvas of any kind."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", metadata={"Software": None}, dpi=figure.dpi)
-    return content.getvalue()
+    """A figure as PNG, as it is laid out or will be."""
+    return _content(figure, "png", float(figure.dpi))
 
 
 def _content(figure: Figure, suffix: str, dpi: float) -> bytes:
-    """A figure that is laid out as a file."""
-    if suffix == "png":
-        return _as_png(_pixels(figure, dpi), dpi)
-    content = io.BytesIO()
-    figure.savefig(content, format=suffix, metadata=FORMATS[suffix], dpi=dpi)
+    content, more = io.BytesIO(), {"compress_level": PNG_LEVEL} if suffix == "png" else None
+    figure.savefig(content, format=suffix, metadata=FORMATS[suffix], dpi=dpi, pil_kwargs=more)
     return content.getvalue()
-
-
-def _pixels(figure: Figure, dpi: float) -> NDArray[np.uint8]:
-    """Red, green, blue and opacity of a figure that is laid out, from the top left, (H, W, 4)."""
-    canvas: Any = figure.canvas  # of `lay_out`
-    usual = figure.dpi
-    figure.set_dpi(dpi)
-    canvas.draw()
-    figure.set_dpi(usual)
-    return np.asarray(canvas.buffer_rgba())
-
-
-def _as_png(pixels: NDArray[np.uint8], dpi: float) -> bytes:
-    """Pixels as a PNG file.
-
-    Lines are kept as they are: the filters of PNG, of which usual writers try five for each line, do not make
-    figures smaller. Opacity is left out where all is opaque.
-
-    Args:
-        pixels: Red, green, blue and opacity, from the top left, (H, W, 4).
-        dpi: Pixels per inch, which the file tells.
-    """
-    opaque = bool((pixels[..., 3] == 255).all())
-    pixels = pixels[..., :3] if opaque else pixels
-    height, width = pixels.shape[:2]
-    lines = np.zeros((height, 1 + pixels[0].size), dtype=np.uint8)  # each begins with its filter: 0, none
-    lines[:, 1:] = pixels.reshape(height, -1)
-    kind = PNG_RGB if opaque else PNG_RGBA
-    per_metre = round(dpi / 0.0254)
-    return b"".join(
-        [
-            PNG,
-            _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)),
-            _chunk(b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1)),
-            _chunk(b"IDAT", zlib.compress(lines.tobytes(), PNG_LEVEL)),
-            _chunk(b"IEND", b""),
-        ]
-    )
-
-
-def _chunk(name: bytes, content: bytes) -> bytes:
-    """A part of a PNG file: its length, name and content, and a sum by which readers find damage."""
-    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
