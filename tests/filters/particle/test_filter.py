@@ -377,6 +377,17 @@ def test_a_stage_leaves_as_many_effective_particles_as_asked():
     assert longest_stage(equal(5000), 1e-6 * log_density, 0.7, 2500) == 0.7
 
 
+def test_a_stage_leaves_enough_of_unequal_particles():
+    """Weights count: those that favour what the density does not let more of it in at once."""
+    rng = np.random.default_rng(13)
+    log_density = -1e4 * rng.random(5000)
+    log_weights = -1e-4 * log_density
+    log_weights -= np.log(np.exp(log_weights).sum())
+    power = longest_stage(log_weights, log_density, 1.0, 2500)
+    assert effective_number(log_weights + power * log_density) == pytest.approx(2500, rel=1e-3)
+    assert power > 1.2 * longest_stage(equal(5000), log_density, 1.0, 2500)
+
+
 def test_copies_at_two_places_claim_no_direction_for_certain():
     """All particles at two places: their covariance is of rank one; what lies between is added across it."""
     problem = PAPER

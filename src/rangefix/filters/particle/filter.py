@@ -374,7 +374,7 @@ class ParticleFilter(BriefRepr):
         The first log density is that of what is known without the reading, the second that of the reading,
         (N,) each; None where nobody has asked.
         """
-        from .move_kernels import add_spreads  # numba takes a quarter of a second
+        from .move_kernels import spreads_of  # numba takes a quarter of a second
 
         space = self.problem.space
         weights = exp_of(log_weights)
@@ -404,8 +404,8 @@ class ParticleFilter(BriefRepr):
             if spread is moved:
                 return moved, known, log_density, target
             return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
-        means, spreads = np.zeros((2, space.size)), np.zeros((2, space.size, space.size))
-        add_spreads(np.ascontiguousarray(states), weights / weights.sum(), space.is_angle, means, spreads)
+        spreads = np.empty((2, space.size, space.size))
+        spreads_of(np.ascontiguousarray(states), weights / weights.sum(), space.is_angle, spreads)
         root = covariance_root(spreads[0] + spreads[1] * self._spaced(states))  # one may have all the weight
         thorough = self.temper is not False
         here = at_copies(copies, ancestors, logs, target)

@@ -84,8 +84,9 @@ def at_copies(
         target: Is asked, once for each kind of copies, where that is so.
     """
     known, fresh = logs
-    if known is None and fresh is not None and isinstance(target, LastStep) and not target.readings:
-        return np.zeros(len(copies)), fresh.take(ancestors)
+    if known is None and fresh is not None and not target.readings:
+        prior = target.prior.log_density(copies) if isinstance(target, Posterior) else np.zeros(len(copies))
+        return prior, fresh.take(ancestors)
     if known is not None and fresh is not None:
         return known.take(ancestors), fresh.take(ancestors)
     first, counts = kinds(ancestors)

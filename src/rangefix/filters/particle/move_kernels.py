@@ -170,40 +170,35 @@ def log_density_by_walls(
 
 
 @njit(**LOOP)
-def add_spreads(states: Array, weights: Array, is_angle: BoolArray, means: Array, spreads: Array) -> None:
-    """Means and covariances of points, weighted and unweighted; of angles circular means, and about them.
+def spreads_of(states: Array, weights: Array, is_angle: BoolArray, spreads: Array) -> None:
+    """Covariances of points, weighted and unweighted; of angles about their circular means.
 
     Args:
         states: Points, (N, n).
         weights: That sum to one, (N,).
         is_angle: Which components are angles, (n,).
-        means: Zeros, which become the means, (2, n).
-        spreads: Zeros, which become the covariances, (2, n, n).
+        spreads: Gets the covariances, (2, n, n).
     """
     size, count = states.shape[1], len(states)
+    away = np.empty((size, count))
     for kind in range(2):
         for column in range(size):
-            sines, cosines = 0.0, 0.0
+            total, cosines = 0.0, 0.0  # in the processor: sums kept in an array wait for it at every step
             for place in range(count):
                 weight, state = weights[place] if kind == 0 else 1.0 / count, states[place, column]
+                total += weight * (math.sin(state) if is_angle[column] else state)
                 if is_angle[column]:
-                    sines += weight * math.sin(state)
                     cosines += weight * math.cos(state)
-                else:
-                    means[kind, column] += weight * state
-            if is_angle[column]:
-                means[kind, column] = math.atan2(sines, cosines)
-        for place in range(count):
-            weight = weights[place] if kind == 0 else 1.0 / count
-            for row in range(size):
-                across = states[place, row] - means[kind, row]
-                if is_angle[row]:
-                    across = (across + math.pi) % (2.0 * math.pi) - math.pi
-                for column in range(row + 1):
-                    along = states[place, column] - means[kind, column]
-                    if is_angle[column]:
-                        along = (along + math.pi) % (2.0 * math.pi) - math.pi
-                    spreads[kind, row, column] += weight * across * along
+            mean = math.atan2(total, cosines) if is_angle[column] else total
+            for place in range(count):
+                away[column, place] = states[place, column] - mean
+                if is_angle[column]:
+                    away[column, place] = (away[column, place] + math.pi) % (2.0 * math.pi) - math.pi
         for row in range(size):
-            for column in range(row):
-                spreads[kind, column, row] = spreads[kind, row, column]
+            for column in range(row + 1):
+                total = 0.0
+                for place in range(count):
+                    weight = weights[place] if kind == 0 else 1.0 / count
+                    total += weight * away[row, place] * away[column, place]
+                spreads[kind, row, column] = total
+                spreads[kind, column, row] = total

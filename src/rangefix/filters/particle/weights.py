@@ -73,12 +73,14 @@ def longest_stage(log_weights: Array, log_density: Array, most: float, enough: f
     density must be positive somewhere.
     """
     excess = log_density - log_density.max()
-    size = len(log_weights)
+    size, uneven = len(log_weights), bool(np.ptp(log_weights))
 
     def loss(log_power: float) -> float:
         """How much more is lost than may be, in that measure; at most 0 where enough are left."""
-        logs = log_weights + np.exp(log_power) * excess
-        logs -= logs.max()
+        logs = exp(log_power) * excess
+        if uneven:  # else the greatest is 0, and the effective number the same without them
+            logs += log_weights
+            logs -= logs.max()
         effective = effective_number(logs)
         return log(max(size / effective - 1.0, LEAST_LOSS)) - allowed
 
