@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rangefix import compiled
 from rangefix.maps import FloorPlan, MapError
 from rangefix.maps.walls import FEW_WALLS, Walls
 
@@ -76,6 +77,35 @@ def test_few_walls_and_many_give_the_same():
     few_see, many_see = (Walls(walls).in_sight(poses[:, :2], others[:, :2]) for walls in (whole, pieces))
     assert (few_see != many_see).mean() <= 1e-3
     assert 0.1 < few_see.mean() < 0.9
+
+
+def test_beams_of_many_places_are_those_of_each(monkeypatch):
+    """Seven beams from each of 300 places, as they are shared out among threads, and each place alone.
+
+    To the bit among threads; alone to rounding, for sines of one heading are taken otherwise.
+    """
+    monkeypatch.setattr(compiled, "LEAST_WORK", 0)
+    monkeypatch.setattr(compiled, "_threads", lambda: 1)
+    walls, bearings = Walls(np.array(ROOMS, dtype=float)), np.linspace(-1.0, 1.0, 7)
+    poses = np.random.default_rng(3).uniform([0.1, 0.1, -np.pi], [6.9, 8.9, np.pi], (300, 3))
+    whole = walls.cast(poses, bearings)
+    monkeypatch.setattr(compiled, "_threads", lambda: 2)
+    for one, other in zip(whole, walls.cast(poses, bearings), strict=True):
+        np.testing.assert_array_equal(one, other)
+    alone = np.array([walls.ranges(pose, bearings) for pose in poses])
+    np.testing.assert_allclose(whole.ranges, alone, rtol=1e-12)
+
+
+def test_places_may_be_laid_out_in_any_way():
+    """Whether x1 and x2 stand side by side in memory or apart, as parts of larger arrays do."""
+    states = np.random.default_rng(4).uniform(0.0, 10.0, (200, 5))
+    plan, points = FloorPlan(SQUARE, [PILLAR], [(5, 0, 5, 3)]), np.ascontiguousarray(states[:, 1:3])
+    for part in (states[:, 1:3], np.asfortranarray(points), points[:, ::-1][:, ::-1]):
+        np.testing.assert_array_equal(plan.is_free(part), plan.is_free(points))
+        np.testing.assert_array_equal(
+            plan.in_sight(part[1:], part[:-1]), plan.in_sight(points[1:], points[:-1])
+        )
+    assert 0.1 < plan.in_sight(points[1:], points[:-1]).mean() < 0.9
 
 
 def test_sight_ends_at_walls():

@@ -87,7 +87,6 @@ def locate(points: Array, corners: Array) -> NDArray[np.int8]:
     """1 inside the polygon, 0 on its border, -1 outside (also for a point not finite): (N, 2) -> (N,)."""
     from .segment_kernels import locate_in_polygon  # numba takes a quarter of a second
 
-    where = np.empty(len(points))
-    points, corners = (np.ascontiguousarray(given, dtype=np.float64) for given in (points, corners))
-    locate_in_polygon(points, corners, ON_BORDER, where)  # compiled anew for each order of arrays
+    where, points = np.empty(len(points)), np.asfortranarray(points, dtype=np.float64)  # compiled for one layout only
+    locate_in_polygon(points, np.ascontiguousarray(corners, dtype=np.float64), ON_BORDER, where)
     return where.astype(np.int8)

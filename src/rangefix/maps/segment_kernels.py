@@ -39,21 +39,24 @@ def cast_at_segments(
         positions: Places, m, (N, 2).
         s_turns, c_turns: Sines and cosines of headings, (N,) or (1,).
         s_beams, c_beams: Of bearings, (B,).
-        ranges: Gets the distances, m, (N, B); inf where a beam meets no wall.
-        met: Gets which walls are met, S for none, (N, B); or (0, 0) to do without.
+        ranges: Gets the distances, m, (N B,); inf where a beam meets no wall.
+        met: Gets which walls are met, S for none, (N B,); or (0,) to do without.
     """
     beams, wanted = len(s_beams), len(met) > 0
     x1, x2, d1, d2 = np.empty(BEAMS), np.empty(BEAMS), np.empty(BEAMS), np.empty(BEAMS)
     best, which = np.empty(BEAMS), np.empty(BEAMS, dtype=np.int64)
     for start in range(first, last, BEAMS):
         count = min(BEAMS, last - start)
+        place, beam = divmod(start, beams)  # counted on from there: to divide takes longer than all the rest
         for ray in range(count):
-            place, beam = divmod(start + ray, beams)
             turn = place if len(s_turns) > 1 else 0
             x1[ray], x2[ray] = positions[place, 0], positions[place, 1]
             d1[ray] = s_turns[turn] * c_beams[beam] + c_turns[turn] * s_beams[beam]
             d2[ray] = c_turns[turn] * c_beams[beam] - s_turns[turn] * s_beams[beam]
             best[ray], which[ray] = math.inf, len(walls)
+            beam += 1
+            if beam == beams:
+                place, beam = place + 1, 0
         for wall in range(len(walls)):
             a1, a2, b1, b2 = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
             v1, v2, offset = walls[wall, 4], walls[wall, 5], walls[wall, 6]
@@ -69,10 +72,9 @@ def cast_at_segments(
                 if wanted:
                     which[ray] = wall if nearer else which[ray]
         for ray in range(count):
-            place, beam = divmod(start + ray, beams)
-            ranges[place, beam] = best[ray] + 0.0  # no -0
+            ranges[start + ray] = best[ray] + 0.0  # no -0
             if wanted:
-                met[place, beam] = which[ray]
+                met[start + ray] = which[ray]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -140,8 +140,8 @@ class Walls:
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
 
         clear = np.empty(len(starts))
-        starts, ends = (np.ascontiguousarray(points - self._centre) for points in (starts, ends))
-        see_past_segments(self._rows, starts, ends, clear)  # compiled anew for each order of arrays
+        starts, ends = (np.asfortranarray(points - self._centre) for points in (starts, ends))
+        see_past_segments(self._rows, starts, ends, clear)  # several at once if x1 and x2 stand apart
         return clear > 0
 
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
@@ -159,9 +159,10 @@ class Walls:
         if (headings == headings[0]).all():
             headings, bearings = np.zeros(1), headings[0] + bearings
         arrays = (
-            self._rows, poses[:, :2] - self._centre, *unit_vectors(headings), *unit_vectors(bearings), ranges
+            self._rows, poses[:, :2] - self._centre, *unit_vectors(headings), *unit_vectors(bearings),
+            ranges.reshape(-1),
         )  # fmt: skip
-        walls = np.empty((0, 0), dtype=np.int64) if met is None else met
+        walls = np.empty(0, dtype=np.int64) if met is None else met.reshape(-1)
         in_threads(cast_at_segments, ranges.size, ranges.size * len(self.segments), *arrays, walls)
         if met is not None:
             met *= 2
