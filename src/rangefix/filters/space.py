@@ -81,9 +81,12 @@ class StateSpace:
 
     def wrap(self, states: Array) -> Array:
         """The same states with angles in [-pi, pi): (..., n) -> (..., n)."""
-        if not self.is_angle.any():
+        if self.heading is not None:
             return states
-        return np.where(self.is_angle, wrap(states), states)
+        wrapped = np.array(states, dtype=float)
+        column = self.names.index("heading")
+        wrapped[..., column] = wrap(wrapped[..., column])
+        return wrapped
 
     def difference(self, states: Array, reference: Array) -> Array:
         """Differences states - reference, angles the short way round: (..., n), (..., n) -> (..., n)."""

@@ -87,15 +87,16 @@ class Confined:
 
     def _tried(self, starts: Array, draw: Callable[[IntArray], Array]) -> Array:
         """Ends of the steps from starts (N, n); `draw` draws steps of the rows that it is given."""
-        ends = starts.copy()
-        left = np.arange(len(starts))
-        for _ in range(self.tries):
+        ends = np.array(draw(np.arange(len(starts))), dtype=float)
+        left = np.flatnonzero(~self.allows(starts, ends))
+        ends[left] = starts[left]
+        for _ in range(self.tries - 1):
+            if not left.size:
+                break
             drawn = draw(left)
             open_ = self.allows(starts[left], drawn)
             ends[left[open_]] = drawn[open_]
             left = left[~open_]
-            if not left.size:
-                break
         return ends
 
     def allows(self, starts: Array, ends: Array) -> BoolArray:

@@ -119,11 +119,11 @@ class Odometry:
         errors = self._errors(np.asarray(control, dtype=float))
         states, control = _pair(states, control)
         noisy = [control[..., column] for column in range(3)]
-        for error in errors:
-            draws = rng.standard_normal(states.shape[:-1])
+        draws = rng.standard_normal((len(errors), *states.shape[:-1]))
+        for error, drawn in zip(errors, draws, strict=True):
             for column, part in enumerate(error):
                 if part.ndim or part:
-                    noisy[column] = noisy[column] + draws * part
+                    noisy[column] = noisy[column] + drawn * part
         return self._moved(states, *noisy)
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
@@ -202,10 +202,12 @@ def _to_map(heading: Array, forward: Array | float, right: Array | float) -> tup
 
 
 def _pair(states: Array, control: Array) -> tuple[Array, Array]:
-    """States (..., n) and controls (..., 3) with their leading axes broadcast."""
+    """States (..., n) and controls (..., 3) with their leading axes broadcast; a single control as it is."""
     states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
     if control.shape[-1:] != (3,):
         raise ValueError(f"odometry's control is forward, right, turn: shape (..., 3), got {control.shape}")
+    if control.ndim == 1:
+        return states, control
     shape = np.broadcast_shapes(states.shape[:-1], control.shape[:-1])
     return (
         np.broadcast_to(states, (*shape, states.shape[-1])),

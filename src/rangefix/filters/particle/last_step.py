@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array
 from ..models.confined import Confined
 from ..problem import Motion, Problem
 from ..space import StateSpace
@@ -63,15 +63,19 @@ class LastStep:
         """Half of the steps drawn anew, half changed in part; the state as it is where a wall is met."""
         motion, space = self.problem.motion, self.problem.space
         free = motion.motion if isinstance(motion, Confined) else motion
-        anew = rng.random(len(states)) < (0.5 if self.is_gaussian else 1.0)
+        redrawn = rng.random(len(states)) < (0.5 if self.is_gaussian else 1.0)
+        anew = np.flatnonzero(redrawn)
         proposal = states.copy()
-        proposal[anew] = motion.sample(self.starts[anew], self.control, rng)
-        changed = ~anew & (states != self.starts).any(axis=-1)  # what stayed at a wall has no noise to change
-        starts = self.starts[changed]
-        part = _partly(free, starts, states[changed], self.control, space, rng)
+        proposal[anew] = motion.sample(self.starts.take(anew, axis=0), self.control, rng)
+        apart = np.zeros(len(states), dtype=np.bool_)
+        for column in range(space.size):
+            apart |= states[:, column] != self.starts[:, column]
+        changed = np.flatnonzero(~redrawn & apart)  # what stayed at a wall has no noise to change
+        starts, ends = self.starts.take(changed, axis=0), states.take(changed, axis=0)
+        part = _partly(free, starts, ends, self.control, space, rng)
         if isinstance(motion, Confined):
-            clear: BoolArray = motion.allows(starts, part)
-            part = np.where(clear[:, None], part, states[changed])
+            clear = motion.allows(starts, part)
+            changed, part = changed[clear], part[clear]
         proposal[changed] = part
         return proposal
 
