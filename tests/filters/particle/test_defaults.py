@@ -140,6 +140,19 @@ def test_copies_count_as_one():
     ) == pytest.approx(1000)
 
 
+@pytest.mark.parametrize("shared", [0, 100])
+def test_copies_count_as_one_wherever_they_are(shared):
+    """In any order and of any weights, also where some places share their first component."""
+    rng = np.random.default_rng(2)
+    places = rng.random((200, 2))
+    places[:shared, 0] = 0.5
+    states, weights = places[rng.integers(200, size=300)], rng.random(300)
+    _, place = np.unique(states, axis=0, return_inverse=True)
+    together = np.bincount(place.ravel(), weights)
+    expected = together.sum() ** 2 / (together @ together)
+    assert effective_places(states, np.log(weights / weights.sum())) == pytest.approx(expected, rel=1e-12)
+
+
 def test_stages_end():
     """A reading of 1e9 deviations from any place ends within the stages allowed, and stays finite."""
     problem, _ = PROBLEMS["room, 1 cm, one beam"]
