@@ -1,4 +1,7 @@
-"""How much memory the built-in estimators take, told before any of it is taken."""
+"""How much memory the built-in estimators take, told before any of it is taken.
+
+What only one family of estimators knows is imported when it is asked about: the compiled ones take a while.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .adaptive.choice import MOST_PIECES
-from .adaptive.range_bounds import TABLE_RAYS, table_shape
-from .exact.partition import MAX_CORNERS
 from .kalman.batch import WORK_PER_RANGE
 from .kalman.batch import runs_at_once as kalman_runs_at_once
 from .models.motion import Stationary
 from .particle.likelihood import Likelihood
-from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
-from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
-from .point_mass.grid import count_cells
-from .point_mass.named import GRID_CELLS, MODE_CELLS, REFINED_CELLS, looks_for_modes
-from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
-from .point_mass.turning_ranges import directions
 from .problem import Prior, Problem
-from .refined_cells.coarse_cells import CELLS, SEARCH_BEAMS
-from .refined_cells.filter import USUAL_CELLS, run_bytes, runs_at_once
-from .refined_cells.halving import VALUES_AT_ONCE
 from .registry import BUILT_IN, resolve
 
 FLOAT = 8.0  # bytes
@@ -76,6 +67,14 @@ def memory_needed(name: str, problem: Problem, options: Mapping[str, Any], runs:
 
 def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """Cells with their centres and probabilities, and the ranges that they expect."""
+    from .adaptive.range_bounds import TABLE_RAYS
+    from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
+    from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
+    from .point_mass.grid import count_cells
+    from .point_mass.named import GRID_CELLS, MODE_CELLS, looks_for_modes
+    from .point_mass.turning_kernels import HEADINGS_PER_BLOCK
+    from .point_mass.turning_ranges import directions
+
     if options["cell"] is None and looks_for_modes(problem):
         most = MODE_CELLS if options["most_cells"] is None else options["most_cells"]
         return _adaptive(problem, {"table_rays": TABLE_RAYS, "most_cells": most}, runs)
@@ -114,6 +113,11 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
 
 def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed:
     """Coarse cells of two lattices, and the cells of the runs that are worked on at once."""
+    from .point_mass.named import REFINED_CELLS
+    from .refined_cells.coarse_cells import CELLS, SEARCH_BEAMS
+    from .refined_cells.filter import USUAL_CELLS, run_bytes, runs_at_once
+    from .refined_cells.halving import VALUES_AT_ONCE
+
     size, beams = problem.space.size, len(problem.sensor.bearings)
     searched = min(beams, SEARCH_BEAMS)
     coarse = 2 * CELLS[size] * FLOAT * (size**2 + 4 * size + (6.0 + size) * searched)
@@ -127,6 +131,9 @@ def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed
 
 def _adaptive(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """The table of least and greatest ranges, and the lattices of one run; or the pieces of `exact`."""
+    from .adaptive.choice import MOST_PIECES
+    from .adaptive.range_bounds import table_shape
+
     if problem.space.heading is not None and isinstance(problem.motion, Stationary):
         pieces = _exact(problem, {"most_pieces": MOST_PIECES}, runs)
         return pieces._replace(advice="take fewer beams, or a map of fewer walls")
@@ -182,6 +189,8 @@ def _one_run(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryN
 
 def _exact(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """As many pieces as the lines through the ends of walls can make, up to `most_pieces`."""
+    from .exact.partition import MAX_CORNERS
+
     beams, walls = len(problem.sensor.bearings), len(problem.sensor.room.segments)
     lines = 2.0 * walls * beams
     pieces = min(float(options["most_pieces"]), 1 + lines + lines * (lines - 1) / 2)

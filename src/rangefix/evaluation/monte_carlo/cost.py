@@ -67,7 +67,7 @@ def check_memory(
         ResultsError: If they do not; it says what takes how much, and what to change.
         ValueError: If the limit is none.
     """
-    from ...filters.memory import MemoryNeed  # imports numba
+    from ...filters.memory import MemoryNeed  # brings the filters
 
     limit = (machine_memory_gb() / 2 if limit_gb is None else limit_gb) * 1e9
     if not limit > 0:

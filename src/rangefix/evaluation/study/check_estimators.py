@@ -31,7 +31,7 @@ def check_estimators(
     entries: list[EstimatorSection], problem: Problem | None, folder: Path, mistakes: Mistakes
 ) -> None:
     """Note what is wrong with the estimators of a study; of a plug-in, only whether there is such a file."""
-    from ...filters.memory import memory_needed  # imports numba, which a refused study need not wait for
+    from ...filters.memory import memory_needed  # brings the filters, which a refused study need not wait for
 
     labels: set[str] = set()
     for place, entry in enumerate(entries):
