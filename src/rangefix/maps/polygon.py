@@ -87,6 +87,7 @@ def locate(points: Array, corners: Array) -> NDArray[np.int8]:
     """1 inside the polygon, 0 on its border, -1 outside (also for a point not finite): (N, 2) -> (N,)."""
     from .segment_kernels import locate_in_polygon  # numba takes a quarter of a second
 
-    where, points = np.empty(len(points)), np.asfortranarray(points, dtype=np.float64)  # compiled for one layout only
+    where = np.empty(len(points))
+    points = np.asfortranarray(points, dtype=np.float64)  # compiled for one layout only
     locate_in_polygon(points, np.ascontiguousarray(corners, dtype=np.float64), ON_BORDER, where)
     return where.astype(np.int8)
