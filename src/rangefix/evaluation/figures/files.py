@@ -130,6 +130,8 @@ def to_png(figure: Figure) -> bytes:
 
 
 def _content(figure: Figure, suffix: str, dpi: float) -> bytes:
-    content, more = io.BytesIO(), {"compress_level": PNG_LEVEL} if suffix == "png" else None
-    figure.savefig(content, format=suffix, metadata=FORMATS[suffix], dpi=dpi, pil_kwargs=more)
+    content, more = io.BytesIO(), dict[str, Any]()
+    if suffix == "png":
+        more = {"pil_kwargs": {"compress_level": PNG_LEVEL}}
+    figure.savefig(content, format=suffix, metadata=FORMATS[suffix], dpi=dpi, **more)
     return content.getvalue()
