@@ -19,8 +19,6 @@ from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
 
 CELLS_PER_BLOCK = 64
 FUSED = {"contract"}  # a product and a sum may be rounded once, where the machine does both at once
-# Called by compiled loops alone: no code by which Python could.
-CALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def block_bounds(values: Array) -> tuple[Array, Array]:
@@ -80,7 +78,7 @@ def _weigh_block(
     return float(max(max(one, two), max(three, four)))
 
 
-@njit(error_model="numpy", fastmath=FUSED, **CALLED)
+@njit(error_model="numpy", fastmath=FUSED)  # kept with those that call it
 def _select(
     readings: Readings, run: int, table: CellTable, mass: CellMass, chosen: IntArray, logs: Array
 ) -> tuple[int, float]:
