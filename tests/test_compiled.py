@@ -108,6 +108,7 @@ def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:
     loops, counts = (segment_kernels.locate_in_polygon, segment_kernels.see_past_segments), set()
     for given in (points, np.asfortranarray(points), np.repeat(points, 2, axis=0)[::2]):
         assert [*locate(given, corners)] == [1, -1, 0]
+        assert [*locate(given[:1], corners)] == [1]
         assert [*walls.in_sight(given[:1], given[1:2])] == [False]
         counts.add(tuple(len(loop.signatures) for loop in loops))  # type: ignore[attr-defined]
     assert len(counts) == 1

@@ -88,6 +88,6 @@ def locate(points: Array, corners: Array) -> NDArray[np.int8]:
     from .segment_kernels import locate_in_polygon  # numba takes a quarter of a second
 
     where = np.empty(len(points))
-    points = np.asfortranarray(points, dtype=np.float64)  # compiled for one layout only
-    locate_in_polygon(points, np.ascontiguousarray(corners, dtype=np.float64), ON_BORDER, where)
+    points, corners = (np.ascontiguousarray(given, dtype=np.float64) for given in (points.T, corners))
+    locate_in_polygon(points, corners, ON_BORDER, where)  # compiled anew for each order of arrays
     return where.astype(np.int8)

@@ -83,17 +83,17 @@ def see_past_segments(walls: Array, starts: Array, ends: Array, clear: Array) ->
 
     Args:
         walls: As for `cast_at_segments`, (S, 7).
-        starts, ends: m, (N, 2).
+        starts, ends: m, x1 and x2 of all, (2, N).
         clear: Gets 1 where nothing stands between and 0 elsewhere, (N,).
     """
-    for place in range(len(starts)):
+    for place in range(len(clear)):
         clear[place] = 1.0
     for wall in range(len(walls)):
         a1, a2, b1, b2 = walls[wall, 0], walls[wall, 1], walls[wall, 2], walls[wall, 3]
         v1, v2, offset = walls[wall, 4], walls[wall, 5], walls[wall, 6]
-        for place in range(len(starts)):
-            x1, x2 = starts[place, 0], starts[place, 1]
-            d1, d2 = ends[place, 0] - x1, ends[place, 1] - x2
+        for place in range(len(clear)):
+            x1, x2 = starts[0, place], starts[1, place]
+            d1, d2 = ends[0, place] - x1, ends[1, place] - x2
             side_a = (a1 - x1) * d2 - (a2 - x2) * d1
             side_b = (b1 - x1) * d2 - (b2 - x2) * d1
             share = (offset - (v1 * x1 + v2 * x2)) / (v1 * d1 + v2 * d2)
@@ -106,14 +106,14 @@ def locate_in_polygon(points: Array, corners: Array, border: float, where: Array
     """Where points lie, by the even-odd rule: 1 inside, 0 on the border, -1 outside.
 
     Args:
-        points: (N, 2).
+        points: x1 and x2 of all, (2, N).
         corners: Of the polygon in order, (n, 2).
         border: How far from a side a point is on it.
         where: Gets the answers, (N,).
     """
     sides = len(corners)
-    for place in range(len(points)):
-        x, y = points[place, 0], points[place, 1]
+    for place in range(len(where)):
+        x, y = points[0, place], points[1, place]
         odd, on_border = False, False
         for side in range(sides):
             after = side + 1 if side + 1 < sides else 0

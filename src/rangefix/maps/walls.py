@@ -140,8 +140,8 @@ class Walls:
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
 
         clear = np.empty(len(starts))
-        starts, ends = (np.asfortranarray(points - self._centre) for points in (starts, ends))
-        see_past_segments(self._rows, starts, ends, clear)  # several at once if x1 and x2 stand apart
+        starts, ends = (np.ascontiguousarray((points - self._centre).T) for points in (starts, ends))
+        see_past_segments(self._rows, starts, ends, clear)
         return clear > 0
 
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:

@@ -65,7 +65,7 @@ class Likelihood:
 
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
         density = np.empty(len(states))
-        reading, states = np.ascontiguousarray(reading), np.ascontiguousarray(states)
+        reading, states = np.array(reading), np.ascontiguousarray(states)  # one that may be written
         log_density_by_walls(states, walls, reading, stds, _level(reading, stds), density)
         return density
 
