@@ -44,6 +44,7 @@ ABOUT = {
     "circle": "floor plans, 3 to 8 beams, any heading",
     "arc": "floor plans, 3 to 8 beams, any heading in an arc of 0.3 to 3 rad",
     "walls": "rooms and plans, a pose driven against walls, four measurements",
+    "fine": "floor plans, 3 to 8 beams of 1 to 10 mm, any heading",
     "walk": "rooms and plans, a walk between walls, heading known, four measurements",
 }
 REFERENCE_ACCURACY = 0.004  # deviations, of the adaptive filter where it is the reference
@@ -53,8 +54,8 @@ HEAD = """# Who is honest where
 <!-- Made by `make honesty`: do not edit. -->
 
 Every built-in estimator at its defaults on random problems: 1 to 8 beams along the axes, in random
-directions or in a fan, and noise of 1 to 10 cm. They are none of those on which the estimators were tried
-while they were made.
+directions or in a fan, and noise of 1 to 10 cm (in one family of 1 to 10 mm). They are none of those on
+which the estimators were tried while they were made.
 
 The reference is `exact` where the heading is known and nothing moves. Elsewhere it is `adaptive-point-mass`
 asked for an accuracy of {accuracy}; what that says itself that it cannot hold (no mean heading, an error
