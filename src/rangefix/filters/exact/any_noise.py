@@ -328,7 +328,8 @@ def _integrate(
 ) -> float:  # fmt: skip
     """Integrals of 1, x, xx' times prior and likelihood over exp(log_peak), about the first corner.
 
-    `room` (6, N) and `which_met` (K,) are to work in.
+    `room` (6, N) and `which_met` (K,) are to work in. By `light` nats the part counts less than all: so much
+    greater may its errors be. Beams whose densities are straight to within that have slopes, and no table.
 
     Where densities vary too much for the rules (`rough`), each node stands for the box about it, whose spread
     counts: one node may hold all.
@@ -357,7 +358,7 @@ def _integrate(
     # offsets from the centres of the beams that meet walls, in scales: begin + by_s s + by_t t
     met, constant = 0, -log_peak
     begin, by_s, by_t = room[3], room[4], room[5]
-    curved_s = curved_t = steep_s = steep_t = along_s = along_t = middle = 0.0
+    curved_s = curved_t = steep_s = steep_t = along_s = along_t = 0.0
     straight = 0.0 if rough else STRAIGHT_NATS * math.exp(light)  # a bend of fewer nats is none
     for which in range(tabulated):
         beam = tables.beams[which]
@@ -383,11 +384,11 @@ def _integrate(
             bend = max(middle, max(first, third))
             steep_s += rate * by_s[met] * extent_s
             steep_t += rate * by_t[met] * extent_t
-        if bend < straight:
+        if bend <= straight:
             constant += at_low + rate * (begin[met] - low)
             along_s, along_t = along_s + rate * by_s[met], along_t + rate * by_t[met]
             continue
-        curve = max(_lengths(low, high) ** 2, 8 * middle) / (high - low) ** 2
+        curve = max(_lengths(low, high) ** 2, 8 * middle) / width**2
         curved_s += curve * (by_s[met] * extent_s) ** 2
         curved_t += curve * (by_t[met] * extent_t) ** 2
         met += 1
