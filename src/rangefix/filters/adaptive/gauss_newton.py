@@ -83,7 +83,7 @@ def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: 
     space = target.sensor.space
     best, left = _look(target, states, mean, precision)
     for _ in range(steps):
-        information, pull = left
+        information, pull, _ = left
         move = np.linalg.solve(information, pull[..., None])[..., 0]
         if ((move * pull).sum(axis=-1) < LAST_STEP_SQUARED).mean() > SETTLED_SHARE:
             break
@@ -95,8 +95,36 @@ def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: 
     return best
 
 
-def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple[Peaks, tuple[Array, Array]]:
-    """What the target is at states, and what a step is made of: information (K, n, n) and pull (K, n)."""
+def box_scores(target: Target, states: Array, precision: Array) -> Array:
+    """About how much of the posterior lies in boxes about states, as far as ranges are straight there.
+
+    The best that a box holds may be many standard deviations from its middle. The log of the integral of a
+    Gaussian box times the likelihood of a linear model, in which beams that do not fit cost CAP nats each.
+
+    Args:
+        target: The posterior.
+        states: Middles of the boxes, (K, n).
+        precision: Inverse covariance of the box, (n, n).
+
+    Returns:
+        Nats, up to a constant, (K,).
+    """
+    peaks, (information, pull, misfit) = _look(
+        target, states, states, np.broadcast_to(precision, (*states.shape, states.shape[1]))
+    )
+    gained = (pull * np.linalg.solve(information, pull[..., None])[..., 0]).sum(axis=-1)
+    prior = peaks.log_density > -np.inf
+    scores = 0.5 * gained - misfit - 0.5 * np.linalg.slogdet(information)[1]
+    return np.asarray(np.where(prior, scores, scores - CAP))
+
+
+def _look(
+    target: Target, states: Array, mean: Array, precision: Array
+) -> tuple[Peaks, tuple[Array, Array, Array]]:
+    """What the target is at states, and what a step is made of: information (K, n, n) and pull (K, n).
+
+    And by how many nats the beams that are used are off, with CAP for each that is not, (K,).
+    """
     sensor, measured, beams = target.sensor, ~np.isnan(target.measurements), target.beams
     (expected, slopes), prior = target.expected_and_slopes(states), target.log_prior(states)
     counts = measured.sum(axis=0)[beams]
@@ -115,7 +143,8 @@ def _look(target: Target, states: Array, mean: Array, precision: Array) -> tuple
     pull = np.einsum("kbi,kb->ki", slopes, np.where(used, deviates, 0.0))
     pull = pull + (precision @ back[..., None])[..., 0]
     logs = prior + sum(sensor.log_density(reading, expected) for reading in target.measurements)
-    return Peaks(states, logs, _scores(target, expected, prior), information), (information, pull)
+    lost = np.where(used, 0.5 * deviates**2, CAP).sum(axis=1)
+    return Peaks(states, logs, _scores(target, expected, prior), information), (information, pull, lost)
 
 
 def _bars(sizes: Array, usable: Array, components: int) -> Array:

@@ -17,6 +17,7 @@ from .moments import Moments, is_cut, moments_of, sums_about
 from .target import Target, TooManyCells
 
 PEAK_MARGIN_NATS = 40.0  # below the best score at which a peak still counts: jumps of the range stop climbs
+FAR_BELOW_NATS = 1000.0  # what counts: no lattice about a peak there gets as high
 SHARE_BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 MAX_AXIS_HALVINGS, FALLEN_NATS = 12, 6.0  # an axis is halved until its density has fallen so far at both ends
 MIN_PROBABILITY, MIN_COUNT = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
@@ -258,6 +259,8 @@ def with_lattices(
             if known.modes and target.work.spent > SEARCH_SHARE * target.work.limit:
                 break
             level = known.level - accuracy.margin
+            if peaks.log_density[place] < level - FAR_BELOW_NATS:
+                break  # the best density comes first; a lattice there would be grown in vain
             peak, information = peaks.states[place], peaks.information[place]
             mode = _grown(target, peak, information, accuracy, Limits(known.modes, level))
             left &= ~mode.holds(peaks.states)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior, Problem
-from .gauss_newton import QUICK_BEAMS, STEPS, climb, quick_scores
+from .gauss_newton import QUICK_BEAMS, STEPS, box_scores, climb, quick_scores
 from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, with_lattices
 from .predicted import GUESS_BEAMS, Draws, Predicted
 from .range_bounds import SearchTable, shortfall_bounds
@@ -17,6 +17,9 @@ from .target import Target, Work
 
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
 MAX_BOXES = 20_000  # that a search may leave
+SCORED_RAYS = 1_000_000  # by which boxes are asked how much they may hold
+LIKELY_BOXES = 2500  # that may hold most, which are followed and have more draws
+DRAWS_IN_LIKELY = 16  # of the draws that show what is missed
 LOT_NATS = 3.0  # by which those that are left then are drawn by lot
 MAX_BOXES_FOLLOWED = 2000  # at once
 STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead elsewhere count too
@@ -143,9 +146,11 @@ class ModeSearch:
         """
         mean, scores = self.problem.prior.mean, quick_scores(target, boxes)
         found, left = NOWHERE, np.flatnonzero(scores > -np.inf)
-        worth = scores[left]
-        for steps in STEPS_BY_ROUND:
+        worth, likely = scores[left], self._likely(target, boxes, scores)
+        for number, steps in enumerate(STEPS_BY_ROUND):
             best = left[np.argsort(-worth, kind="stable")[:MAX_BOXES_FOLLOWED]]
+            if number == 0:
+                best = np.union1d(best, likely)
             peaks = climb(target, boxes[best], mean, precision, steps)
             found = with_lattices(target, peaks, self.accuracy, found)
             if not found.modes or len(target.beams) > QUICK_BEAMS:
@@ -161,14 +166,35 @@ class ModeSearch:
         if len(target.beams) > QUICK_BEAMS or target.perfect() - found.level > UNEXPLAINED_NATS:
             return found, None
         drawn = replace(target, work=Work(np.inf))
-        draws = self._draws_in(boxes[scores > -np.inf], log_volume)
+        each = np.ones(len(boxes), dtype=np.int64)
+        each[likely] = DRAWS_IN_LIKELY
+        draws = self._draws_in(boxes, each * (scores > -np.inf), log_volume)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(drawn, draws.states))
         survey = Survey(draws, target, mean[None], precision[None])
         return self.completed(target, found, survey), survey
 
-    def _draws_in(self, boxes: Array, log_volume: float) -> Draws:
-        """Draws spread evenly over boxes (K, n) of such a volume each, the same number in each."""
-        each = max(1, round(DRAWS_ASKED / max(len(boxes), 1)))
+    def _likely(self, target: Target, boxes: Array, scores: Array) -> IntArray:
+        """Which boxes (K, n) may hold most of the posterior, of those with the best scores, (k,).
+
+        None where all are followed anyway. Middles of boxes wider than a mode fit as badly in those that hold
+        one as in others.
+        """
+        few = target.few(QUICK_BEAMS)
+        asked = np.argsort(-scores, kind="stable")[: SCORED_RAYS // max(len(few.beams), 1)]
+        asked = asked[scores[asked] > -np.inf]
+        if len(asked) <= MAX_BOXES_FOLLOWED:
+            return asked[:0]
+        variances = np.diagonal(self.problem.prior.covariance).copy()
+        space = self.problem.space
+        variances[space.position_indices] = (self.table.size[:2] / 2) ** 2 / 12
+        if "heading" in space.names:
+            variances[space.names.index("heading")] = self.table.size[2] ** 2 / 12
+        likely = box_scores(few, boxes[asked], np.diag(1 / variances))
+        return asked[np.argsort(-likely, kind="stable")[:LIKELY_BOXES]]
+
+    def _draws_in(self, boxes: Array, each: IntArray, log_volume: float) -> Draws:
+        """Draws spread evenly over boxes (K, n) of such a volume each; in each at least so many, (K,)."""
+        each = each * max(1, round(DRAWS_ASKED / max(len(boxes), 1)))
         states = np.repeat(boxes, each, axis=0)
         space, rng = self.problem.space, np.random.default_rng(0)
         width = np.sqrt(TWO_PI * np.diagonal(self.problem.prior.covariance))
@@ -177,8 +203,8 @@ class ModeSearch:
             width[space.names.index("heading")] = self.table.size[2]
         laser = self._moved(states, 1.0) + width * rng.uniform(-0.5, 0.5, states.shape)
         states = space.wrap(self._moved(laser, -1.0))
-        log_share = log_volume - np.log(each)
-        return Draws(states, np.zeros(len(states), np.int64), np.full(len(states), log_share))
+        log_share = log_volume - np.log(np.repeat(each, each))
+        return Draws(states, np.zeros(len(states), np.int64), log_share)
 
     def _moved(self, states: Array, sign: float) -> Array:
         """States whose place is the laser's, of states (K, n) of the robot: 1; and the reverse: -1."""
