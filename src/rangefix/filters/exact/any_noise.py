@@ -40,6 +40,7 @@ FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 NEAR_CENTRE = 1e-9  # scales; a cut so near the centre of a table is one at it
 CUT_SCALES = 1.01 * FAR_SCALES  # where far parts are cut off: rounding does not make them near
 FAR_RATIO, FLAT_NATS = 6.0, 0.01  # of a part's ends beyond, where densities that vary at all fall as powers
+EASE_NATS = 2.0  # by which errors of the rules are greater than those of LONGEST_OF_RULES: tables err by more
 STRAIGHT_NATS = 1e-8  # by which a density may differ from a straight line, where a part holds all
 SMOOTH_NATS = 8.0  # nats by which a density may vary over a piece
 MAX_HALVINGS = 20_000  # of pieces, in each turn; what is left then is integrated as it is
@@ -225,7 +226,7 @@ def _sum_pieces(
                 continue
             log_peak, noted = bound - math.log(_area(one, corners)), nodes.total[0]
             rough = variation > 1.0
-            light = 0.0 if rough else _lightness(bound, total, one, corners, x1, x2)
+            light = 0.0 if rough else EASE_NATS + _lightness(bound, total, one, corners, x1, x2)
             for _ in range(2):
                 nodes.total[0] = noted
                 highest = _integrate(
