@@ -30,6 +30,7 @@ DRAWS_ASKED = 20_000  # that show what the modes found hold nothing of
 DRAWS_FOLLOWED = 48  # of those, at once
 DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
+HOPELESS_NATS = 1e7  # short of a perfect fit by the best middles of boxes: no other box will do
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 
 
@@ -146,15 +147,18 @@ class ModeSearch:
         """
         mean, scores = self.problem.prior.mean, quick_scores(target, boxes)
         found, left = NOWHERE, np.flatnonzero(scores > -np.inf)
-        worth, likely = scores[left], self._likely(target, boxes, scores)
-        for number, steps in enumerate(STEPS_BY_ROUND):
+        worth, likely = scores[left], None
+        for steps in STEPS_BY_ROUND:
             best = left[np.argsort(-worth, kind="stable")[:MAX_BOXES_FOLLOWED]]
-            if number == 0:
-                best = np.union1d(best, likely)
             peaks = climb(target, boxes[best], mean, precision, steps)
             found = with_lattices(target, peaks, self.accuracy, found)
             if not found.modes or len(target.beams) > QUICK_BEAMS:
                 break
+            if likely is None and target.perfect() - found.level < HOPELESS_NATS:
+                likely = self._likely(target, boxes, scores)
+                if len(likely):
+                    peaks = climb(target, boxes[likely], mean, precision, steps)
+                    found = with_lattices(target, peaks, self.accuracy, found)
             if target.perfect() - found.level > UNEXPLAINED_NATS:
                 break  # a reading that no state explains: where it fits least badly is all there is to say
             left = left[~found.holds(boxes[left])]
@@ -167,7 +171,8 @@ class ModeSearch:
             return found, None
         drawn = replace(target, work=Work(np.inf))
         each = np.ones(len(boxes), dtype=np.int64)
-        each[likely] = DRAWS_IN_LIKELY
+        if likely is not None:
+            each[likely] = DRAWS_IN_LIKELY
         draws = self._draws_in(boxes, each * (scores > -np.inf), log_volume)
         draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(drawn, draws.states))
         survey = Survey(draws, target, mean[None], precision[None])
