@@ -87,11 +87,23 @@ def moments_of_any(
         logs: Receive the log integrals; -inf where no piece is possible, (M,).
     """
     runs, count = len(tables.counts), len(pieces.counts)
-    limits, work = np.empty((runs, count)), VALUES_TO_A_PIECE * tables.beams.size * count
-    in_threads(_limit, runs, work // 1000, pieces, tables, limits)
+    limits, bounded = np.empty((runs, count)), tables.beams.size * count
+    in_threads(_limit, runs, bounded, pieces, tables, limits)
     order = np.argsort(-limits, axis=1, kind="stable")
     in_threads(
-        _sum_runs, runs, work, pieces, tables, prior, rule, nodes, order, limits, means, covariances, logs
+        _sum_runs,
+        runs,
+        VALUES_TO_A_PIECE * bounded,
+        pieces,
+        tables,
+        prior,
+        rule,
+        nodes,
+        order,
+        limits,
+        means,
+        covariances,
+        logs,
     )
 
 

@@ -311,8 +311,9 @@ class ExactPositionFilter(BriefRepr):
                 in_threads(moments, runs, work, part.pieces, told, weights, part.factor, rule, *out)
             logs += common
         else:
-            nothing, at_once = nodes_for(0), max(1, BEAMS_AT_ONCE // readings.shape[2])
-            for first in range(0, runs, at_once if readings.shape[1] == 1 else 1):
+            nothing = nodes_for(0)
+            at_once = max(1, BEAMS_AT_ONCE // readings.shape[2]) if readings.shape[1] == 1 else 1
+            for first in range(0, runs, at_once):
                 tables = self._tables(readings[first : first + at_once])
                 block = slice(first, first + len(tables.counts))
                 for place, part in enumerate(self.parts):
