@@ -72,30 +72,30 @@ def nodes_for(room: int) -> Nodes:
 
 
 def moments_of_any(
-    pieces: Pieces, tables: RunTables, prior: Array, rule: Rules, nodes: Nodes, means: Array,
+    pieces: Pieces, every: RunTables, prior: Array, rule: Rules, nodes: Nodes, means: Array,
     covariances: Array, logs: Array,
 ) -> None:  # fmt: skip
     """Mean and covariance of each run's posterior, and the log of the integral of prior times likelihood.
 
     Args:
         pieces: The pieces.
-        tables: What M runs measured.
+        every: What M runs measured.
         prior: A Gaussian factor of the prior: precision p11, p12, p22 and mean, (5,); zeros for none.
         rule: The rules.
         nodes: Receives the nodes, as far as there is room, of one run; `total` says how many there were.
         means, covariances: Receive the moments, (M, 2) and (M, 2, 2).
         logs: Receive the log integrals; -inf where no piece is possible, (M,).
     """
-    runs, count = len(tables.counts), len(pieces.counts)
-    limits, bounded = np.empty((runs, count)), tables.beams.size * count
-    in_threads(_limit, runs, bounded, pieces, tables, limits)
+    runs, count = len(every.counts), len(pieces.counts)
+    limits, bounded = np.empty((runs, count)), every.tables.beams.size * count
+    in_threads(_limit, runs, bounded, pieces, every, limits)
     order = np.argsort(-limits, axis=1, kind="stable")
     in_threads(
         _sum_runs,
         runs,
         VALUES_TO_A_PIECE * bounded,
         pieces,
-        tables,
+        every,
         prior,
         rule,
         nodes,

@@ -53,27 +53,24 @@ class Tables(NamedTuple):
 
 
 class RunTables(NamedTuple):
-    """The tables of M runs: those of `Tables` with a leading axis (M,), and how many of them each run has.
+    """The tables of M runs.
 
-    Beams that say nothing in a run have none there.
+    Attributes:
+        tables: As of one run, each with a leading axis (M,); beams that say nothing in a run have none there.
+        counts: How many of them each run has, (M,).
     """
 
-    beams: IntArray
-    centres: Array
-    scales: Array
-    cells: Array
-    bounds: Array
-    no_wall: Array
+    tables: Tables
     counts: IntArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def of_run(every: RunTables, run: int) -> Tables:
     """The tables of one run."""
-    count = every.counts[run]
+    tables, count = every.tables, every.counts[run]
     return Tables(
-        every.beams[run, :count], every.centres[run, :count], every.scales[run, :count],
-        every.cells[run, :count], every.bounds[run, :count], every.no_wall[run, :count],
+        tables.beams[run, :count], tables.centres[run, :count], tables.scales[run, :count],
+        tables.cells[run, :count], tables.bounds[run, :count], tables.no_wall[run, :count],
     )  # fmt: skip
 
 
@@ -120,12 +117,13 @@ def tabulate(
     asked = np.full((3 * int(used.sum()) + 3, runs, count), np.inf)
     _places(ends, used, centres, scales, reaches[0], asked)
     cells, bounds = np.full((runs, count, 2, len(ends) - 1, 4), np.nan), np.empty((runs, count, 2, len(ends)))
-    found = RunTables(
+    found = Tables(
         np.empty((runs, count), dtype=np.int64), np.empty((runs, count)), np.empty((runs, count)), cells,
-        bounds, np.empty((runs, count)), np.empty(runs, dtype=np.int64),
+        bounds, np.empty((runs, count)),
     )  # fmt: skip
-    _fit(ends, used, centres, scales, reaches, measured, floored(asked), found)
-    return found
+    counts = np.empty(runs, dtype=np.int64)
+    _fit(ends, used, centres, scales, reaches, measured, floored(asked), found, counts)
+    return RunTables(found, counts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -163,7 +161,7 @@ def _end(ends: Array, cell: int, side: int, zero: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit(
     ends: Array, used: IntArray, centres: Array, scales: Array, reaches: Array, measured: BoolArray,
-    values: Array, found: RunTables,
+    values: Array, found: Tables, counts: IntArray,
 ) -> None:  # fmt: skip
     """Cubics through the values at the thirds of each cell, and the greatest values from each cell outwards.
 
@@ -174,7 +172,8 @@ def _fit(
         reaches: Offsets below and above the centres up to which densities are asked for, (2, M, B).
         measured: Which beams say something, (M, B).
         values: Log densities at `_places`, (3 (used[0] + used[1]) + 3, M, B).
-        found: Receives the tables.
+        found: Receives the tables, each with a leading axis (M,).
+        counts: Receives how many each run has, (M,).
     """
     for run in range(centres.shape[0]):
         place = 0
@@ -212,27 +211,26 @@ def _fit(
                     most = max(most, greatest)
                     found.bounds[run, place, side, cell] = most
             place += 1
-        found.counts[run] = place
+        counts[run] = place
 
 
 def joined(layers: Sequence[RunTables]) -> RunTables:
     """The tables of several sets of readings of one run as one set of tables."""
     if len(layers) == 1:
         return layers[0]
+    parts = [of_run(layer, 0) for layer in layers]
     beams, centres, scales, no_wall = (
-        np.concatenate([np.asarray(layer[field])[:, : layer.counts[0]] for layer in layers], axis=1)
-        for field in (0, 1, 2, 5)
+        np.concatenate([np.asarray(part[field]) for part in parts])[None] for field in (0, 1, 2, 5)
     )
     counts = np.array([beams.shape[1]])
-    ends = max(layer.bounds.shape[3] for layer in layers)
+    ends = max(part.bounds.shape[2] for part in parts)
     cells, bounds = np.full((1, counts[0], 2, ends - 1, 4), np.nan), np.empty((1, counts[0], 2, ends))
     first = 0
-    for layer in layers:  # what lies beyond the cells of one nobody asks for
-        rows, count = slice(first, first + layer.counts[0]), layer.bounds.shape[3]
-        cells[:, rows, :, : count - 1] = layer.cells[:, : layer.counts[0]]
-        bounds[:, rows, :, :count] = layer.bounds[:, : layer.counts[0]]
+    for part in parts:  # what lies beyond the cells of one nobody asks for
+        rows, count = slice(first, first + len(part.beams)), part.bounds.shape[2]
+        cells[0, rows, :, : count - 1], bounds[0, rows, :, :count] = part.cells, part.bounds
         first = rows.stop
-    return RunTables(beams, centres, scales, cells, bounds, no_wall, counts)
+    return RunTables(Tables(beams, centres, scales, cells, bounds, no_wall), counts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
