@@ -13,7 +13,8 @@ from rangefix.filters.checks import Check, check_names, checks_for, parametrize_
 from .faults import FAULTS
 from .sound import Kalman, Particles
 
-SLOW = {"headings_are_angles", "claims_what_is_true_with_a_heading", "samples_what_it_claims"}  # on lattices
+LATTICES = ["adaptive-point-mass", "point-mass"]  # both of them at an unknown heading
+SLOW = {"headings_are_angles", "claims_what_is_true_with_a_heading", "samples_what_it_claims"}
 
 
 @parametrize_with_checks([Kalman, Particles])
@@ -25,13 +26,13 @@ def test_sound_estimators_pass(check: Check) -> None:
 @parametrize_with_checks(available())
 def test_built_in_estimators_pass(check: Check) -> None:
     """Every estimator that `available` lists, with its defaults and without exceptions."""
-    if check.subject.name == "adaptive-point-mass" and check.name in SLOW:
-        pytest.skip("takes up to a minute: make study")
+    if check.subject.name in LATTICES and check.name in SLOW:
+        pytest.skip("takes up to two minutes: make study")
     check()
 
 
 @pytest.mark.study
-@parametrize_with_checks(["adaptive-point-mass"])
+@parametrize_with_checks(LATTICES)
 def test_adaptive_lattices_pass(check: Check) -> None:
     """The checks in which lattices are built for each of many runs."""
     if check.name in SLOW:
