@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba.core import event
@@ -99,6 +100,40 @@ def test_garbage_is_looked_for_seldom_only_while_loops_are_compiled() -> None:
     with pytest.raises(TypingError):
         wrong(1.0)
     assert gc.get_threshold() == before
+
+
+@pytest.mark.parametrize(
+    ("module", "asked", "level"),
+    [
+        ("rangefix.example", None, compiled.OPTIMISATION),
+        ("rangefix.example", "3", None),
+        ("someone.else", None, None),
+    ],
+)
+def test_our_loops_alone_are_optimised_at_a_lower_level(
+    monkeypatch: pytest.MonkeyPatch, module: str, asked: str | None, level: int | None
+) -> None:
+    """It is set while they are compiled, where nobody has asked for another, and is as it was afterwards."""
+    monkeypatch.delenv("NUMBA_OPT", raising=False)
+    if asked is not None:
+        monkeypatch.setenv("NUMBA_OPT", asked)
+    before, seen = numba.config.OPT, []
+
+    class Looks(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: object) -> None:
+            seen.append(int(numba.config.OPT))
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    def twice(value: float) -> float:
+        return 2.0 * value
+
+    twice.__module__ = module
+    with event.install_listener("numba:compile", Looks()):  # type: ignore[no-untyped-call]
+        assert njit()(twice)(1.0) == 2.0
+    assert seen == [int(before) if level is None else level]
+    assert before == numba.config.OPT
 
 
 def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:
