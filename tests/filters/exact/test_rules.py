@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from rangefix.filters.exact.any_noise import NODES_WHERE_SMOOTH
-from rangefix.filters.exact.integrals import light_rule_for, rules
+from rangefix.filters.exact.rules import rule_for, rules
+from rangefix.filters.exact.smooth_parts import NODES_WHERE_SMOOTH
 
 ERROR = 1e-7  # relative; 2.5e-8 was measured
 
@@ -16,7 +16,7 @@ def test_rules_are_as_good_as_a_part_counts(light):
     """Exponentials and Gaussians over intervals of up to 5 e-folds or deviations, by the rule chosen."""
     rule, fewest = rules(NODES_WHERE_SMOOTH), []
     for length in np.geomspace(0.01, 5.0, 60):
-        chosen = light_rule_for(length, light, rule.counts)
+        chosen = rule_for(length, light, rule.counts)
         count = rule.counts[chosen]
         nodes, weights = rule.nodes[chosen, :count], rule.weights[chosen, :count]
         fewest.append(count)

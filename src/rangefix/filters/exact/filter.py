@@ -23,10 +23,12 @@ from ..models.uniform_prior import Uniform
 from ..models.wrapped_noise import reading_bias, reading_spread
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import JUMP_NATS, NODES_WHERE_SMOOTH, VALUES_TO_A_PIECE, moments_of_any, nodes_for
+from .any_noise import JUMP_NATS, VALUES_TO_A_PIECE, moments_of_any
 from .density_tables import RunTables, joined, tabulate
-from .integrals import NODES_OF_RULES, Pieces, Rules, moments, rules
-from .partition import partition
+from .gaussian_noise import moments
+from .partition import Pieces, partition
+from .rules import NODES_OF_RULES, Rules, rules
+from .smooth_parts import NODES_WHERE_SMOOTH, nodes_for
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
 APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each

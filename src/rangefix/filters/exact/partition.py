@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,19 @@ class Partition:
     counts: IntArray
     centres: Array
     areas: Array
+    ranges: Array
+    slopes: Array
+    lows: Array
+    highs: Array
+
+
+class Pieces(NamedTuple):
+    """A partition as kernels take it: see `Partition`."""
+
+    corners: Array
+    counts: IntArray
+    centres: Array
+    log_areas: Array
     ranges: Array
     slopes: Array
     lows: Array

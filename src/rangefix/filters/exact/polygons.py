@@ -51,3 +51,52 @@ def cut_by(corners: Array, count: int, normal1: float, normal2: float, level: fl
     while made > 1 and abs(out[made - 1, 0] - out[0, 0]) + abs(out[made - 1, 1] - out[0, 1]) < SAME_M:
         made -= 1
     return made
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def area_of(corners: Array, count: int) -> float:
+    """The area of a convex polygon."""
+    doubled = 0.0
+    for corner in range(1, count - 1):
+        a1, a2 = corners[corner, 0] - corners[0, 0], corners[corner, 1] - corners[0, 1]
+        b1, b2 = corners[corner + 1, 0] - corners[0, 0], corners[corner + 1, 1] - corners[0, 1]
+        doubled += a1 * b2 - a2 * b1
+    return 0.5 * abs(doubled)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def extent_along(corners: Array, count: int, c: float, d: float) -> float:
+    """How far a polygon reaches along (c, d)."""
+    low, high = np.inf, -np.inf
+    for corner in range(count):
+        place = c * corners[corner, 0] + d * corners[corner, 1]
+        low, high = min(low, place), max(high, place)
+    return high - low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, float, float]:
+    """The chord of a convex polygon at s = at: its ends along t, and their slopes by s."""
+    low, high, low_slope, high_slope = np.inf, -np.inf, 0.0, 0.0
+    for corner in range(count):
+        following = corner + 1 if corner + 1 < count else 0
+        s1, s2 = s[corner], s[following]
+        if (s1 < at < s2) or (s2 < at < s1):
+            slope = (t[following] - t[corner]) / (s2 - s1)
+            end = t[corner] + slope * (at - s1)
+            if end < low:
+                low, low_slope = end, slope
+            if end > high:
+                high, high_slope = end, slope
+    return low, low_slope, high, high_slope
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def put_in_order(values: Array, count: int) -> None:
+    """The first few numbers in rising order, in place."""
+    for place in range(1, count):
+        value, at = values[place], place
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
+            at -= 1
+        values[at] = value
