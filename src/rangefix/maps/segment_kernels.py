@@ -12,6 +12,9 @@ from ..compiled import njit
 BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
 TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it, as beams along walls do
 EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
+MARGIN_M = 1e-4  # about what beams from many poses pass: ten times what float32 does to one in a large map
+LEAST_SLOPE = 0.05  # |v.d| of a wall met by all; a beam along a wall meets it where rounding says
+MOST_WALLS = 64  # that beams may pass; with more it is left undecided which they meet
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -75,6 +78,119 @@ def cast_at_segments(
             ranges[start + ray] = best[ray] + 0.0  # no -0
             if wanted:
                 met[start + ray] = which[ray]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def walls_met_by_all(
+    first: int, last: int, walls: Array, middle: Array, halves: Array, turn: float, directions: Array,
+    met: IntArray,
+) -> None:  # fmt: skip
+    """The wall that a beam meets from every pose of a box, for each beam.
+
+    All places that it may go through lie in a wedge about the beam from the middle of the poses: one wall
+    that goes right across it, with every other behind, is met by all.
+
+    Args:
+        first, last: Which beams, up to the one before the last.
+        walls: Ends first: x1a, x2a, x1b, x2b, m, (S, 4 or more).
+        middle, halves: Of the places, and of the sides of a box about them, m, (2,) each.
+        turn: Half of the range of headings, rad; under a right angle.
+        directions: Unit vectors of the beams at the middle heading, (B, 2).
+        met: Gets the walls, (B,); -1 where there may be several, or none.
+    """
+    seen, ends = np.empty(MOST_WALLS, dtype=np.int64), np.empty((MOST_WALLS, 4))
+    widening = math.tan(turn)
+    for beam in range(first, last):
+        d1, d2 = directions[beam, 0], directions[beam, 1]
+        # u along the beam and v across it; the wedge: u >= -reach, and |v| <= level + widening u
+        reach = halves[0] * abs(d1) + halves[1] * abs(d2)
+        level = halves[0] * abs(d2) + halves[1] * abs(d1) + MARGIN_M + reach * widening
+        count, nearest, best = 0, -1, math.inf
+        for wall in range(len(walls)):
+            a1, a2 = walls[wall, 0] - middle[0], walls[wall, 1] - middle[1]
+            b1, b2 = walls[wall, 2] - middle[0], walls[wall, 3] - middle[1]
+            ua, ub = a1 * d1 + a2 * d2, b1 * d1 + b2 * d2
+            if max(ua, ub) < -reach:
+                continue
+            va, vb = a1 * d2 - a2 * d1, b1 * d2 - b2 * d1
+            over_a, over_b = va - widening * ua - level, vb - widening * ub - level
+            under_a, under_b = -va - widening * ua - level, -vb - widening * ub - level
+            if min(over_a, over_b) > 0 or min(under_a, under_b) > 0:
+                continue
+            begin, end = _within(over_a, over_b, 0.0, 1.0)
+            begin, end = _within(under_a, under_b, begin, end)
+            begin, end = _within(-reach - ua, -reach - ub, begin, end)
+            if begin > end:
+                continue
+            if count == MOST_WALLS:
+                nearest = -1
+                break
+            u, v = ua + begin * (ub - ua), va + begin * (vb - va)
+            u_end, v_end = ua + end * (ub - ua), va + end * (vb - va)
+            seen[count] = wall
+            ends[count, 0], ends[count, 1], ends[count, 2], ends[count, 3] = u, v, u_end, v_end
+            goes_across = (over_a > 0 and under_b > 0) or (under_a > 0 and over_b > 0)
+            steep = abs(v_end - v) > (LEAST_SLOPE + widening) * math.hypot(u_end - u, v_end - v)
+            if goes_across and steep and min(u, u_end) > reach + MARGIN_M and u + u_end < best:
+                nearest, best = count, u + u_end
+            count += 1
+        met[beam] = -1
+        if nearest >= 0 and _are_behind(ends, count, nearest):
+            met[beam] = seen[nearest]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _within(a: float, b: float, begin: float, end: float) -> tuple[float, float]:
+    """The shares of a way, from begin to end, at which a number that goes from a to b is at most 0."""
+    if a > 0:
+        begin = max(begin, a / (a - b))
+    if b > 0:
+        end = min(end, a / (a - b))
+    return begin, end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _are_behind(ends: Array, count: int, nearest: int) -> bool:
+    """Whether all other walls lie behind one, as seen from the origin; ends u, v, u, v of each, (N, 4)."""
+    u, v = ends[nearest, 0], ends[nearest, 1]
+    along_u, along_v = ends[nearest, 2] - u, ends[nearest, 3] - v
+    length = math.hypot(along_u, along_v)
+    side = 1.0 if along_u * v - along_v * u > 0 else -1.0  # that of what is behind
+    for other in range(count):
+        for corner in (0, 2):
+            away_u, away_v = ends[other, corner] - u, ends[other, corner + 1] - v
+            behind = side * (along_u * away_v - along_v * away_u)
+            if other != nearest and behind <= MARGIN_M * length:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ranges_to_lines(
+    first: int, last: int, lines: Array, positions: Array, s_turns: Array, c_turns: Array, s_beams: Array,
+    c_beams: Array, beams: IntArray, ranges: Array,
+) -> None:  # fmt: skip
+    """Distances from places along beams to the lines of the walls that they meet.
+
+    Args:
+        first, last: Which places, up to the one before the last.
+        lines: Normal and offset along it of the wall that each of K beams meets, v1, v2, v.a, m, (K, 3).
+        positions: Places, m, (N, 2).
+        s_turns, c_turns: Sines and cosines of headings, (N,) or (1,).
+        s_beams, c_beams: Of the K bearings, (K,).
+        beams: Where they go, (K,).
+        ranges: Gets the distances, m, (N, B).
+    """
+    row = np.empty(len(beams))
+    for place in range(first, last):
+        turn = place if len(s_turns) > 1 else 0
+        x1, x2, s, c = positions[place, 0], positions[place, 1], s_turns[turn], c_turns[turn]
+        for k in range(len(beams)):
+            v1, v2 = lines[k, 0], lines[k, 1]
+            d1, d2 = s * c_beams[k] + c * s_beams[k], c * c_beams[k] - s * s_beams[k]
+            row[k] = (lines[k, 2] - v1 * x1 - v2 * x2) / (v1 * d1 + v2 * d2)
+        for k in range(len(beams)):
+            ranges[place, beams[k]] = row[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -3,7 +3,8 @@
 Of many, Open3D's RaycastingScene (Embree: Wald et al., 2014) finds the wall that a beam meets. It works in
 float32. The walls are extruded about the plane of the beams and moved to their centre, so that large map
 coordinates cost nothing. What it answers decides which wall is met; the distance then follows from that
-wall's line in float64.
+wall's line in float64. Where many poses lie close together, most beams meet one wall from all of them, and
+it need not be asked again; no bit of an answer tells that this was done.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray, IntArray
+from ..arrays import Array, BoolArray, IntArray, wrap
 from ._open3d import open3d
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
@@ -25,6 +26,10 @@ RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays
 ROW = 4096  # of them side by side
 OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall
 AHEAD = np.zeros(1)
+MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
+CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
+LEAST_SHARE = 0.25  # and if so many of the beams meet one wall
+ROUNDING_RAD = 1e-9  # of headings
 TRUSTED = 0.05  # m from float32's distance; further off, the beam runs along the wall and meets its end
 
 
@@ -149,36 +154,90 @@ class Walls:
         ranges = np.empty((len(poses), len(bearings)))
         if not ranges.size:
             return ranges
-        if len(self.segments) > FEW_WALLS:
-            self._cast_into_scene(poses, bearings, ranges, met)
-            return ranges
+        positions, headings = poses[:, :2] - self._centre, poses[:, 2]
+        if (headings == headings[0]).all():
+            headings, bearings = np.zeros(1), headings[0] + bearings
+        few = len(self.segments) <= FEW_WALLS
+        common = None if few else self._met_by_all(positions, headings, bearings)
+        if common is not None:
+            self._cast_from_one_place(positions, headings, bearings, common, ranges, met)
+        elif few:
+            self._cast_at_each(positions, headings, bearings, ranges, met)
+        else:
+            self._cast_into_scene(positions, headings, bearings, ranges, met)
+        return ranges
+
+    def _cast_from_one_place(
+        self, positions: Array, headings: Array, bearings: Array, common: IntArray, ranges: Array,
+        met: IntArray | None,
+    ) -> None:  # fmt: skip
+        """Ranges (N, B) of poses that are close together, most of whose beams meet one wall, `common`."""
+        from ..compiled import in_threads
+        from .segment_kernels import ranges_to_lines
+
+        rest, known = np.flatnonzero(common < 0), np.flatnonzero(common >= 0)
+        turns, beams = unit_vectors(headings), unit_vectors(bearings[known])
+        arrays = self._rows[common[known], 4:], positions, *turns, *beams, known, ranges
+        in_threads(ranges_to_lines, len(positions), len(positions) * len(known), *arrays)
+        if met is not None:
+            met[:, known] = 2 * common[known]
+        if len(rest):
+            others = np.empty((len(positions), len(rest)))
+            which = np.empty((0, 0) if met is None else others.shape, dtype=np.int64)
+            self._cast_into_scene(positions, headings, bearings[rest], others, None if met is None else which)
+            ranges[:, rest] = others
+            if met is not None:
+                met[:, rest] = which
+
+    def _met_by_all(self, positions: Array, headings: Array, bearings: Array) -> IntArray | None:
+        """The wall that each beam meets from all poses, (B,), -1 where there may be several.
+
+        None where that takes longer than to cast: the poses are few, or too far apart.
+        """
+        count = len(positions)
+        if count < MANY_POSES or count < len(self.segments) / WALLS_TO_A_POSE:
+            return None
+        turns = wrap(headings - headings[0])
+        lower = np.array([column.min() for column in (*positions.T, turns)])
+        upper = np.array([column.max() for column in (*positions.T, turns)])
+        halves = 0.5 * (upper - lower)
+        if halves[:2].max() > CLOSE_M or halves[2] > CLOSE_RAD:
+            return None
+        from ..compiled import in_threads
+        from .segment_kernels import walls_met_by_all
+
+        middle = 0.5 * (upper + lower)
+        directions = np.stack(unit_vectors(headings[0] + middle[2] + bearings), axis=1)
+        met = np.empty(len(bearings), dtype=np.int64)
+        arrays = self._rows, middle[:2], halves[:2], halves[2] + ROUNDING_RAD, directions, met
+        in_threads(walls_met_by_all, len(met), len(met) * len(self.segments), *arrays)
+        return met if np.count_nonzero(met >= 0) > LEAST_SHARE * len(met) else None
+
+    def _cast_at_each(
+        self, positions: Array, headings: Array, bearings: Array, ranges: Array, met: IntArray | None
+    ) -> None:
+        """Ranges (N, B), every beam against every wall; places are from the centre, headings (N,) or (1,)."""
         from ..compiled import in_threads
         from .segment_kernels import cast_at_segments
 
-        headings = poses[:, 2]
-        if (headings == headings[0]).all():
-            headings, bearings = np.zeros(1), headings[0] + bearings
         arrays = (
-            self._rows, poses[:, :2] - self._centre, *unit_vectors(headings), *unit_vectors(bearings),
-            ranges.reshape(-1),
+            self._rows, positions, *unit_vectors(headings), *unit_vectors(bearings), ranges.reshape(-1),
         )  # fmt: skip
         walls = np.empty(0, dtype=np.int64) if met is None else met.reshape(-1)
         in_threads(cast_at_segments, ranges.size, ranges.size * len(self.segments), *arrays, walls)
         if met is not None:
             met *= 2
-        return ranges
 
-    def _cast_into_scene(self, poses: Array, bearings: Array, ranges: Array, met: IntArray | None) -> None:
-        """Ranges (N, B), block by block; the triangles met go to `met`.
+    def _cast_into_scene(
+        self, positions: Array, headings: Array, bearings: Array, ranges: Array, met: IntArray | None
+    ) -> None:
+        """The same by Open3D, block by block.
 
         The longer of the two axes runs along the rows of a block: numpy is slow on short rows.
         """
-        poses_last = len(poses) > len(bearings)
+        poses_last = len(positions) > len(bearings)
         along, across = (None, slice(None)) if poses_last else (slice(None), None)
-        positions = [poses[:, axis][along, across] - self._centre[axis] for axis in (0, 1)]
-        headings = poses[:, 2]
-        if (headings == headings[0]).all():
-            headings, bearings = np.zeros(1), headings[0] + bearings
+        places = [positions[:, axis][along, across] for axis in (0, 1)]
         turns = [v[along, across] for v in unit_vectors(headings)]
         beams = [v[across, along] for v in unit_vectors(bearings)]
         outs: list[Any] = [ranges] if met is None else [ranges, met]
@@ -188,7 +247,7 @@ class Walls:
         buffer = np.zeros((height, width, 6), dtype=np.float32)
         for block in _blocks(outs[0].shape, height, width):
             with np.errstate(all="ignore"):  # no wall: inf - inf; far off: beyond float32
-                parts = [_part(arrays, block) for arrays in (positions, turns, beams, outs)]
+                parts = [_part(arrays, block) for arrays in (places, turns, beams, outs)]
                 self._fill(parts[0], parts[1], parts[2], parts[3], buffer)
 
     def _fill(
