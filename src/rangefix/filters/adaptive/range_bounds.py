@@ -31,6 +31,7 @@ PROBE_POSES = 2000  # that test the table
 SLIP_SHARE = 0.002  # of them that may break the allowance
 HEADINGS_TRIED = 17  # at which a place of a laser off the centre may be allowed
 RANGES_AT_ONCE = 4_000_000  # that are cast
+RANGES_IN_CACHE = 16_384  # that are turned into bounds at a time
 
 
 class SearchTable(NamedTuple):
@@ -205,11 +206,22 @@ def _quanta(
     sensor: Sensor, points: Array, directions: Array
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Ranges from points (N, 2) in directions (D,), a quantum or two less and more, (N, D) each."""
-    ranges = sensor.room.ranges(np.column_stack([points, np.zeros(len(points))]), directions) / QUANTUM_M
-    none = np.isinf(ranges)
-    ranges = np.clip(np.where(none, 0, ranges), 1, MAX_QUANTA)
-    low, high = np.floor(ranges) - 1, np.ceil(ranges) + 1
-    return np.where(none, NO_WALL, low).astype(np.uint16), np.where(none, NO_WALL, high).astype(np.uint16)
+    every = sensor.room.ranges(np.column_stack([points, np.zeros(len(points))]), directions)
+    low, high = np.empty((2, *every.shape), np.uint16)
+    rows = max(1, RANGES_IN_CACHE // len(directions))
+    for first in range(0, len(points), rows):
+        part = slice(first, first + rows)
+        ranges = every[part] / QUANTUM_M
+        none = np.isinf(ranges)
+        np.clip(ranges, 1, MAX_QUANTA, out=ranges)
+        below = np.floor(ranges)
+        np.ceil(ranges, out=ranges)
+        below -= 1
+        ranges += 1
+        if none.any():
+            below[none] = ranges[none] = NO_WALL
+        low[part], high[part] = below, ranges
+    return low, high
 
 
 def _each_cell(nodes: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
