@@ -21,6 +21,7 @@ FAR_BELOW_NATS = 1000.0  # what counts: no lattice about a peak there gets as hi
 SHARE_BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 MAX_AXIS_HALVINGS, FALLEN_NATS = 12, 6.0  # an axis is halved until its density has fallen so far at both ends
 MIN_PROBABILITY, MIN_COUNT = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
+PASSED_NATS = 3.0  # above all points of lattices that hold it, at which a peak says that they pass it by
 LOBE_NATS = 6.0  # below the best mode's peak at which another is taken for a lobe of something wide
 MAX_CELLS_FACTOR = 3.0  # of a Gaussian's: of more, lobes and modes in cut axes have their steps doubled
 MANY_CELLS = 10_000  # or as many as MAX_CELLS_FACTOR allows: of more, the usual steps are doubled at first
@@ -241,6 +242,9 @@ def with_lattices(
 ) -> Quadrature:
     """Lay a lattice about each of a posterior's peaks, with the usual steps or wider ones: see `refined`.
 
+    A mode known already gives way where one of the peaks lies in its cells, far above all its points: its
+    lattice passes by what is narrower than its steps.
+
     Args:
         target: The posterior.
         peaks: Points near modes.
@@ -253,6 +257,7 @@ def with_lattices(
     Raises:
         TooManyCells: If a mode fills more cells than allowed.
     """
+    known = _without_passed_by(known, peaks)
     left = (peaks.score >= peaks.score.max() - PEAK_MARGIN_NATS) & ~known.holds(peaks.states)
     for place in np.lexsort((-peaks.score, -peaks.log_density)):
         if left[place]:
@@ -267,6 +272,19 @@ def with_lattices(
             if mode.logs.max() > level:
                 known = Quadrature((*known.modes, mode))
     return known
+
+
+def _without_passed_by(known: Quadrature, peaks: Peaks) -> Quadrature:
+    """The modes but those that hold a peak of which no mode has a point nearly as high."""
+    tops = np.array([mode.logs.max() for mode in known.modes])
+    order, passed, held = np.argsort(-tops, kind="stable"), set(), np.zeros(len(peaks.states), np.bool_)
+    for place in order:
+        higher = np.flatnonzero(~held & (peaks.log_density > tops[place] + PASSED_NATS))
+        if len(higher) and known.modes[place].holds(peaks.states[higher]).any():
+            passed.add(int(place))
+        held |= known.modes[place].holds(peaks.states)
+    kept = tuple(mode for place, mode in enumerate(known.modes) if place not in passed)
+    return replace(known, modes=kept) if passed else known
 
 
 def refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature:
