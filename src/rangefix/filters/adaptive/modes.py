@@ -141,7 +141,26 @@ class Quadrature:
             return error
         angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
         resultant_error = error * min(1.0, float(np.sqrt(angles.max(initial=0.0))))
-        return error if self.moments.resultant - resultant_error >= NO_DIRECTION else np.inf
+        if self.moments.resultant - resultant_error < NO_DIRECTION:
+            return np.inf
+        std = np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE))
+        return error + self._wrong(self._spreads_about(error * std))
+
+    def _spreads_about(self, away: Array) -> list[Array]:
+        """Covariances about mean headings that are off by (n,) to either side, where a mode is cut there."""
+        log_integral, mean, _, _ = self.moments
+        spreads, space = [], self.modes[0].space
+        for about in (mean + away * space.is_angle, mean - away * space.is_angle):
+            if any(is_cut(mode, about) for mode in self.modes):
+                seconds = [sums_about(mode, log_integral, about)[2] for mode in self.modes]
+                spreads.append(np.sum(seconds, axis=0))
+        return spreads
+
+    def _wrong(self, spreads: list[Array]) -> float:
+        """By how much covariances (n, n) are others than the posterior's, in variances, at most."""
+        covariance = self.moments.covariance
+        std = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
+        return max((float((np.abs(s - covariance) / np.outer(std, std)).max()) for s in spreads), default=0.0)
 
     @property
     def _gap(self) -> float:
@@ -150,17 +169,11 @@ class Quadrature:
         And the covariance about a mean heading that is off by as much as theirs, to either side, where a mode
         lies half a turn from it: deviations jump there.
         """
-        log_integral, mean, covariance, _ = self.moments
         _, other, spread, _ = moments_of(self.checks, sharp=True)
-        std = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
-        space, spreads = self.modes[0].space, [spread]
-        away = space.difference(other, mean)
-        for about in (mean + away * space.is_angle, mean - away * space.is_angle):
-            if any(is_cut(mode, about) for mode in self.modes):
-                seconds = [sums_about(mode, log_integral, about)[2] for mode in self.modes]
-                spreads.append(np.sum(seconds, axis=0))
-        wrong = np.abs(np.array(spreads) - covariance) / np.outer(std, std)
-        return float(max((np.abs(away) / std).max(), wrong.max()))
+        std = np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE))
+        away = self.modes[0].space.difference(other, self.moments.mean)
+        wrong = self._wrong([spread, *self._spreads_about(away)])
+        return max(float((np.abs(away) / std).max()), wrong)
 
     def gaps(self) -> Array:
         """How much each mode has to do with that, (M,)."""
