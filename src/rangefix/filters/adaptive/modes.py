@@ -143,8 +143,12 @@ class Quadrature:
         resultant_error = error * min(1.0, float(np.sqrt(angles.max(initial=0.0))))
         if self.moments.resultant - resultant_error < NO_DIRECTION:
             return np.inf
-        std = np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE))
-        return error + self._wrong(self._spreads_about(error * std))
+        return error + self._wrong(self._spreads_about(error * self._deviations))
+
+    @property
+    def _deviations(self) -> Array:
+        """Standard deviations, (n,), none of them zero."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE)))
 
     def _spreads_about(self, away: Array) -> list[Array]:
         """Covariances about mean headings that are off by (n,) to either side, where a mode is cut there."""
@@ -158,9 +162,8 @@ class Quadrature:
 
     def _wrong(self, spreads: list[Array]) -> float:
         """By how much covariances (n, n) are others than the posterior's, in variances, at most."""
-        covariance = self.moments.covariance
-        std = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
-        return max((float((np.abs(s - covariance) / np.outer(std, std)).max()) for s in spreads), default=0.0)
+        covariance, squares = self.moments.covariance, np.outer(self._deviations, self._deviations)
+        return max((float((np.abs(s - covariance) / squares).max()) for s in spreads), default=0.0)
 
     @property
     def _gap(self) -> float:
@@ -170,15 +173,13 @@ class Quadrature:
         lies half a turn from it: deviations jump there.
         """
         _, other, spread, _ = moments_of(self.checks, sharp=True)
-        std = np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE))
         away = self.modes[0].space.difference(other, self.moments.mean)
         wrong = self._wrong([spread, *self._spreads_about(away)])
-        return max(float((np.abs(away) / std).max()), wrong)
+        return max(float((np.abs(away) / self._deviations).max()), wrong)
 
     def gaps(self) -> Array:
         """How much each mode has to do with that, (M,)."""
-        log_integral, mean, covariance, _ = self.moments
-        root = np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
+        (log_integral, mean, _, _), root = self.moments, self._deviations
         other = moments_of(self.checks).log_integral
         gaps = []
         for mode, check in zip(self.modes, self.checks, strict=True):
@@ -289,15 +290,15 @@ def with_lattices(
 
 def _without_passed_by(known: Quadrature, peaks: Peaks) -> Quadrature:
     """The modes but those that hold a peak of which no mode has a point nearly as high."""
-    tops = np.array([mode.logs.max() for mode in known.modes])
-    order, passed, held = np.argsort(-tops, kind="stable"), set(), np.zeros(len(peaks.states), np.bool_)
-    for place in order:
-        higher = np.flatnonzero(~held & (peaks.log_density > tops[place] + PASSED_NATS))
-        if len(higher) and known.modes[place].holds(peaks.states[higher]).any():
-            passed.add(int(place))
-        held |= known.modes[place].holds(peaks.states)
-    kept = tuple(mode for place, mode in enumerate(known.modes) if place not in passed)
-    return replace(known, modes=kept) if passed else known
+    kept, held = set(), np.zeros(len(peaks.states), np.bool_)
+    for mode in sorted(known.modes, key=lambda mode: float(-mode.logs.max())):
+        inside = mode.holds(peaks.states)
+        if not (inside & ~held & (peaks.log_density > mode.logs.max() + PASSED_NATS)).any():
+            kept.add(id(mode))
+        held |= inside
+    if len(kept) == len(known.modes):
+        return known
+    return replace(known, modes=tuple(mode for mode in known.modes if id(mode) in kept))
 
 
 def refined(target: Target, found: Quadrature, accuracy: Accuracy) -> Quadrature:
