@@ -26,6 +26,8 @@ from rangefix.filters import (
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
 from rangefix.filters.adaptive.gaussian_sums import Gaussians, log_reached, log_sum, reached
+from rangefix.filters.adaptive.search import NOTHING
+from rangefix.filters.adaptive.target import Work
 from rangefix.maps import FloorPlan
 
 from .brute_motion import moved, recursion
@@ -69,6 +71,36 @@ def compared(problem, cells, controls, seed):
         wrong = np.abs(covariance - reference.covariance[step]) / np.outer(std, std)
         found.append([off.max(), wrong.max(), abs(evidence - reference.log_evidence[step])])
     return np.array(found)
+
+
+def test_draws_left_out_by_few_beams_count_for_nothing() -> None:
+    """40 beams: of draws that show what is missed, those left out would add a thousandth of what may be.
+
+    And larger errors take fewer draws, as many in what may just be missed.
+    """
+    bearings = np.deg2rad(np.arange(0.0, 360.0, 9.0))
+    sensor = Rangefinder(HOUSE, bearings, Gaussian(0.05), POSE)
+    prior = GaussianPrior(np.array([3.0, 2.0, 0.3]), np.diag([0.1, 0.1, 0.05]) ** 2, POSE)
+    motion = Odometry(POSE, (0.01, 0.001, 0.01, 0.001), floor=[0.05, 0.05, 0.05])
+    problem = Problem(POSE, motion, sensor, prior)
+    state, control = np.array([3.05, 2.02, 0.32]), np.array([0.1, 0.0, 0.05])
+    reading = sensor.sample(state, np.random.default_rng(1))
+    estimator = AdaptivePointMassFilter(problem, 0.02, table_rays=200_000)
+    belief = estimator.predict(estimator.update(estimator.init(prior, RNG), reading, RNG), control, RNG)
+    after = sensor.sample(problem.motion.mean(state, control), np.random.default_rng(2))
+    target = estimator._targets(belief.prior, None, after[None])[0]
+    found, survey = estimator._search.after_move(belief.prior, target)
+    left = np.flatnonzero(~found.holds(survey.draws.states))
+    once = survey.log_mass(left, found)
+    every = replace(survey, target=replace(survey.target, work=Work(np.inf)))
+    every = every.draws.log_mass[left] + every.target.log_density(every.draws.states[left])
+    kept = once > -np.inf
+    assert 0 < kept.sum() < 0.5 * len(left)
+    assert once[kept] == pytest.approx(every[kept], abs=1e-9)
+    counts = np.log(found.counts(survey.draws.states[left]))
+    assert np.exp(every - found.log_integral + counts)[~kept].sum() < NOTHING
+    coarse = AdaptivePointMassFilter(problem, 0.1, table_rays=200_000)
+    assert coarse._search.draws_asked == 4000
 
 
 LONG = pytest.mark.study

@@ -25,7 +25,7 @@ from .mode_gaussians import kept_count, sample_modes
 from .modes import Accuracy, Quadrature, refined, verified, with_lattices
 from .predicted import Predicted, coarse_axes, predict_modes
 from .range_bounds import TABLE_RAYS, SearchTable, build_table
-from .search import DRAWS_ASKED, MAX_GUESSES_PER_PART, ModeSearch
+from .search import MAX_GUESSES_PER_PART, ModeSearch
 from .target import STATE_COST, WORK, Target, TooManyCells
 
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
@@ -219,7 +219,8 @@ class AdaptivePointMassFilter(BriefRepr):
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
         found = refined(target, with_lattices(target, peaks, self._accuracy), self._accuracy)
         if isinstance(prior, Predicted):
-            found = replace(found, missed=prior.blur(prior.draws(DRAWS_ASKED)))
+            draws = prior.draws(self._search.draws_asked)
+            found = replace(found, missed=prior.blur(draws.parts, draws.log_mass))
         return verified(target, check, found, self._accuracy)
 
     def _finer(self, belief: AdaptiveBelief, before: Quadrature, control: Array) -> tuple[Lattice, ...]:

@@ -130,8 +130,9 @@ class Predicted:
         for place, part in enumerate(self.parts):
             last = first + len(part.likely)
             which = chosen[(chosen >= first) & (chosen < last)] - first
-            root = np.linalg.inv(np.linalg.cholesky(part.gaussians.precision[which]))
-            steps = rng.standard_normal((len(which), 1, self.space.size)) @ root
+            once, of_which = np.unique(which, return_inverse=True)
+            roots = np.linalg.inv(np.linalg.cholesky(part.gaussians.precision[once]))
+            steps = rng.standard_normal((len(which), 1, self.space.size)) @ roots[of_which]
             drawn, first = part.gaussians.centres[which] + steps[:, 0], last
             if part.fans.size:
                 assert self.room is not None
@@ -153,10 +154,10 @@ class Predicted:
         _, covariance = self.space.moments(states, np.full(len(states), 1 / len(states)))
         return np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
 
-    def blur(self, draws: Draws) -> float:
-        """What kernels blur of what stays put, where draws say how much it counts; in deviations."""
-        shares = np.exp(draws.log_mass - draws.log_mass.max(initial=-np.inf))
-        total = np.bincount(draws.parts, shares, len(self.parts))
+    def blur(self, parts: IntArray, log_mass: Array) -> float:
+        """What kernels blur of what stays put, in deviations, by draws of these parts and masses, (J,)."""
+        shares = np.exp(log_mass - log_mass.max(initial=-np.inf))
+        total = np.bincount(parts, shares, len(self.parts))
         return float(total @ [part.blur for part in self.parts] / max(total.sum(), 1e-300))
 
     def roughly(self, states: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +17,8 @@ from .target import Target, Work
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
 MAX_BOXES = 20_000  # that a search may leave
 SCORED_RAYS = 1_000_000  # by which boxes are asked how much they may hold
+BEAMS_IN_TURN = ((8, 16), (GUESS_BEAMS, GUESS_BEAMS + 1))  # that are asked first, of so many at least
+NOTHING = 1e-5  # deviations that draws may be off by, all together, which are left out by that
 LIKELY_BOXES = 2500  # that may hold most, which are followed and have more draws
 DRAWS_IN_LIKELY = 16  # of the draws that show what is missed
 LOT_NATS = 3.0  # by which those that are left then are drawn by lot
@@ -26,7 +27,7 @@ STEPS_BY_ROUND = (STEPS, STEPS, 0, STEPS, 0)  # without steps, guesses that lead
 MOST_MISSED_NATS = 700.0  # more is as much: nothing of what counts has been found yet
 MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not followed
 BOX_COMPONENTS = ("x1", "x2", "heading")
-DRAWS_ASKED = 20_000  # that show what the modes found hold nothing of
+DRAWS_ASKED, AT_ERROR = 20_000, 0.02  # that show what the modes found hold nothing of; of larger errors fewer
 DRAWS_FOLLOWED = 48  # of those, at once
 DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
@@ -34,11 +35,15 @@ HOPELESS_NATS = 1e7  # short of a perfect fit by the best middles of boxes: no o
 UNEXPLAINED_NATS = 1000.0  # short of a perfect fit, from where on no further modes are looked for
 
 
-class Survey(NamedTuple):
+@dataclass
+class Survey:
     """Draws that stand for all of a posterior, by which to tell what its lattices do not hold.
 
+    Only draws that no lattice holds are asked for their density, each of them once.
+
     Attributes:
-        draws: With the posterior's density, log.
+        draws: With what each stands for before it was asked, log.
+        target: What multiplies that: with many beams, 0 for all but the likeliest.
         rough: The posterior with a prior that is quick to work out, for the climb from them.
         means, precisions: Gaussians that stand for the prior near the draws of each part, (P, n) and
             inverse covariances, (P, n, n).
@@ -46,23 +51,38 @@ class Survey(NamedTuple):
     """
 
     draws: Draws
+    target: Target
     rough: Target
     means: Array
     precisions: Array
     blur: float = 0.0
 
+    def __post_init__(self) -> None:
+        self._logs = np.full(len(self.draws.states), np.nan)
+
+    def log_mass(self, which: IntArray, found: Quadrature = NOWHERE) -> Array:
+        """Log of what some draws stand for, (k,); -inf of what counts for nothing beside what is found."""
+        new = which[np.isnan(self._logs[which])]
+        if len(new):
+            states, bars = self.draws.states[new], np.full(len(new), -np.inf)
+            if found.modes:
+                bars = found.log_integral - np.log(found.counts(states)) - self.draws.log_mass[new]
+                bars += np.log(NOTHING / len(self._logs))
+            self._logs[new] = draw_log_densities(self.target, states, bars)
+        return np.asarray(self.draws.log_mass[which] + self._logs[which])
+
     def missed(self, found: Quadrature) -> float:
         """By how much mean and covariance are off for what no lattice holds, in deviations."""
-        left = self.unheld(found)
-        return self.blur + _summed(self.worth(found, left))
+        return self.blur + _summed(self.worth(found, self.unheld(found)))
 
     def unheld(self, found: Quadrature) -> IntArray:
         """Which draws lie in no cell, and count, (k,)."""
-        return np.flatnonzero(~found.holds(self.draws.states) & (self.draws.log_mass > -np.inf))
+        left = np.flatnonzero(~found.holds(self.draws.states))
+        return left[self.log_mass(left, found) > -np.inf]
 
     def worth(self, found: Quadrature, left: IntArray) -> Array:
         """How much those draws count, log, (k,)."""
-        worth = self.draws.log_mass[left]
+        worth = self.log_mass(left)
         if not found.modes:
             return worth
         return np.asarray(worth - found.log_integral + np.log(found.counts(self.draws.states[left])))
@@ -81,6 +101,11 @@ class ModeSearch:
     problem: Problem
     table: SearchTable
     accuracy: Accuracy
+
+    @property
+    def draws_asked(self) -> int:
+        """So many that what may just be missed of the posterior holds as many of them at every accuracy."""
+        return round(DRAWS_ASKED * min(1.0, AT_ERROR / self.accuracy.error))
 
     def fix(self, prior: Prior, target: Target) -> tuple[Quadrature, Survey | None]:
         """The posterior before any move, and draws that tell what it misses; none with many beams."""
@@ -111,9 +136,10 @@ class ModeSearch:
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             found = with_lattices(target, peaks, self.accuracy, found)
-        draws = prior.draws(DRAWS_ASKED)
-        draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(likely, draws.states))
-        survey = Survey(draws, rough, *prior.means_and_precisions(), prior.blur(draws))
+        draws = prior.draws(self.draws_asked)
+        survey = Survey(draws, likely, rough, *prior.means_and_precisions())
+        if any(part.blur for part in prior.parts):
+            survey.blur = prior.blur(draws.parts, survey.log_mass(np.arange(len(draws.parts))))
         return self.completed(target, found, survey), survey
 
     def completed(self, target: Target, found: Quadrature, survey: Survey) -> Quadrature:
@@ -174,8 +200,7 @@ class ModeSearch:
         if likely is not None:
             each[likely] = DRAWS_IN_LIKELY
         draws = self._draws_in(boxes, each * (scores > -np.inf), log_volume)
-        draws = draws._replace(log_mass=draws.log_mass + draw_log_densities(drawn, draws.states))
-        survey = Survey(draws, target, mean[None], precision[None])
+        survey = Survey(draws, drawn, target, mean[None], precision[None])
         return self.completed(target, found, survey), survey
 
     def _likely(self, target: Target, boxes: Array, scores: Array) -> IntArray:
@@ -199,7 +224,7 @@ class ModeSearch:
 
     def _draws_in(self, boxes: Array, each: IntArray, log_volume: float) -> Draws:
         """Draws spread evenly over boxes (K, n) of such a volume each; in each at least so many, (K,)."""
-        each = each * max(1, round(DRAWS_ASKED / max(len(boxes), 1)))
+        each = each * max(1, round(self.draws_asked / max(len(boxes), 1)))
         states = np.repeat(boxes, each, axis=0)
         space, rng = self.problem.space, np.random.default_rng(0)
         width = np.sqrt(TWO_PI * np.diagonal(self.problem.prior.covariance))
@@ -283,14 +308,21 @@ def _summed(worth: Array) -> float:
     return float(np.exp(min(float(np.logaddexp.reduce(worth, initial=-np.inf)), MOST_MISSED_NATS)))
 
 
-def draw_log_densities(target: Target, states: Array) -> Array:
-    """Log densities of drawn states, (J, n) -> (J,); with many beams -inf for all but the likeliest."""
-    few, logs = target.few(GUESS_BEAMS), np.full(len(states), -np.inf)
-    first = few.log_density(states)
-    if few is target:
-        return first
-    best = np.argsort(-first, kind="stable")[:MAX_BOXES_FOLLOWED]
-    logs[best] = target.log_density(states[best])
+def draw_log_densities(target: Target, states: Array, bars: Array) -> Array:
+    """Log densities of drawn states, (J, n) -> (J,); -inf where below bars, (J,), or beyond the likeliest.
+
+    Some beams tell first of which states even a perfect fit of all others would be below its bar.
+    """
+    left, logs, beams = np.arange(len(states)), np.full(len(states), -np.inf), len(target.beams)
+    for most, least in BEAMS_IN_TURN:
+        if beams >= least:
+            few = target.few(most)
+            first = few.log_density(states[left])
+            may_count = np.flatnonzero(first + target.perfect() - few.perfect() > bars[left])
+            if beams > GUESS_BEAMS == most:
+                may_count = may_count[np.argsort(-first[may_count], kind="stable")[:MAX_BOXES_FOLLOWED]]
+            left = left[may_count]
+    logs[left] = target.log_density(states[left])
     return logs
 
 
