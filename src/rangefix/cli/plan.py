@@ -152,8 +152,8 @@ def _times(problem: Problem, sensor: Any, found: Plan, seed: int) -> list[float]
     """Seconds of an update with the first 1, 2, ... beams; of an adaptive plan, with even ones instead."""
     import numpy as np
 
-    from ..evaluation.planning.expected_covariance import some_beams
     from ..evaluation.planning.update_time import update_seconds
+    from ..filters.models.rangefinder import some_beams
 
     count = len(found.steps)
     places = np.linspace(0, len(found.candidates) - 1, count).round().astype(int)

@@ -99,24 +99,30 @@ def walls_met_by_all(
         met: Gets the walls, (B,); -1 where there may be several, or none.
     """
     seen, ends = np.empty(MOST_WALLS, dtype=np.int64), np.empty((MOST_WALLS, 4))
+    a_1, a_2 = walls[:, 0] - middle[0], walls[:, 1] - middle[1]
+    b_1, b_2 = walls[:, 2] - middle[0], walls[:, 3] - middle[1]
+    near = np.empty(len(walls), dtype=np.bool_)
     widening = math.tan(turn)
     for beam in range(first, last):
         d1, d2 = directions[beam, 0], directions[beam, 1]
         # u along the beam and v across it; the wedge: u >= -reach, and |v| <= level + widening u
         reach = halves[0] * abs(d1) + halves[1] * abs(d2)
         level = halves[0] * abs(d2) + halves[1] * abs(d1) + MARGIN_M + reach * widening
+        for wall in range(len(walls)):  # several at once; few are near
+            ua, ub = a_1[wall] * d1 + a_2[wall] * d2, b_1[wall] * d1 + b_2[wall] * d2
+            va, vb = a_1[wall] * d2 - a_2[wall] * d1, b_1[wall] * d2 - b_2[wall] * d1
+            over = min(va - widening * ua, vb - widening * ub) - level
+            under = min(-va - widening * ua, -vb - widening * ub) - level
+            near[wall] = (max(ua, ub) >= -reach) & (over <= 0) & (under <= 0)
         count, nearest, best = 0, -1, math.inf
         for wall in range(len(walls)):
-            a1, a2 = walls[wall, 0] - middle[0], walls[wall, 1] - middle[1]
-            b1, b2 = walls[wall, 2] - middle[0], walls[wall, 3] - middle[1]
-            ua, ub = a1 * d1 + a2 * d2, b1 * d1 + b2 * d2
-            if max(ua, ub) < -reach:
+            if not near[wall]:
                 continue
+            a1, a2, b1, b2 = a_1[wall], a_2[wall], b_1[wall], b_2[wall]
+            ua, ub = a1 * d1 + a2 * d2, b1 * d1 + b2 * d2
             va, vb = a1 * d2 - a2 * d1, b1 * d2 - b2 * d1
             over_a, over_b = va - widening * ua - level, vb - widening * ub - level
             under_a, under_b = -va - widening * ua - level, -vb - widening * ub - level
-            if min(over_a, over_b) > 0 or min(under_a, under_b) > 0:
-                continue
             begin, end = _within(over_a, over_b, 0.0, 1.0)
             begin, end = _within(under_a, under_b, begin, end)
             begin, end = _within(-reach - ua, -reach - ub, begin, end)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation.planning.cells import Cells, posterior_cells
-from rangefix.evaluation.planning.expected_covariance import expected_covariance, some_beams
+from rangefix.evaluation.planning.expected_covariance import expected_covariance
 from rangefix.evaluation.planning.reading_table import SharedTables
 from rangefix.evaluation.planning.selection import Planner
 from rangefix.evaluation.planning.whole_sets import covariances_after
 from rangefix.filters import Gaussian, Problem, Rangefinder, sweep, velocity_space
+from rangefix.filters.models.rangefinder import some_beams
 from rangefix.maps import RectangularRoom
 
 from ..bounds.problems import l_shape, located, turned

@@ -19,6 +19,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters import Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.models.rangefinder import some_beams
 from .binning import bin_by_range, bin_in_convex_room, range_ends
 from .cells import Cells, beams_alike
 from .reading_table import ReadingTable, SharedTables, reading_table
@@ -163,12 +164,6 @@ def expected_covariance(
     for values, nothing_new in zip(joined, (before, det, largest, 0.0), strict=True):
         values[beams.blind] = nothing_new
     return ExpectedAccuracy(*joined)
-
-
-def some_beams(sensor: Rangefinder, beams: IntArray) -> Rangefinder:
-    """A rangefinder with some of the beams of another and their noise, and without a blind sector."""
-    noise = noise_of_beams(sensor.noise, beams, len(sensor.bearings))
-    return replace(sensor, bearings=sensor.bearings[beams], noise=noise, blind_sector=0.0)
 
 
 def after_views(

@@ -20,6 +20,7 @@ from numpy.random import Generator
 from ...arrays import Array, IntArray
 from ...filters import Problem, Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.models.rangefinder import some_beams
 from ...filters.refined_cells.coarse_cells import CoarseCells
 from ..seeds import stream
 from .candidates import candidates_near, coarse_candidates
@@ -33,7 +34,7 @@ from .cells import (
     prior_cells,
     turned,
 )
-from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance, some_beams
+from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance
 from .one_beam import noise_width
 from .plans import Plan, Step
 from .reading_table import SharedTables

@@ -167,5 +167,5 @@ def _scores(target: Target, expected: Array, prior: Array) -> Array:
             reading, np.fmax(reading - reading_bias(target.sensor.noise), 0.0)
         )
         lost = perfect - target.sensor.beam_log_density(reading, expected)
-        total = total - np.minimum(np.where(np.isnan(lost), CAP, lost), CAP).sum(-1)
+        total = total - np.fmin(lost, CAP, out=lost).sum(-1)
     return np.asarray(total)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 
 import numpy as np
 
 from ...arrays import Array, IntArray
+from ..models.rangefinder import Rangefinder, some_beams
 from ..models.wrapped_noise import perfect_fit
 from ..problem import Sensor
 
@@ -121,7 +122,10 @@ class Target:
         if len(measured) <= most:
             return self
         beams = measured[np.linspace(0, len(measured) - 1, most).round().astype(int)]
-        measurements = np.full_like(self.measurements, np.nan)
+        if isinstance(self.sensor, Rangefinder) and is_dataclass(self.sensor.noise):
+            sensor = some_beams(self.sensor, beams)
+            return replace(self, sensor=sensor, measurements=self.measurements[:, beams])
+        measurements = np.full_like(self.measurements, np.nan)  # of its noise the parameters are not known
         measurements[:, beams] = self.measurements[:, beams]
         return replace(self, measurements=measurements)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, BoolArray, short_repr, wrap
+from ...arrays import TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
 from ..mount import CENTRED, Mount
 from ..problem import IsConvex, Noise, RangeMap
 from ..space import StateSpace
@@ -215,7 +215,8 @@ class Rangefinder:
         possible = np.isfinite(measurement) & ~self._beyond(measurement)
         with np.errstate(over="ignore"):  # readings that are far off
             terms = self.noise.log_density(np.where(possible, measurement, 0.0), expected)
-        terms = np.where(possible, terms, -np.inf)
+        if not possible.all():
+            terms = np.where(possible, terms, -np.inf)
         if silent.any() and silent.shape == expected.shape[-silent.ndim :]:  # only beams that did not return
             beams = np.nonzero(silent)
             kept: tuple[Any, ...] = (..., *beams)
@@ -229,7 +230,7 @@ class Rangefinder:
             terms = np.where(close, log_below(self.noise, limit, near), terms)
         elif close.any():
             measured = measured & ~close
-        return np.where(measured, terms, 0.0)
+        return terms if measured.all() else np.where(measured, terms, 0.0)
 
     def _beyond(self, measurement: Array) -> BoolArray:
         """Which readings lie outside the limits, where there should be none but inf and -inf."""
@@ -289,3 +290,9 @@ class Rangefinder:
             reading = np.where(reading < self.min_range * (1 - LIMIT_ROUNDING), -np.inf, reading)
         reading = np.where(reading > self.max_range * (1 + LIMIT_ROUNDING), np.inf, reading)
         return np.where(self.blind, np.nan, reading)
+
+
+def some_beams(sensor: Rangefinder, beams: IntArray) -> Rangefinder:
+    """A rangefinder with some of the beams of another and their noise, and without a blind sector."""
+    noise = noise_of_beams(sensor.noise, beams, len(sensor.bearings))
+    return replace(sensor, bearings=sensor.bearings[beams], noise=noise, blind_sector=0.0)
