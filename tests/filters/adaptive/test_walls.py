@@ -59,13 +59,15 @@ def test_more_beams_than_a_fix_may_look_at_are_refused() -> None:
 def test_no_mode_is_lost_and_stated_errors_hold(family: str) -> None:
     """Four measurements in each of 40 problems: no lost mode, and no stated error exceeded by 3 times.
 
-    Allowance: 4 standard errors of the reference.
+    Allowance: 4 standard errors of the reference. A mode that few particles reach makes those too small:
+    where an error seems exceeded, 8 times as many are asked (walls 37: 0.17 off by 800 000, 0.05 by 6.4e6).
     """
-    steps = [
-        step
-        for number in range(COUNT)
-        for step in judged(draw(family, number), reference(draw(family, number)))
-    ]
+    steps = []
+    for number in range(COUNT):
+        found = judged(draw(family, number), reference(draw(family, number)))
+        if any(step.error - 4 * step.scatter > step.stated for step in found):
+            found = judged(draw(family, number), reference(draw(family, number), 400_000, 16))
+        steps += found
     error, scatter, stated, seconds = np.array(steps).T
     beyond = np.maximum(error - 4 * scatter, 0.0)
     print(f"\n{family}: {len(steps)} measurements, error {np.median(error):.2g} to {error.max():.2g}, stated "
