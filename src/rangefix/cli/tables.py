@@ -17,7 +17,7 @@ from ..evaluation.comparison.compare import Comparison, Difference
 from ..evaluation.consistency.formatting import beams_in_words, factor, format_number, format_percent, unit
 from ..evaluation.consistency.intervals import UNKNOWN, uniform_p_value
 from ..evaluation.consistency.metrics import MAX_ERROR, MIN_EFFECTIVE, Metric
-from ..evaluation.consistency.verdict import MENTION_SHARE, decide
+from ..evaluation.consistency.verdict import decide
 from ..evaluation.paper import BAND, CELLS, Paper
 from .screen import WIDTH, least_width, new_table
 
@@ -251,7 +251,7 @@ def beliefs(rows: Sequence[Row]) -> Table | None:
     return table
 
 
-REMARKS = {  # share of a row -> what is said of it where it is large
+REMARKS = {  # share of a row -> what is said of it where it is not zero
     "collapsed": ("collapsed", f"; fewer than {MIN_EFFECTIVE} effective particles"),
     "inaccurate": ("inaccurate", f"; numerical error above {MAX_ERROR:g} deviations"),
     "undirected": ("no mean heading", ""),
@@ -260,13 +260,13 @@ REMARKS = {  # share of a row -> what is said of it where it is large
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """A line for each estimator and set of beams with a fault in many runs, after the last measurement."""
+    """A line for each estimator and set of beams with a fault in some runs, after the last measurement."""
     end = max(row.step for row in rows)
     lines = []
     for name, (words, why) in REMARKS.items():
         for row in (row for row in rows if row.step == end):
             share: float = getattr(row, name).value
-            if share > MENTION_SHARE:
+            if share > 0:
                 where = f"{row.estimator}, {beams_in_words(row.beams)}"
                 lines.append(f"{where}: {words} in {100 * share:.3g} % of the runs{why}")
     return lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 
 from rangefix.cli.tables import remarks
 from rangefix.evaluation import Experiment, decide, load, run, summarise, to_csv
+from rangefix.evaluation.consistency.intervals import Interval
 from rangefix.evaluation.consistency.metrics import MIN_EFFECTIVE
 from rangefix.filters import EachRun, build
 from rangefix.filters.optional_methods import effective_particles
@@ -55,6 +56,12 @@ def test_tables_and_verdict_tell_a_collapse(results):
     assert [line for line in remarks(list(rows.values())) if "collapsed" in line] == [
         "plain, all beams: collapsed in 100 % of the runs; fewer than 50 effective particles"
     ]
+    figures = {**rows["plain"].figures, "share_collapsed": Interval(0.004, 0.001, 0.01)}
+    rare = replace(rows["plain"], figures=figures)  # the table tells of any, the verdict of more than 1 %
+    assert [line for line in remarks([rare]) if "collapsed" in line] == [
+        "plain, all beams: collapsed in 0.4 % of the runs; fewer than 50 effective particles"
+    ]
+    assert not any("collapsed" in note for note in decide(rare).notes)
     columns = {row["estimator"]: row for row in csv.DictReader(io.StringIO(to_csv(list(rows.values()))))}
     assert float(columns["plain"]["effective_particles"]) < MIN_EFFECTIVE
     assert columns["none"]["effective_particles"] == "nan"

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import TWO_PI, Array, BoolArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ...compiled import in_threads, njit
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
+OCTANTS = "000 001 011 010 110 111 101 100"  # clockwise: to the left?, back?, more aside than along?
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
 
 
@@ -30,6 +31,20 @@ class Gaussians(NamedTuple):
     precision: Array
     log_scale: Array
     is_angle: BoolArray
+
+
+class Around(NamedTuple):
+    """How near walls are all round some places.
+
+    Attributes:
+        starts: The places, (K, 2), m.
+        closeness: One over the distance to the wall in F directions from +x2 clockwise, (K, F), 1/m.
+        octants: The least and the most of it in each octant, (K, 2, 2, 2, 2).
+    """
+
+    starts: Array
+    closeness: Array
+    octants: Array
 
 
 def log_sum(states: Array, gaussians: Gaussians) -> Array:
@@ -57,12 +72,10 @@ def log_reached(states: Array, gaussians: Gaussians, ends: Array, starts: Array,
     Returns:
         (N,); -inf where nothing reaches.
     """
-    result, closeness = np.empty(len(states)), 1 / fans
-    within = fans.min(axis=1) ** 2
+    result, around = np.empty(len(states)), Around(starts, 1 / fans, _in_octants(1 / fans))
     for part, logs in _exponents(states, gaussians):
-        in_threads(
-            _sum_reached, len(logs), logs.size, logs, ends[part], starts, within, closeness, result[part]
-        )
+        greatest = logs.argmax(axis=1)
+        in_threads(_sum_reached, len(logs), logs.size, logs, greatest, ends[part], around, result[part])
     return result
 
 
@@ -99,6 +112,18 @@ def _exponents(states: Array, gaussians: Gaussians) -> Iterator[tuple[slice, Arr
         yield part, logs
 
 
+def _in_octants(closeness: Array) -> Array:
+    """The least and the most closeness in each octant, (K, F) -> (K, 2, 2, 2, 2); see `OCTANTS`."""
+    count = closeness.shape[1]
+    found = np.empty((len(closeness), 2, 2, 2, 2))
+    for octant, place in enumerate(OCTANTS.split()):
+        directions = np.arange(octant * count // 8, -(-(octant + 1) * count // 8) + 1) % count
+        inside = closeness[:, directions]
+        left, back, aside = map(int, place)
+        found[:, left, back, aside] = np.stack([inside.min(axis=1), inside.max(axis=1)], axis=1)
+    return found
+
+
 def _short_way(offset: Array, is_angle: BoolArray) -> Array:
     """Offsets (N, n), in place, whose angles go the short way round."""
     offset[:, is_angle] -= TWO_PI * np.rint(offset[:, is_angle] / TWO_PI)
@@ -118,23 +143,33 @@ def _clear(step1: float, step2: float, closeness: Array) -> bool:
     return bool(math.sqrt(step1 * step1 + step2 * step2) * wall <= 1.0)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _open(end: Array, start: Array, octants: Array, closeness: Array) -> bool:
+    """Whether the step from a place to an end meets no wall; octants spare most of the angles."""
+    step1, step2 = end[0] - start[0], end[1] - start[1]
+    length = math.sqrt(step1 * step1 + step2 * step2)
+    octant = octants[int(step1 < 0.0), int(step2 < 0.0), int(abs(step1) > abs(step2))]
+    return not length * octant[1] > 1.0 or (not length * octant[0] > 1.0 and _clear(step1, step2, closeness))
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sum_reached(
-    first: int, last: int, logs: Array, ends: Array, starts: Array, within: Array, closeness: Array,
-    result: Array,
-) -> None:  # fmt: skip
+    first: int, last: int, logs: Array, greatest: IntArray, ends: Array, around: Around, result: Array
+) -> None:
     """Logs of sums of exp(logs), (N, K) -> (N,), of some rows, over the k from which an end is reached.
 
-    Steps whose square is `within` that of the distance to the nearest wall, (K,), m^2, meet none.
+    `greatest` of a row, (N,), says what is negligible, if the end is reached from there.
     """
+    starts, closeness, octants = around
     for place in range(first, last):
-        top, total = -math.inf, 0.0
+        top, total, k = -math.inf, 0.0, greatest[place]
+        if _open(ends[place], starts[k], octants[k], closeness[k]):
+            top = logs[place, k]
         for k in range(logs.shape[1]):
             log = logs[place, k]
             if log < top - NEGLIGIBLE_NATS:
                 continue
-            step1, step2 = ends[place, 0] - starts[k, 0], ends[place, 1] - starts[k, 1]
-            if step1 * step1 + step2 * step2 > within[k] and not _clear(step1, step2, closeness[k]):
+            if not _open(ends[place], starts[k], octants[k], closeness[k]):
                 continue
             if log > top:
                 total = total * math.exp(max(top - log, UNDERFLOW)) + 1.0

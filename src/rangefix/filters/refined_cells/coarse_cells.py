@@ -28,6 +28,7 @@ from .range_model import (
     model_about,
     prior_model,
 )
+from .sight_lines import SightLines
 
 CELLS = {2: 10_000, 3: 4_000}  # about how many there are over a small map, by the number of components
 WIDEST_M = 0.12  # of cells without a heading: what a building hides between furniture is no wider
@@ -54,6 +55,7 @@ class CoarseCells:
         prior: The prior's log density in each.
         log_integral: Log of the integral of the prior.
         models: Ranges in each where they are kept, which they are of few beams; else None.
+        lines: Along which beams pass ends of walls, where their directions are known; else None.
     """
 
     centres: Array
@@ -63,6 +65,7 @@ class CoarseCells:
     prior: PriorModel
     log_integral: float
     models: RangeModel | None
+    lines: SightLines | None
 
     @cached_property
     def log_volumes(self) -> Array:
@@ -99,6 +102,8 @@ def cover(
     beams = np.unique(np.linspace(0, len(sensor.bearings) - 1, SEARCH_BEAMS).round().astype(np.int64))
     rng = np.random.default_rng(seed)
     searched, beams_cast = _cast_only(problem, beams)
+    lines = SightLines.of(problem)
+    lines_cast = lines if searched is problem else SightLines.of(searched)
     rows = max(1, RANGES_AT_ONCE // (CUT_SIDE**size * len(searched.sensor.bearings)))
     parts = []
     for start in range(0, len(centres), rows):
@@ -109,21 +114,26 @@ def cover(
         cut = possible.any(axis=1) & ~whole
         for some, side in ((whole, PLACES_A_SIDE[size]), (cut, CUT_SIDE)):
             if some.any():
-                parts.append(_asked(searched, part[some], step[some], beams_cast, side, rng))
+                parts.append(_asked(searched, part[some], step[some], beams_cast, side, rng, lines_cast))
     if not sum(len(part[0]) for part in parts):
         raise ValueError("the prior allows no cell: it is too narrow, or outside free space")
     found = [np.concatenate([part[k] for part in parts]) for k in range(13)]
     models = RangeModel(*found[10:]) if len(beams) == len(sensor.bearings) else None
-    log_integral = float(np.log(found[3].sum()))
-    return CoarseCells(found[0], found[1], beams, found[2], PriorModel(*found[4:10]), log_integral, models)
+    prior, log_integral = PriorModel(*found[4:10]), float(np.log(found[3].sum()))
+    return CoarseCells(found[0], found[1], beams, found[2], prior, log_integral, models, lines)
 
 
-def models_at(problem: Problem, centres: Array, steps: Array, anchor: Array) -> RangeModel:
-    """Models of the ranges in cells, held against what is cast at their corners."""
+def models_at(
+    problem: Problem, lines: SightLines | None, centres: Array, steps: Array, anchor: Array
+) -> RangeModel:
+    """Models of the ranges in cells, held against what is cast at their corners and past ends of walls."""
     offsets = corners(problem.space.size) * corner_reach(steps)[:, None]
     ranges, slopes = model_about(problem, centres, anchor)
     seen = np.asarray(problem.sensor.expected(centres[:, None] + offsets))
-    return RangeModel(ranges, slopes, bends(ranges, slopes, offsets, seen))
+    bend = bends(ranges, slopes, offsets, seen)
+    if lines is not None:
+        bend = np.maximum(bend, lines.sighted(centres, steps).bend(ranges, slopes))
+    return RangeModel(ranges, slopes, bend)
 
 
 def _cast_only(problem: Problem, beams: IntArray) -> tuple[Problem, IntArray]:
@@ -156,8 +166,9 @@ def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:
 
 
 def _asked(
-    problem: Problem, centres: Array, steps: Array, beams: IntArray, side: int, rng: Generator
-) -> tuple[Array, ...]:
+    problem: Problem, centres: Array, steps: Array, beams: IntArray, side: int, rng: Generator,
+    lines: SightLines | None,
+) -> tuple[Array, ...]:  # fmt: skip
     """What places spread over some cells say: columns of `CoarseCells`, of cells in which any is possible."""
     sensor, size = problem.sensor, problem.space.size
     places = _places(centres, steps, side, rng)
@@ -172,6 +183,9 @@ def _asked(
     ranges, slopes = model_about(problem, centres, prior.anchor)
     ranges, slopes = ranges[:, beams], slopes[:, beams]
     bend = bends(ranges, slopes, places - centres[:, None], seen)
+    if lines is not None:
+        passed = lines.sighted(centres, steps)
+        seen, bend = passed.beside(seen), np.maximum(bend, passed.bend(ranges, slopes))
     spread = len(places[0]) - 2**size
     mass = np.exp(logs[:, :spread]).mean(axis=1) * steps.prod(axis=1)
     most = np.maximum(prior.most, logs.max(axis=1))

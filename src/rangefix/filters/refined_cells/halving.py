@@ -24,6 +24,7 @@ from .range_model import (
     moved_prior,
     prior_model,
 )
+from .sight_lines import SightLines
 
 VALUES_AT_ONCE = 1 << 21  # ranges
 BENT_SCALES = 0.05  # by which ranges may be off their model before something is taken to jump or bend
@@ -48,9 +49,11 @@ class Halving:
 
     Attributes:
         problem: The problem.
+        lines: Along which beams pass ends of walls, where their directions are known.
     """
 
     problem: Problem
+    lines: SightLines | None
 
     def halved(self, likelihood: Likelihood, parents: Pool) -> Pool:
         """The children of cells."""
@@ -79,13 +82,33 @@ class Halving:
         ranges, slopes = model_about(problem, centre.reshape(flat, size), prior.anchor)
         at_corners = at_spots[:, mine].reshape(flat, children, beams)
         away = (spots[:, mine] - centre[:, :, None]).reshape(flat, children, size)
-        model = RangeModel(ranges, slopes, bends(ranges, slopes, away, at_corners))
+        bend = bends(ranges, slopes, away, at_corners)
+        seen = self._where_possible(parents, spots, at_spots)
+        family = np.concatenate([seen, ranges.reshape(families, children, beams)], axis=1)
         run, size_of = np.repeat(parents.run, children), np.repeat(step, children, axis=0)
-        bound = np.repeat(parents.bound, children)
-        family = np.concatenate([at_spots, ranges.reshape(families, children, beams)], axis=1)
-        pool = self.pool(likelihood, run, centre.reshape(flat, size), size_of, model, prior, bound)
+        centre = centre.reshape(flat, size)
+        if self.lines is not None:
+            passed = self.lines.sighted(centre, size_of)
+            family, bend = passed.beside(family, children), np.maximum(bend, passed.bend(ranges, slopes))
+        model, bound = RangeModel(ranges, slopes, bend), np.repeat(parents.bound, children)
+        pool = self.pool(likelihood, run, centre, size_of, model, prior, bound)
         self._bound_by(likelihood, pool, family)
         return pool
+
+    def _where_possible(self, parents: Pool, spots: Array, ranges: Array) -> Array:
+        """Ranges cast in cells, (K, S, B), from spots (K, S, n), without those that the prior rules out.
+
+        In their place stand those of the first spot that it allows: walls hide what is behind them.
+        """
+        rows = np.flatnonzero(parents.off > QUADRATIC_NATS)
+        if not len(rows):
+            return ranges
+        logs = self.problem.prior.log_density(self.problem.space.wrap(spots[rows]))
+        first = (logs > -np.inf).argmax(axis=1)[:, None]
+        kept = np.where(logs > -np.inf, np.arange(logs.shape[1]), first)
+        out = ranges.copy()
+        out[rows] = np.take_along_axis(ranges[rows], kept[..., None], axis=1)
+        return out
 
     def _prior(self, parents: Pool, offset: Array, centre: Array, step: Array) -> PriorModel:
         """The prior in the children: the parents' quadratic where it fits, else asked anew."""
@@ -143,7 +166,7 @@ class Halving:
         seen = family[parent[cell], :, beam]
         steepest = np.abs(pool.slopes.reshape(len(family), -1, *pool.slopes.shape[1:])).max(axis=1)
         reach = (np.maximum(steepest[parent[cell], beam], self._least_slope) * step[cell]).sum(axis=1)
-        near_m = NEAR_SIZES * step[cell][:, :2].max(axis=1)
+        near_m = (NEAR_SIZES if self.lines is None else 0.0) * step[cell][:, :2].max(axis=1)
         spread = _spread(pool.ranges[rows], pool.slopes[rows], step)
         low, high = pool.ranges[rows] - spread, pool.ranges[rows] + spread
         bound = pool.most[rows] + likelihood.terms.common[run]

@@ -30,6 +30,7 @@ JUMP_SHARE = {2: 0.1, 3: 0.01}  # of the greatest mass of cells that jumps cross
 MOST_DISPLACED = 0.3  # the same, of a single cell
 CALM_SHARE = 0.5  # of the accuracy: what cells that are halved no more may err by together
 RULE_ERROR = 2e-3  # of mean and covariance, in deviations: what rules of three nodes may err by
+BENDS_DISPLACE = 0.5  # of what ranges are off their models in whole cells, in deviations of the noise
 HALVED_AT_ONCE = 4000  # cells of a run in one round, those that may err most
 MAX_ROUNDS = 40
 NEGLIGIBLE_SHARE = 1e-7  # of a belief: cells that may err by less are not halved
@@ -136,7 +137,7 @@ class Refinement:
 
     @property
     def _halving(self) -> Halving:
-        return Halving(self.problem)
+        return Halving(self.problem, self.coarse.lines)
 
     def _refined(self, likelihood: Likelihood, bounds: Array, floor: Array) -> Refined:
         chosen = (bounds >= floor[:, None]) & (bounds > IMPOSSIBLE_NATS)
@@ -149,7 +150,7 @@ class Refinement:
         centre, step = coarse.centres[cell], coarse.steps[cell]
         prior = PriorModel(*(part[cell] for part in coarse.prior))
         if coarse.models is None:
-            model = models_at(self.problem, centre, step, prior.anchor)
+            model = models_at(self.problem, self.coarse.lines, centre, step, prior.anchor)
         else:
             model = RangeModel(*(part[cell] for part in coarse.models))
         return self._halving.pool(likelihood, run, centre, step, model, prior, bounds[run, cell])
@@ -164,7 +165,7 @@ class Refinement:
             return None
         centre, step = found.centres, found.steps
         prior = prior_model(self.problem, centre, step)
-        model = models_at(self.problem, centre, step, prior.anchor)
+        model = models_at(self.problem, self.coarse.lines, centre, step, prior.anchor)
         run, bound = np.zeros(len(centre), dtype=np.int64), np.full(len(centre), found.best + UNSEEN_NATS)
         boxes = self._halving.pool(likelihood, run, centre, step, model, prior, bound)
         others = bounds >= found.best - SEARCH_NATS
@@ -197,7 +198,7 @@ class Refinement:
         else:  # what was halved last has not been looked at
             done.append(self._integrated(likelihood, pool, left, runs, True))
         errors = np.concatenate([some for _, some in done])
-        return self._finished(Pool.joined([some for some, _ in done]), errors, runs)
+        return self._finished(likelihood, Pool.joined([some for some, _ in done]), errors)
 
     def _integrated(
         self, likelihood: Likelihood, pool: Pool, left: IntArray, runs: int, broken: bool
@@ -248,7 +249,11 @@ class Refinement:
         space = self.problem.space
         share = np.exp(pool.log_mass - np.where(log_total > -np.inf, log_total, 0.0)[pool.run])
         mean, covariance = joined_moments(space, pool, share, runs)
-        variance = covariance.diagonal(axis1=1, axis2=2)[pool.run]
+        variance = covariance.diagonal(axis1=1, axis2=2).copy()
+        even = share * pool.rough / 12  # over cells of which the centre alone is known
+        for axis in range(space.size):
+            variance[:, axis] += np.bincount(pool.run, even * pool.step[:, axis] ** 2, runs)
+        variance = variance[pool.run]
         away = space.difference(pool.centre, mean[pool.run])
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             apart = np.nan_to_num((away**2 / variance).max(axis=1), nan=1.0, posinf=1.0)
@@ -290,9 +295,9 @@ class Refinement:
             split[rows[len(rows) - min(most, len(rows)) :]] = True
         return split
 
-    def _finished(self, pool: Pool, errors: Array, runs: int) -> Refined:
+    def _finished(self, likelihood: Likelihood, pool: Pool, errors: Array) -> Refined:
         """Moments of the cells; of those in which the prior ends, the part that is possible counts."""
-        space = self.problem.space
+        space, runs = self.problem.space, len(likelihood.readings)
         cut = np.flatnonzero((pool.off > QUADRATIC_NATS) & (pool.log_mass > -np.inf))
         if len(cut):
             places, shares = nodes(CUT_NODES, space.size)
@@ -303,6 +308,8 @@ class Refinement:
         log_total = log_sums(pool.run, pool.log_mass, runs)
         share = np.exp(pool.log_mass - np.where(log_total > -np.inf, log_total, 0.0)[pool.run])
         mean, covariance = joined_moments(space, pool, share, runs)
+        bent = likelihood.in_scales(pool.run, np.where(pool.broken[:, None] > 0, 0.0, pool.bend)).sum(axis=1)
+        errors = errors + BENDS_DISPLACE * bent * share
         error = np.where(log_total > -np.inf, RULE_ERROR + np.bincount(pool.run, errors, runs), 0.0)
         return Refined(mean, covariance, log_total, error, pool)
 

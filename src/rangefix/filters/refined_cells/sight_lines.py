@@ -1,0 +1,210 @@
+"""Lines along which beams of known directions pass ends of walls: between two of them a beam does not jump.
+
+A corner of which one wall goes to either side of the beam is no end. So places between each two lines that
+cross a cell show what is to be seen from it, be it through the narrowest gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array, IntArray
+from ...compiled import njit
+from ..models.noise import Gaussian
+from ..models.rangefinder import Rangefinder
+from ..problem import Problem
+from ..space import pose_space
+
+SAME_END_M = 1e-5  # ends of walls that lie no further apart are one
+SAME_LINE_M = 1e-4  # a gap that is narrower is none
+INSET_SHARE = 0.02  # of a gap, to either side: for at an end of a wall a beam may meet the one or the other
+INSET_M = 3e-5  # the least of it, more than loose ends run on; no more than 0.3 of a gap
+
+
+class Sighted(NamedTuple):
+    """What beams meet in cells between two lines: at both sides and in the middle, all of one piece.
+
+    Attributes:
+        cell, beam: Which cell and which beam, (K,), cells ascending.
+        offsets: Of the three places from the cell's centre, (K, 3, 2).
+        ranges: m, (K, 3); inf = no wall.
+    """
+
+    cell: IntArray
+    beam: IntArray
+    offsets: Array
+    ranges: Array
+
+    def beside(self, seen: Array, cells: int = 1) -> Array:
+        """Ranges that were seen in groups of so many cells, (N, S, B), and these: (N, S + T, B).
+
+        Halfway between two of one piece there is one more, so that no gap is seen in it. Where fewer than T
+        were seen of a group and a beam, its first is there again.
+        """
+        with np.errstate(invalid="ignore"):
+            halfway = 0.5 * (self.ranges[:, 1:] + self.ranges[:, :-1])
+        values = np.concatenate([self.ranges, np.where(np.isfinite(halfway), halfway, self.ranges[:, :2])], 1)
+        group = self.cell // cells
+        order = np.lexsort([self.beam, group])
+        key = (group * seen.shape[2] + self.beam)[order]
+        starts = np.flatnonzero(np.diff(key, prepend=-1))
+        counts = np.diff(starts, append=len(key))
+        rank = np.arange(len(key)) - np.repeat(starts, counts)
+        more = np.repeat(seen[:, :1, None], counts.max(initial=0), axis=1)
+        more = np.repeat(more, values.shape[1], axis=2)
+        more[group[order], rank, :, self.beam[order]] = values[order]
+        return np.concatenate([seen, more.reshape(len(seen), -1, seen.shape[2])], axis=1)
+
+    def bend(self, ranges: Array, slopes: Array) -> Array:
+        """By how much models of ranges are off these at most, 0 where there are none: (N, B), (N, B, 2)."""
+        at = self.cell, self.beam
+        expected = np.einsum("ki,kpi->kp", slopes[at], self.offsets)
+        expected = np.maximum(ranges[at][:, None] + expected, 0.0)
+        with np.errstate(invalid="ignore"):
+            off = np.abs(self.ranges - expected)
+        bend = np.zeros(ranges.shape)
+        off = np.where(np.isinf(self.ranges) & np.isinf(expected), 0.0, off).max(axis=1)
+        np.maximum.at(bend, at, off)
+        return bend
+
+
+@dataclass(frozen=True)
+class SightLines:
+    """The lines of all beams of a rangefinder.
+
+    Attributes:
+        problem: The problem.
+        caster: One beam, cast from poses of the laser.
+        laser: Where the laser is when the object is at 0, 0: x1, x2 (m) and heading (rad), (3,).
+        bearings: Of the beams, rad, (B,).
+        directions: Of the beams, (B, 2).
+        first: Where the lines of each beam begin among all, (B + 1,).
+        across: How far off the origin the lines are, across the beam to its right, ascending, m, (L,).
+        along: How far along the beam the end lies, m, (L,).
+    """
+
+    problem: Problem
+    caster: Rangefinder
+    laser: Array
+    bearings: Array
+    directions: Array
+    first: IntArray
+    across: Array
+    along: Array
+
+    @staticmethod
+    def of(problem: Problem) -> SightLines | None:
+        """None where headings are not known or ranges do not come from a map's walls."""
+        sensor = problem.sensor
+        if type(sensor) is not Rangefinder or problem.space.names != ("x1", "x2"):
+            return None
+        segments = np.asarray(sensor.room.segments, dtype=float).reshape(-1, 2, 2)
+        laser = sensor.mount.laser_poses(problem.space.poses(np.zeros((1, 2))))[0]
+        caster = Rangefinder(
+            sensor.room, np.zeros(1), Gaussian(1.0), pose_space(), max_incidence=sensor.max_incidence
+        )
+        angles = laser[2] + sensor.bearings
+        directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+        counts, across, along = _lines(segments - laser[:2], directions)
+        first = np.concatenate([[0], np.cumsum(counts)])
+        return SightLines(problem, caster, laser, sensor.bearings, directions, first, across, along)
+
+    def sighted(self, centres: Array, steps: Array) -> Sighted:
+        """What is seen between the lines that cross cells, where places are possible.
+
+        Of a cell and a beam without such lines there is nothing.
+
+        Args:
+            centres, steps: Of the cells and their sizes, m, (N, 2).
+        """
+        cell, beam, offsets = _between(
+            self.first, self.across, self.along, self.directions,
+            np.ascontiguousarray(centres), np.ascontiguousarray(steps),
+        )  # fmt: skip
+        places = centres[cell][:, None] + offsets
+        possible = self.problem.prior.log_density(places) > -np.inf
+        kept = np.flatnonzero(possible.any(axis=1))
+        inside = np.where(possible[kept], np.arange(3), possible[kept].argmax(axis=1)[:, None])
+        cell, beam, offsets = cell[kept], beam[kept], offsets[kept[:, None], inside]
+        headings = np.repeat(self.bearings[beam], 3)
+        poses = np.column_stack([(centres[cell][:, None] + offsets).reshape(-1, 2), headings]) + self.laser
+        return Sighted(cell, beam, offsets, np.asarray(self.caster.expected(poses)).reshape(-1, 3))
+
+
+def _lines(segments: Array, directions: Array) -> tuple[IntArray, Array, Array]:
+    """Lines past ends of walls (S, 2, 2): how many each beam has, (B,), and places across and along, (L,)."""
+    if not len(segments):
+        return np.zeros(len(directions), dtype=np.int64), np.empty(0), np.empty(0)
+    ends = segments.reshape(-1, 2)
+    others = segments[:, ::-1].reshape(-1, 2)
+    _, where = np.unique(np.round(ends / SAME_END_M), axis=0, return_inverse=True)
+    order = np.argsort(where.ravel(), kind="stable")
+    starts = np.flatnonzero(np.diff(where.ravel()[order], prepend=-1))
+    counts, across, along = [], [], []
+    for direction in directions:
+        normal = np.array([direction[1], -direction[0]])
+        aside = ((others - ends) @ normal)[order]
+        left, right = np.minimum.reduceat(aside, starts), np.maximum.reduceat(aside, starts)
+        passed = order[starts[~((left < -SAME_END_M) & (right > SAME_END_M))]]
+        line = ends[passed] @ normal
+        ascending = np.argsort(line, kind="stable")
+        counts.append(len(passed))
+        across.append(line[ascending])
+        along.append((ends[passed] @ direction)[ascending])
+    return np.array(counts), np.concatenate(across), np.concatenate(along)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _between(
+    first: IntArray, across: Array, along: Array, directions: Array, centres: Array, steps: Array
+) -> tuple[IntArray, IntArray, Array]:
+    """Places between lines that cross cells: cells (K,), beams (K,), and offsets from centres (K, 3, 2)."""
+    found, size = 0, 64
+    cells, beams, offsets = np.empty(size, np.int64), np.empty(size, np.int64), np.empty((size, 3, 2))
+    for cell in range(centres.shape[0]):
+        half_1, half_2 = 0.5 * steps[cell, 0], 0.5 * steps[cell, 1]
+        for beam in range(directions.shape[0]):
+            d1, d2 = directions[beam, 0], directions[beam, 1]
+            middle = d2 * centres[cell, 0] - d1 * centres[cell, 1]
+            reach = abs(d2) * half_1 + abs(d1) * half_2
+            behind = d1 * centres[cell, 0] + d2 * centres[cell, 1] - abs(d1) * half_1 - abs(d2) * half_2
+            right_1, right_2 = half_1 if d2 > 0 else -half_1, -half_2 if d1 > 0 else half_2
+            stop, last, right = first[beam + 1], middle - reach, middle + reach
+            line = first[beam] + np.searchsorted(across[first[beam] : stop], last)
+            crossed, inside = False, True
+            while inside:
+                while line < stop and across[line] < right and along[line] <= behind:
+                    line += 1
+                inside = line < stop and across[line] < right
+                if not (inside or crossed):
+                    break
+                at = across[line] if inside else right
+                if at - last > SAME_LINE_M:
+                    if found == size:
+                        size *= 2
+                        cells, beams, offsets = _longer(cells, beams, offsets)
+                    cells[found], beams[found] = cell, beam
+                    width = at - last
+                    inset = min(max(INSET_SHARE * width, INSET_M), 0.3 * width)
+                    for place in range(3):
+                        share = (last + inset + 0.5 * place * (width - 2 * inset) - middle) / reach
+                        offsets[found, place, 0], offsets[found, place, 1] = share * right_1, share * right_2
+                    found += 1
+                last, crossed = at, True
+                line += 1
+    return cells[:found], beams[:found], offsets[:found]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _longer(cells: IntArray, beams: IntArray, offsets: Array) -> tuple[IntArray, IntArray, Array]:
+    """The same with twice the room."""
+    size = cells.size
+    out = np.empty(2 * size, np.int64), np.empty(2 * size, np.int64), np.empty((2 * size, 3, 2))
+    for row in range(size):
+        out[0][row], out[1][row] = cells[row], beams[row]
+        for place in range(3):
+            out[2][row, place, 0], out[2][row, place, 1] = offsets[row, place, 0], offsets[row, place, 1]
+    return out
