@@ -25,7 +25,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
-from rangefix.filters.adaptive.gaussian_sums import Gaussians, log_reached, log_sum, reached
+from rangefix.filters.adaptive.gaussian_sums import Around, Gaussians, log_reached, log_sum, reached
 from rangefix.filters.adaptive.search import NOTHING
 from rangefix.filters.adaptive.target import Work
 from rangefix.maps import FloorPlan
@@ -302,16 +302,16 @@ def test_fans_tell_what_steps_walls_stop():
     ends = rng.uniform([0, 0], [2.4, 1.8], size=(4, 5000, 2))
     free = PLAN.is_free(ends)
     exact = in_line_of_sight(PLAN, np.broadcast_to(starts[:, None], ends.shape), ends)
-    assert (reached(ends, free, starts, fans) != exact).mean() < 0.02
+    around = Around.of(starts, fans)
+    assert (reached(ends, free, around) != exact).mean() < 0.02
     centres = starts + 0.1
     logs = log_reached(
         ends[0],
         Gaussians(centres, np.tile(np.eye(2), (4, 1, 1)), np.zeros(4), position_space().is_angle),
         ends[0],
-        starts,
-        fans,
+        around,
     )
     each = -0.5 * ((ends[0][:, None] - centres) ** 2).sum(-1)
-    allowed = reached(np.broadcast_to(ends[0], (4, 5000, 2)), np.ones((4, 5000), bool), starts, fans).T
+    allowed = reached(np.broadcast_to(ends[0], (4, 5000, 2)), np.ones((4, 5000), bool), around).T
     expected = np.where(allowed.any(1), logsumexp(np.where(allowed, each, -np.inf), axis=1), -np.inf)
     np.testing.assert_allclose(logs, expected, rtol=1e-12, atol=1e-14)

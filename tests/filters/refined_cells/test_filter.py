@@ -29,6 +29,8 @@ from rangefix.filters import (
 from rangefix.filters.optional_methods import numerical_error
 from rangefix.filters.refined_cells import RefinedPointMassFilter, coarse_cells
 from rangefix.filters.refined_cells.coarse_cells import cover
+from rangefix.filters.refined_cells.likelihood import Likelihood
+from rangefix.filters.refined_cells.refinement import Refinement
 from rangefix.filters.space import StateSpace, deviations_apart
 from rangefix.maps import FloorPlan, RectangularRoom
 
@@ -112,6 +114,26 @@ def test_cells_of_a_large_building_are_no_wider_than_what_it_hides() -> None:
         room = RectangularRoom(width, length)
         problem = still(room, np.array([0.0]), 0.05)
         assert RefinedPointMassFilter(problem).coarse.steps.max() <= widest
+
+
+def test_a_belief_is_no_narrower_than_a_cell_of_which_the_centre_alone_is_known() -> None:
+    """By hand: a cell 0.05 wide holds all, so one 2 m off counts 12 (2 / 0.05)^2 times its mass."""
+    problem = still(RectangularRoom(4.0, 6.0), np.array([0.0]), 0.01)
+    coarse = RefinedPointMassFilter(problem).coarse
+    likelihood = Likelihood(problem.sensor, np.full((1, 1, 1), 2.0), coarse.farthest)
+    refinement = Refinement(problem, coarse, 0.02, 1000)
+    every = np.arange(len(coarse.centres))
+    chosen = np.zeros((1, len(every)), dtype=np.bool_)
+    lower, upper = problem.prior.support
+    middle = np.abs(coarse.centres - 0.5 * (lower + upper)).sum(axis=1).argmin()
+    other = np.abs(coarse.centres - coarse.centres[middle] - [0.0, 2.0]).sum(axis=1).argmin()
+    chosen[0, [middle, other]] = True
+    pool = refinement._coarse_pool(likelihood, np.zeros(chosen.shape), chosen)
+    pool.log_mass = np.where(every[chosen[0]] == middle, 0.0, -200.0)
+    counts, share = refinement._counts(pool, np.zeros(1), 1)
+    assert share.max() == 1.0
+    apart = coarse.centres[other, 1] - coarse.centres[middle, 1]
+    assert counts.max() == pytest.approx(12 * (apart / coarse.steps[middle, 1]) ** 2, rel=1e-9)
 
 
 def test_a_long_ridge_keeps_its_width() -> None:

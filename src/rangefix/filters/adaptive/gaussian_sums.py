@@ -46,6 +46,14 @@ class Around(NamedTuple):
     closeness: Array
     octants: Array
 
+    @staticmethod
+    def of(starts: Array, fans: Array) -> Around:
+        """From the distances to the wall in F directions all round, from +x2 clockwise, (K, F), m.
+
+        Between directions its inverse is interpolated: that is what a straight wall does.
+        """
+        return Around(starts, 1 / fans, _in_octants(1 / fans))
+
 
 def log_sum(states: Array, gaussians: Gaussians) -> Array:
     """Log of the sum of all Gaussians at each state, (N, n) -> (N,)."""
@@ -58,31 +66,29 @@ def log_sum(states: Array, gaussians: Gaussians) -> Array:
     return result
 
 
-def log_reached(states: Array, gaussians: Gaussians, ends: Array, starts: Array, fans: Array) -> Array:
+def log_reached(states: Array, gaussians: Gaussians, ends: Array, around: Around) -> Array:
     """The same, over those k alone from whose start no wall is met on the straight way to the end.
 
     Args:
         states: Where, (N, n).
         gaussians: The terms.
         ends: Position of each state, (N, 2), m.
-        starts: Where the step to each centre began, (K, 2), m.
-        fans: Distance to the wall from each start in F directions all round, from +x2 clockwise, (K, F), m.
-            Between directions its inverse is interpolated: that is what a straight wall does.
+        around: Where the step to each centre began, and the walls about it.
 
     Returns:
         (N,); -inf where nothing reaches.
     """
-    result, around = np.empty(len(states)), Around(starts, 1 / fans, _in_octants(1 / fans))
+    result = np.empty(len(states))
     for part, logs in _exponents(states, gaussians):
         greatest = logs.argmax(axis=1)
         in_threads(_sum_reached, len(logs), logs.size, logs, greatest, ends[part], around, result[part])
     return result
 
 
-def reached(ends: Array, free: BoolArray, starts: Array, fans: Array) -> BoolArray:
-    """Which free ends (K, D, 2) can be reached from their start (K, 2): (K, D); fans as above."""
+def reached(ends: Array, free: BoolArray, around: Around) -> BoolArray:
+    """Which free ends (K, D, 2) can be reached from the K places: (K, D)."""
     result = np.empty(free.shape, np.bool_)
-    _reached(ends, free, starts, 1 / fans, result)
+    _reached(ends, free, around, result)
     return result
 
 
@@ -180,9 +186,9 @@ def _sum_reached(
 
 
 @njit(cache=True, nogil=True)
-def _reached(ends: Array, free: BoolArray, starts: Array, closeness: Array, result: BoolArray) -> None:
+def _reached(ends: Array, free: BoolArray, around: Around, result: BoolArray) -> None:
     """Which free ends can be reached from their start, written in place."""
+    starts, closeness, octants = around
     for k in range(starts.shape[0]):
         for place in range(ends.shape[1]):
-            step1, step2 = ends[k, place, 0] - starts[k, 0], ends[k, place, 1] - starts[k, 1]
-            result[k, place] = free[k, place] and _clear(step1, step2, closeness[k])
+            result[k, place] = free[k, place] and _open(ends[k, place], starts[k], octants[k], closeness[k])

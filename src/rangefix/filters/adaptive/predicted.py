@@ -21,7 +21,7 @@ from ..models.motion import Stationary
 from ..problem import Motion, RangeMap
 from ..space import LEAST_VARIANCE, StateSpace
 from .gauss_newton import quick_scores
-from .gaussian_sums import Gaussians, log_reached, log_sum, reached
+from .gaussian_sums import Around, Gaussians, log_reached, log_sum, reached
 from .lattice import Lattice
 from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kernels, conditional_stds, smoothed
 from .target import Target, TooManyCells
@@ -60,6 +60,11 @@ class Part:
     mean: Array
     covariance: Array
     blur: float = 0.0
+
+    @cached_property
+    def around(self) -> Around:
+        """Its starts, and the walls about them."""
+        return Around.of(self.starts, self.fans)
 
     @property
     def log_weights(self) -> Array:
@@ -111,7 +116,7 @@ class Predicted:
                     free = self.room.is_free(states[:, where])
                 ends = np.ascontiguousarray(states[free][:, where])
                 logs = np.full(len(states), -np.inf)
-                logs[free] = log_reached(states[free], part.gaussians, ends, part.starts, part.fans)
+                logs[free] = log_reached(states[free], part.gaussians, ends, part.around)
             total = np.logaddexp(total, logs)
         return total
 
@@ -138,7 +143,7 @@ class Predicted:
                 assert self.room is not None
                 ends = np.ascontiguousarray(drawn[:, None, where])
                 free = self.room.is_free(ends)
-                drawn = drawn[reached(ends, free, part.starts[which], part.fans[which])[:, 0]]
+                drawn = drawn[reached(ends, free, Around.of(part.starts[which], part.fans[which]))[:, 0]]
             states.append(drawn)
             of.append(np.full(len(drawn), place))
         log_share = float(np.logaddexp.reduce(logs) - np.log(count))
@@ -269,7 +274,7 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     starts = np.ascontiguousarray(moved.states[:, space.position_indices])
     fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), WALL_DIRECTIONS)
     ends = _ends(moved, motion, control, STEP_DRAWS)
-    met = reached(ends, motion.room.is_free(ends), starts, fans)
+    met = reached(ends, motion.room.is_free(ends), Around.of(starts, fans))
     goes, nearest = met.mean(axis=1), ends[np.arange(len(ends)), met.argmax(axis=1)]
     with np.errstate(divide="ignore"):  # the two factors of docs/theory.md, "Motion that keeps out of walls"
         again = -np.expm1(motion.tries * np.log1p(-goes)) / np.where(goes > 0, goes, 1)
@@ -296,7 +301,7 @@ def _kept_inside(still: Kernels, walls: Confined, control: Array) -> tuple[Kerne
     starts = np.ascontiguousarray(still.states[:, walls.space.position_indices])
     fans = walls.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), WALL_DIRECTIONS)
     ends = _ends(still, resting, control, STEP_DRAWS)
-    met = reached(ends, walls.room.is_free(ends), starts, fans)
+    met = reached(ends, walls.room.is_free(ends), Around.of(starts, fans))
     inside, kept = met.mean(axis=1), met.any(axis=1)
     nearest = ends[np.arange(len(ends)), met.argmax(axis=1)]
     weights = still.log_weights[kept] - np.log(inside[kept])
