@@ -146,6 +146,11 @@ class Quadrature:
         return error + self._wrong(self._spreads_about(error * self._deviations))
 
     @property
+    def error_to_lower(self) -> float:
+        """The error that finer lattices may lower: that of the sums where headings seem to have no mean."""
+        return self.error if np.isfinite(self.error) else self.error_of_sums
+
+    @property
     def _deviations(self) -> Array:
         """Standard deviations, (n,), none of them zero."""
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE)))
@@ -366,11 +371,11 @@ def verified(target: Target, check: Target, found: Quadrature, accuracy: Accurac
     if not found.modes or not np.isfinite(found.error_of_sums):
         return found
     for turn in range(MAX_HALVINGS):
-        if found.error_of_sums <= accuracy.error or (
-            turn % IDLE_HALVINGS == 0 and found.error_of_sums > LEAST_PROGRESS * best
+        if found.error_to_lower <= accuracy.error or (
+            turn % IDLE_HALVINGS == 0 and found.error_to_lower > LEAST_PROGRESS * best
         ):
             return found
-        best = found.error_of_sums if turn % IDLE_HALVINGS == 0 else best
+        best = found.error_to_lower if turn % IDLE_HALVINGS == 0 else best
         sizes = np.array([len(mode.keys) for mode in found.modes])
         gaps = np.maximum(found.gaps(), found.errors.max(axis=1))
         gaps[2 * sizes > most] = -1.0
