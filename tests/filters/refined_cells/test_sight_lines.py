@@ -72,9 +72,9 @@ def test_the_edge_of_a_board_is_seen_from_a_strip(thickness: float, slant: float
 def test_every_piece_that_a_beam_sees_from_a_cell_is_sighted(seed: int) -> None:
     """Boards of 1 to 30 mm; what a dense row of places across a cell sees lies between what is sighted.
 
-    Rows of free places are asked. Ranges along one jump where two neighbours differ by more than walls met
-    at 0.1 rad explain. Of each stretch between two jumps that is wider than twice SAME_LINE_M a place was
-    sighted, with its range in between.
+    Rows of free places are asked, in the middle of the cell along the beam. Ranges along one jump where two
+    neighbours differ by more than walls met at 0.1 rad explain. Of each stretch between two jumps that is
+    wider than twice SAME_LINE_M a place was sighted, with its range in between.
     """
     rng = np.random.default_rng(seed)
     corners, sizes = rng.uniform((1.0, 1.0), (6.5, 4.5), (12, 2)), rng.uniform(0.001, 0.03, (12, 2))
@@ -88,15 +88,19 @@ def test_every_piece_that_a_beam_sees_from_a_cell_is_sighted(seed: int) -> None:
     sighted, pieces = lines.sighted(centres, steps), 0
     for cell, centre in enumerate(centres):
         for beam, direction in enumerate(lines.directions):
-            right = 0.5 * steps[cell] * np.sign([direction[1], -direction[0]])
-            shares = np.linspace(-1, 1, DENSE)[:, None]
-            places = centre + shares * right
+            (d1, d2), half = direction, 0.5 * steps[cell]
+            reach = np.abs([d2, d1]) @ half
+            aside = reach * np.linspace(-1, 1, DENSE)
+            back = np.maximum(-aside * d2 / d1 - half[0] / abs(d1), aside * d1 / d2 - half[1] / abs(d2))
+            front = np.minimum(-aside * d2 / d1 + half[0] / abs(d1), aside * d1 / d2 + half[1] / abs(d2))
+            places = centre + np.outer(aside, [d2, -d1]) + np.outer(0.5 * (back + front), direction)
             laser = problem.sensor.mount.laser_poses(problem.space.poses(places))
             if not (hall.is_free(places) & hall.is_free(laser[:, :2])).all():
                 continue
             row = problem.sensor.expected(places)[:, beam]
-            pitch = 2 * np.abs([direction[1], direction[0]]) @ (0.5 * steps[cell]) / (DENSE - 1)
-            jumps = np.flatnonzero(np.abs(np.diff(row)) > 10 * pitch)
+            pitch = 2 * reach / (DENSE - 1)
+            strides = np.hypot(*np.diff(places, axis=0).T)
+            jumps = np.flatnonzero(np.abs(np.diff(row)) > 11 * strides)
             if not len(jumps):
                 continue
             found = sighted.ranges[(sighted.cell == cell) & (sighted.beam == beam)]

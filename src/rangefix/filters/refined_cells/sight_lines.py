@@ -169,33 +169,52 @@ def _between(
         for beam in range(directions.shape[0]):
             d1, d2 = directions[beam, 0], directions[beam, 1]
             middle = d2 * centres[cell, 0] - d1 * centres[cell, 1]
-            reach = abs(d2) * half_1 + abs(d1) * half_2
-            behind = d1 * centres[cell, 0] + d2 * centres[cell, 1] - abs(d1) * half_1 - abs(d2) * half_2
-            right_1, right_2 = half_1 if d2 > 0 else -half_1, -half_2 if d1 > 0 else half_2
+            here = d1 * centres[cell, 0] + d2 * centres[cell, 1]
+            reach, length = abs(d2) * half_1 + abs(d1) * half_2, abs(d1) * half_1 + abs(d2) * half_2
             stop, last, right = first[beam + 1], middle - reach, middle + reach
             line = first[beam] + np.searchsorted(across[first[beam] : stop], last)
-            crossed, inside = False, True
+            crossed, inside, before = False, True, np.inf
             while inside:
-                while line < stop and across[line] < right and along[line] <= behind:
+                while line < stop and across[line] < right and along[line] <= here - length:
                     line += 1
                 inside = line < stop and across[line] < right
                 if not (inside or crossed):
                     break
-                at = across[line] if inside else right
+                at, end = (across[line], along[line] - here) if inside else (right, np.inf)
                 if at - last > SAME_LINE_M:
-                    if found == size:
+                    near = min(before, end)
+                    rows = 3 if near < length else 1
+                    while found + rows > size:
                         size *= 2
                         cells, beams, offsets = _longer(cells, beams, offsets)
-                    cells[found], beams[found] = cell, beam
-                    width = at - last
-                    inset = min(max(INSET_SHARE * width, INSET_M), 0.3 * width)
-                    for place in range(3):
-                        share = (last + inset + 0.5 * place * (width - 2 * inset) - middle) / reach
-                        offsets[found, place, 0], offsets[found, place, 1] = share * right_1, share * right_2
-                    found += 1
-                last, crossed = at, True
+                    inset = min(max(INSET_SHARE * (at - last), INSET_M), 0.3 * (at - last))
+                    for row in range(rows):
+                        cells[found], beams[found] = cell, beam
+                        for place in range(3):
+                            aside = last + inset + 0.5 * place * (at - last - 2 * inset) - middle
+                            back, front = _along_in(d1, d2, half_1, half_2, aside)
+                            ahead = 0.5 * (back + front)
+                            if row > 0:  # behind an end in the cell, and close behind it
+                                ahead = back if row == 1 else min(max(near - INSET_M, back), front)
+                            offsets[found, place, 0] = d2 * aside + d1 * ahead
+                            offsets[found, place, 1] = d2 * ahead - d1 * aside
+                        found += 1
+                last, before, crossed = at, end, True
                 line += 1
     return cells[:found], beams[:found], offsets[:found]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _along_in(d1: float, d2: float, half_1: float, half_2: float, aside: float) -> tuple[float, float]:
+    """From where to where a line along a direction lies in a cell, from its centre, so far to its right."""
+    back, front = -np.inf, np.inf
+    if d1 != 0.0:
+        middle, reach = -aside * d2 / d1, half_1 / abs(d1)
+        back, front = max(back, middle - reach), min(front, middle + reach)
+    if d2 != 0.0:
+        middle, reach = aside * d1 / d2, half_2 / abs(d2)
+        back, front = max(back, middle - reach), min(front, middle + reach)
+    return back, max(back, front)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
