@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -119,6 +121,19 @@ def test_nothing_is_asked_where_no_end_is_passed() -> None:
     lines = SightLines.of(problem)
     assert lines is not None
     assert len(lines.sighted(np.array([[4.0, 3.0]]), np.array([[7.9, 5.9]])).cell) == 0
+
+
+def test_beside_a_wall_that_is_lost_the_next_one_is_seen() -> None:
+    """Beams that meet a wall at more than 20 deg are lost: beside the corner the slanted wall is."""
+    hall = FloorPlan([[0, 0], [8, 0], [8, 6], [4, 6], [0, 4]])
+    for limit, count in ((np.pi / 2, 0), (np.deg2rad(20.0), 2)):
+        problem = problem_in(hall, np.zeros(1))
+        problem = replace(problem, sensor=replace(problem.sensor, max_incidence=limit))
+        lines = SightLines.of(problem)
+        assert lines is not None
+        seen = lines.sighted(np.array([[4.0, 3.0]]), np.array([[0.2, 0.2]]))
+        assert len(seen.cell) == count
+    assert sorted(np.isinf(seen.ranges[:, 1])) == [False, True]
 
 
 def test_headings_must_be_known() -> None:

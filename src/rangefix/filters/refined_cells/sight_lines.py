@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...compiled import njit
 from ..models.noise import Gaussian
-from ..models.rangefinder import Rangefinder
+from ..models.rangefinder import RIGHT_ANGLE, Rangefinder
 from ..problem import Problem
 from ..space import pose_space
 
@@ -97,18 +97,21 @@ class SightLines:
 
     @staticmethod
     def of(problem: Problem) -> SightLines | None:
-        """None where headings are not known or ranges do not come from a map's walls."""
+        """None where headings are not known or a map has no wall segments."""
         sensor = problem.sensor
         if type(sensor) is not Rangefinder or problem.space.names != ("x1", "x2"):
             return None
         segments = np.asarray(sensor.room.segments, dtype=float).reshape(-1, 2, 2)
+        if not len(segments):
+            return None
         laser = sensor.mount.laser_poses(problem.space.poses(np.zeros((1, 2))))[0]
         caster = Rangefinder(
             sensor.room, np.zeros(1), Gaussian(1.0), pose_space(), max_incidence=sensor.max_incidence
         )
         angles = laser[2] + sensor.bearings
         directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
-        counts, across, along = _lines(segments - laser[:2], directions)
+        lost = sensor.max_incidence < RIGHT_ANGLE  # walls may be, where the next is seen
+        counts, across, along = _lines(segments - laser[:2], directions, lost)
         first = np.concatenate([[0], np.cumsum(counts)])
         return SightLines(problem, caster, laser, sensor.bearings, directions, first, across, along)
 
@@ -134,10 +137,11 @@ class SightLines:
         return Sighted(cell, beam, offsets, np.asarray(self.caster.expected(poses)).reshape(-1, 3))
 
 
-def _lines(segments: Array, directions: Array) -> tuple[IntArray, Array, Array]:
-    """Lines past ends of walls (S, 2, 2): how many each beam has, (B,), and places across and along, (L,)."""
-    if not len(segments):
-        return np.zeros(len(directions), dtype=np.int64), np.empty(0), np.empty(0)
+def _lines(segments: Array, directions: Array, every: bool) -> tuple[IntArray, Array, Array]:
+    """Lines past ends of walls (S, 2, 2): how many each beam has, (B,), and places across and along, (L,).
+
+    With `every` a corner counts, too, where a wall goes to either side.
+    """
     ends = segments.reshape(-1, 2)
     others = segments[:, ::-1].reshape(-1, 2)
     _, where = np.unique(np.round(ends / SAME_END_M), axis=0, return_inverse=True)
@@ -148,7 +152,7 @@ def _lines(segments: Array, directions: Array) -> tuple[IntArray, Array, Array]:
         normal = np.array([direction[1], -direction[0]])
         aside = ((others - ends) @ normal)[order]
         left, right = np.minimum.reduceat(aside, starts), np.maximum.reduceat(aside, starts)
-        passed = order[starts[~((left < -SAME_END_M) & (right > SAME_END_M))]]
+        passed = order[starts[every | ~((left < -SAME_END_M) & (right > SAME_END_M))]]
         line = ends[passed] @ normal
         ascending = np.argsort(line, kind="stable")
         counts.append(len(passed))
