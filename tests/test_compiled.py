@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import gc
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, TypeGuard
 
 import numba
 import numpy as np
@@ -19,6 +22,8 @@ from rangefix.arrays import Array
 from rangefix.compiled import exp_below_zero, njit
 from rangefix.maps import FloorPlan, segment_kernels
 from rangefix.maps.polygon import locate
+
+SOURCE, TESTS = Path(compiled.__file__).parent, Path(__file__).parent
 
 PREDICTED = """
 import numpy as np
@@ -161,3 +166,58 @@ def test_exp_below_zero_is_exact_to_two_units_in_the_last_place() -> None:
     weights = np.empty_like(powers)
     fill(powers, weights)
     assert weights == pytest.approx(np.exp(np.maximum(powers, -700.0)), rel=4.5e-16, abs=0)
+
+
+def decorated(node: ast.AST, by: str) -> TypeGuard[ast.FunctionDef]:
+    """Whether it is a function with such a text among its decorators."""
+    return isinstance(node, ast.FunctionDef) and any(by in ast.unparse(each) for each in node.decorator_list)
+
+
+def outside_of_loops(tree: ast.AST) -> Iterator[str]:
+    """Names that are used anywhere but in compiled loops."""
+    for node in ast.iter_child_nodes(tree):
+        if decorated(node, "njit("):
+            continue
+        if isinstance(node, ast.Name):
+            yield node.id
+        yield from outside_of_loops(node)
+
+
+def inner_loops(tree: ast.AST) -> set[str]:
+    return {node.name for node in ast.walk(tree) if decorated(node, "inner=True")}
+
+
+def imported(tree: ast.AST) -> set[str]:
+    return {name.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for name in node.names}
+
+
+def test_python_calls_no_loop_that_only_loops_may_call() -> None:
+    """Nothing would be told: the process would crash."""
+    trees = {path: ast.parse(path.read_text()) for folder in (SOURCE, TESTS) for path in folder.rglob("*.py")}
+    inner = {path: inner_loops(tree) for path, tree in trees.items()}
+    assert len(set().union(*inner.values())) > 30
+    for path, tree in trees.items():
+        there = inner[path] | (set().union(*inner.values()) & imported(tree))
+        assert not there & set(outside_of_loops(tree)), path
+
+
+def test_inner_loops_are_compiled_without_what_lets_python_call_them() -> None:
+    def plus_one(value: float) -> float:
+        return value + 1.0
+
+    inner = njit(inner=True)(plus_one)
+
+    @njit()
+    def outer(value: float) -> float:
+        return 2.0 * inner(value)
+
+    assert outer(1.0) == 4.0
+    assert [*map(wrappers, (inner, outer))] == [(False, False), (True, False)]
+
+
+def wrappers(loop: Any) -> tuple[bool, bool]:
+    """Whether a loop was compiled with what lets Python, and C, call it."""
+    (compiled_once,) = loop.overloads.values()
+    names = compiled_once.fndesc
+    code = compiled_once.library.get_llvm_str()
+    return names.llvm_cpython_wrapper_name in code, names.llvm_cfunc_wrapper_name in code

@@ -40,8 +40,16 @@ OBJECTS = 100_000  # that are made before one looks for garbage
 OPTIMISATION = 2  # LLVM's level for our loops: they are as fast at 3, the usual one, and take a fifth longer
 
 
-def njit(**options: Any) -> Callable[[Loop], Loop]:
-    """The njit of numba; where no folder for its cache can be written, without one."""
+def njit(inner: bool = False, **options: Any) -> Callable[[Loop], Loop]:
+    """The njit of numba; where no folder for its cache can be written, without one.
+
+    What lets C call a loop is not compiled.
+
+    Args:
+        inner: Called from loops alone: nor is what lets Python call it. If Python does, it crashes.
+        options: Of numba.
+    """
+    options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
 
     def decorate(loop: Loop) -> Loop:
         try:

@@ -104,7 +104,7 @@ def cast_into_cells(
                 axes[place, beam] = 0 if math.isinf(found) else -sign * axis
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inner=True)
 def _entry(x0: float, y0: float, x_step: float, y_step: float, n1: int, n2: int) -> float:
     """How far from outside a beam enters a grid; FAR if it never does."""
     enters, leaves = 0.0, FAR

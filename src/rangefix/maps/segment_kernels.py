@@ -155,7 +155,7 @@ def _within(a: float, b: float, begin: float, end: float) -> tuple[float, float]
     return begin, end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _are_behind(ends: Array, count: int, nearest: int) -> bool:
     """Whether all other walls lie behind one, as seen from the origin; ends u, v, u, v of each, (N, 4)."""
     u, v = ends[nearest, 0], ends[nearest, 1]

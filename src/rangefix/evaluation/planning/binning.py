@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ FARTHEST = 1e300  # m; an expected range beyond it is none
 ROW = 12  # numbers that a bin sums up: three times three, and each time one that is not used
 NARROW = 0.6  # variance of a cell's range, in bins squared, up to which three neighbours hold it
 Columns = Array | tuple[float, float]
-QUICK = {
+QUICK: dict[str, Any] = {
     "cache": True,
     "nogil": True,
     "error_model": "numpy",
@@ -102,7 +103,7 @@ def _bin_places_by_walls(
         )
 
 
-@njit(**QUICK)
+@njit(**QUICK, inner=True)
 def _take_nearer(
     c: float, c1: float, c2: float, x1: Array, x2: Array, ranges: Array, slope_1: Array, slope_2: Array
 ) -> None:
@@ -129,7 +130,7 @@ def _work(cells: int, bins: int) -> tuple[IntArray, Array, Array]:
     return np.empty(cells, dtype=np.int32), np.empty((4, cells)), np.empty((2 * bins + 1) * ROW)
 
 
-@njit(**QUICK)
+@njit(**QUICK, inner=True)
 def _bin_direction(
     ranges: Array, slope_1: Array, slope_2: Array, moments: Array, values: Array, squares: Array, low: float,
     step: float, least: float, most: float, work: tuple[IntArray, Array, Array], by_bin: Array,
@@ -172,7 +173,7 @@ def _bin_direction(
                 by_bin[column, each + reach] += even + odd
 
 
-@njit(**QUICK)
+@njit(**QUICK, inner=True)
 def _find_rows(
     ranges: Array, slope_1: Array, slope_2: Array, square_1: Array, square_2: Array, low: float, step: float,
     bins: int, along_1: Array, along_2: Array, off: Array, square: Array, rows: IntArray,
@@ -193,7 +194,7 @@ def _find_rows(
     return wide
 
 
-@njit(**QUICK)
+@njit(**QUICK, inner=True)
 def _add_up(
     moments: Array, along_1: Array, along_2: Array, off: Array, square: Array, rows: IntArray, sums: Array
 ) -> None:
@@ -210,7 +211,7 @@ def _add_up(
         _add_cell(moments, along_1, along_2, off, square, rows, sums, cell)
 
 
-@njit(**QUICK)
+@njit(**QUICK, inner=True)
 def _add_cell(
     moments: Array, along_1: Array, along_2: Array, off: Array, square: Array, rows: IntArray, sums: Array,
     cell: int,
@@ -279,7 +280,7 @@ def _bin_all(
                 out[direction, column, each] = local[each, column]
 
 
-@njit(**QUICK)
+@njit(**QUICK, inner=True)
 def _add_wide(
     local: Array, weight: float, distance: float, spread: float, centre: Columns, along: Columns, low: float,
     step: float, least: float, most: float,

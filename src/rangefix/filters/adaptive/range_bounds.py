@@ -389,7 +389,7 @@ def _bound(
             bounds[cell, left[i]] = totals[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _falls_off(lost: NDArray[np.float32], reading: int) -> bool:
     """Whether a beam's penalties, (Q,), only grow away from its reading's place."""
     for place in range(1, len(lost)):

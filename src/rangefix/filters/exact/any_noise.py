@@ -87,7 +87,7 @@ def _counts(log_share: float, pieces: Pieces, mean: Array, covariance: Array) ->
     return math.exp(min(log_share, 0.0)) * max(farthest / least, 1.0) if least > 0 else np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _lightness(bound: float, total: Array, corners: Array, count: int, x1: float, x2: float) -> float:
     """By how many nats a part of such a log mass adds less to the covariance than what was summed up so far.
 
@@ -135,7 +135,7 @@ def _sum_runs(
                 break
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _sum_pieces(
     pieces: Pieces, tables: Tables, prior: Array, rule: Rules, nodes: Nodes, order: IntArray, limits: Array,
     margin: float, mean: Array, covariance: Array,
@@ -222,7 +222,7 @@ def _sum_pieces(
     return found, _counts(math.log(left_out) + limits[order[0]] - found, pieces, mean, covariance)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _look_at(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array
 ) -> tuple[float, float, int, float]:

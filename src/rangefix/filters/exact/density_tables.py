@@ -233,7 +233,7 @@ def joined(layers: Sequence[RunTables]) -> RunTables:
     return RunTables(Tables(beams, centres, scales, cells, bounds, no_wall), counts)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _cell_of(offset: float, cells: int) -> tuple[int, float]:
     """The cell of an offset from the centre, in scales, and the share of the cell before it."""
     bits = int(np.float64(CELL_ORIGIN + offset).view(np.int64))
@@ -266,7 +266,7 @@ def most_between(tables: Tables, which: int, low: float, high: float) -> float:
     return float(most_over(tables, which, u, v, at_u, at_v))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def most_over(tables: Tables, which: int, u: float, v: float, at_u: float, at_v: float) -> float:
     """The same between two offsets, in scales, where the log density is known."""
     if u <= 0 <= v:

@@ -128,7 +128,7 @@ def _bound(piece: int, reading: Array, weight: Array, lows: Array, highs: Array)
     return bound
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _clip(
     work: Array, corners: int, spare: Array, h11: float, h12: float, h22: float, g1: float, g2: float
 ) -> int:
@@ -160,7 +160,7 @@ def _clip(
     return corners
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def lowest(
     corners: Array, count: int, h11: float, h12: float, h22: float, g1: float, g2: float, at: Array
 ) -> float:
@@ -195,7 +195,7 @@ def lowest(
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def integrate_quadratic(
     corners: Array,
     count: int,
@@ -301,7 +301,7 @@ def _intervals(length: float) -> int:
     return int(min(length / LONGEST_INTERVAL, MOST_INTERVALS)) + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _along_chord(
     base: float, along: float, small: float, root: float, low: float, high: float
 ) -> tuple[float, float, float]:

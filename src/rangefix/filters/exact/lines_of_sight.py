@@ -54,7 +54,7 @@ def buckets(walls: Array) -> tuple[float, float, IntArray, IntArray]:
     return float(low), float(width), starts.astype(np.int64), entries[order].astype(np.int64)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def first_wall(
     s: float, t: float, walls: Array, low: float, width: float, starts: IntArray, entries: IntArray
 ) -> int:
@@ -73,7 +73,7 @@ def first_wall(
     return met
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def same_line(walls: Array, one: int, other: int) -> bool:
     """Whether two walls lie on one line, so that ranges to them are one affine function."""
     width = walls[one, 2] - walls[one, 0]

@@ -162,7 +162,7 @@ def _is_cut(walls: Array, slopes: Array, pair: tuple[int, int], s: float, uprigh
     return bool(((ends[:, 0] < high - THIN_M) & (ends[:, 1] > low + THIN_M)).any())
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _first_from(ends: Array, least: float) -> int:
     """The first of some rising numbers that is not below a least one; how many there are, if none is."""
     low, high = 0, ends.size

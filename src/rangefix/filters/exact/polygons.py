@@ -17,7 +17,7 @@ def cut_off(piece: Array, normal: Array, level: float) -> Array:
     return kept[: cut_by(piece, len(piece), normal[0], normal[1], level, kept)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def copy_corners(corners: Array, count: int, out: Array) -> None:
     """The first few corners of a polygon, written in place."""
     for corner in range(count):
@@ -53,7 +53,7 @@ def cut_by(corners: Array, count: int, normal1: float, normal2: float, level: fl
     return made
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def area_of(corners: Array, count: int) -> float:
     """The area of a convex polygon."""
     doubled = 0.0
@@ -64,7 +64,7 @@ def area_of(corners: Array, count: int) -> float:
     return 0.5 * abs(doubled)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def extent_along(corners: Array, count: int, c: float, d: float) -> float:
     """How far a polygon reaches along (c, d)."""
     low, high = np.inf, -np.inf
@@ -74,7 +74,7 @@ def extent_along(corners: Array, count: int, c: float, d: float) -> float:
     return high - low
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, float, float]:
     """The chord of a convex polygon at s = at: its ends along t, and their slopes by s."""
     low, high, low_slope, high_slope = np.inf, -np.inf, 0.0, 0.0
@@ -91,7 +91,7 @@ def chord_at(s: Array, t: Array, count: int, at: float) -> tuple[float, float, f
     return low, low_slope, high, high_slope
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def put_in_order(values: Array, count: int) -> None:
     """The first few numbers in rising order, in place."""
     for place in range(1, count):

@@ -16,7 +16,7 @@ def log_mass(total: Array) -> float:
     return total[1] + math.log(total[0]) if total[0] > 0 else -np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def add_part(total: Array, log_peak: float, part: Array, x1: float, x2: float) -> None:
     """Add a part's mass and moments to those of the others, without differences of large numbers.
 

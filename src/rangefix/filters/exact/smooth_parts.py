@@ -41,7 +41,7 @@ def nodes_for(room: int) -> Nodes:
     return Nodes(np.empty((room, 6)), np.empty((room, 2)), np.empty(room), np.zeros(1, dtype=np.int64))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def integrate_part(
     corners: Array, count: int, piece: int, pieces: Pieces, tables: Tables, prior: Array, log_peak: float,
     light: float, rough: bool, rule: Rules, nodes: Nodes, room: Array, which_met: IntArray, out: Array,
@@ -190,7 +190,7 @@ def integrate_part(
     return highest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def lengths_between(u: float, v: float) -> float:
     """How long it is from one offset to another, in scales near the centre and in growing ones beyond it."""
     away = u if u > 0 else (-v if v < 0 else 0.0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import njit
 
-LOOP = {"cache": True, "nogil": True, "error_model": "numpy"}
+LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @njit(**LOOP)

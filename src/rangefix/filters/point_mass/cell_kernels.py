@@ -78,7 +78,7 @@ def _weigh_block(
     return float(max(max(one, two), max(three, four)))
 
 
-@njit(error_model="numpy", fastmath=FUSED)  # kept with those that call it
+@njit(error_model="numpy", fastmath=FUSED, inner=True)  # kept with those that call it
 def _select(
     readings: Readings, run: int, table: CellTable, mass: CellMass, chosen: IntArray, logs: Array
 ) -> tuple[int, float]:

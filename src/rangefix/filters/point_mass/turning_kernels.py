@@ -127,7 +127,7 @@ def _bound(
     return log
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _append_block(
     row: int, column: int, beams: MeasuredBeams, ranges: SharedRanges, mass: CellMass, mass_row: int,
     chosen: Chosen, count: int, best: float,

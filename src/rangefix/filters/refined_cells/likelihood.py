@@ -51,7 +51,7 @@ class Terms(NamedTuple):
     beyond: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def term_at(terms: Terms, run: int, term: int, expected: float) -> float:
     """The log density of one term at an expected range; of one that says nothing 0."""
     precision = terms.precision[run, term]
@@ -74,7 +74,7 @@ def term_at(terms: Terms, run: int, term: int, expected: float) -> float:
     return float((1.0 - at) * terms.tables[run, term, low] + at * terms.tables[run, term, low + 1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def best_in(terms: Terms, run: int, term: int, low: float, high: float) -> float:
     """The most that one term can be between two ranges."""
     return float(term_at(terms, run, term, min(max(terms.aim[run, term], low), high)))

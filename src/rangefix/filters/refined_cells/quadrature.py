@@ -181,7 +181,7 @@ def _integrate(
     return cells[:kept], centres[:kept], steps[:kept]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _scale(first: Array, second: Array, factor: float) -> None:
     """Multiply first and second moments by a factor."""
     for i in range(first.size):
@@ -190,7 +190,7 @@ def _scale(first: Array, second: Array, factor: float) -> None:
             second[i, j] *= factor
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _longer(values: IntArray) -> IntArray:
     out = np.empty(2 * values.size, np.int64)
     for row in range(values.size):
@@ -198,7 +198,7 @@ def _longer(values: IntArray) -> IntArray:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _taller(values: Array) -> Array:
     out = np.empty((2 * values.shape[0], values.shape[1]))
     for row in range(values.shape[0]):
@@ -207,7 +207,7 @@ def _taller(values: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _load(boxes: Boxes, cell: int, walls: Array) -> None:
     """What the ranges of a cell follow from: range, slopes by the place, slope by the heading over range."""
     turns = boxes.step.shape[1] == 3
@@ -218,28 +218,26 @@ def _load(boxes: Boxes, cell: int, walls: Array) -> None:
         walls[beam, 3] = boxes.slopes[cell, beam, 2] / walls[beam, 0] if known else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _wait(
     boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, axis: int, walls: Array,
     wait_at: Array, wait_step: Array, wait_bound: Array, waiting: int,
 ) -> None:  # fmt: skip
     """Halve a box along an axis; of the halves, which both wait, the heavier is to come first."""
-    size = wait_at.shape[1]
     whole, middle = wait_bound[waiting], at[axis]
     step[axis] *= 0.5
-    at[axis] = middle - 0.5 * step[axis]
-    one = min(whole, _most_in(boxes, terms, cell, at, step, walls))
-    at[axis] = middle + 0.5 * step[axis]
-    other = min(whole, _most_in(boxes, terms, cell, at, step, walls))
-    for half in range(2):
-        for i in range(size):
-            wait_at[waiting + half, i], wait_step[waiting + half, i] = at[i], step[i]
-        ahead = (half == 1) == (other >= one)
-        wait_at[waiting + half, axis] = middle + (0.5 if ahead else -0.5) * step[axis]
-        wait_bound[waiting + half] = other if ahead else one
+    for half in range(waiting, waiting + 2):
+        at[axis] = middle + (half - waiting - 0.5) * step[axis]
+        wait_bound[half] = min(whole, _most_in(boxes, terms, cell, at, step, walls))
+        for i in range(wait_at.shape[1]):
+            wait_at[half, i], wait_step[half, i] = at[i], step[i]
+    lighter = wait_bound[waiting + 1]
+    if lighter < wait_bound[waiting]:
+        wait_bound[waiting + 1], wait_bound[waiting] = wait_bound[waiting], lighter
+        wait_at[waiting + 1, axis], wait_at[waiting, axis] = wait_at[waiting, axis], at[axis]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _reach(r: float, a: float, b: float, turn: float, step: Array) -> float:
     """By how much a range can differ in a box from that at its centre, which has slopes a, b and r turn."""
     reach = 0.5 * (abs(a) * step[0] + abs(b) * step[1])
@@ -249,7 +247,7 @@ def _reach(r: float, a: float, b: float, turn: float, step: Array) -> float:
     return float(reach)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> tuple[int, float]:
     """Along which axis the log density bends most over a box, and by how much."""
     size, run = boxes.step.shape[1], boxes.run[cell]
@@ -282,7 +280,7 @@ def _widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls
     return axis, max(one, two, three)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> float:
     """Log of a bound on the mass of a box."""
     size, run = boxes.step.shape[1], boxes.run[cell]
@@ -311,7 +309,7 @@ def _most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, wall
     return float(most)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _at_nodes(
     boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array, places: Array, logs: Array
 ) -> float:

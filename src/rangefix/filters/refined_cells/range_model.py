@@ -68,7 +68,7 @@ class PriorModel(NamedTuple):
     off: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def range_at(r: float, slope: Array, place: float, sine: float, cosine: float) -> float:
     """The range where the place adds `place` to the numerator and the heading turns: see `RangeModel`."""
     turned = cosine

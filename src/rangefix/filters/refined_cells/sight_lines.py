@@ -7,12 +7,12 @@ cross a cell show what is to be seen from it, be it through the narrowest gap.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import Array, IntArray
-from ...compiled import njit
 from ..models.noise import Gaussian
 from ..models.rangefinder import RIGHT_ANGLE, Rangefinder
 from ..problem import Problem
@@ -123,10 +123,7 @@ class SightLines:
         Args:
             centres, steps: Of the cells and their sizes, m, (N, 2).
         """
-        cell, beam, offsets = _between(
-            self.first, self.across, self.along, self.directions,
-            np.ascontiguousarray(centres), np.ascontiguousarray(steps),
-        )  # fmt: skip
+        cell, beam, offsets = self._between(centres, steps)
         places = centres[cell][:, None] + offsets
         possible = self.problem.prior.log_density(places) > -np.inf
         kept = np.flatnonzero(possible.any(axis=1))
@@ -135,6 +132,55 @@ class SightLines:
         headings = np.repeat(self.bearings[beam], 3)
         poses = np.column_stack([(centres[cell][:, None] + offsets).reshape(-1, 2), headings]) + self.laser
         return Sighted(cell, beam, offsets, np.asarray(self.caster.expected(poses)).reshape(-1, 3))
+
+    def _between(self, centres: Array, steps: Array) -> tuple[IntArray, IntArray, Array]:
+        """Places between lines that cross cells: cells (K,), beams (K,), and offsets from centres (K, 3, 2).
+
+        Array code: to compile loops for it would take longer than most studies do.
+        """
+        half, (d1, d2) = 0.5 * steps, self.directions.T
+        middle = d2 * centres[:, :1] - d1 * centres[:, 1:]
+        here = d1 * centres[:, :1] + d2 * centres[:, 1:]
+        reach = np.abs(d2) * half[:, :1] + np.abs(d1) * half[:, 1:]
+        length = np.abs(d1) * half[:, :1] + np.abs(d2) * half[:, 1:]
+        begin, count = self._crossing(middle - reach, middle + reach)
+        cell, beam = np.nonzero(count)
+        begin, count = begin[cell, beam], count[cell, beam]
+        middle, here, reach, length = (each[cell, beam] for each in (middle, here, reach, length))
+        pair = np.repeat(np.arange(len(cell)), count)
+        line = np.arange(len(pair)) + np.repeat(begin - (np.cumsum(count) - count), count)
+        ahead = self.along[line] > (here - length)[pair]
+        pair, line = pair[ahead], line[ahead]
+        some = np.unique(pair)
+        edge_of = np.concatenate([some, pair, some])  # the cell's left, lines ascending, and its right
+        edge = np.concatenate([(middle - reach)[some], self.across[line], (middle + reach)[some]])
+        nowhere = np.full(len(some), np.inf)
+        end = np.concatenate([nowhere, self.along[line] - here[pair], nowhere])
+        order = np.argsort(edge_of, kind="stable")
+        edge_of, edge, end = edge_of[order], edge[order], end[order]
+        wide = np.flatnonzero((edge_of[1:] == edge_of[:-1]) & (np.diff(edge) > SAME_LINE_M))
+        near = np.minimum(end[wide], end[wide + 1])
+        rows = np.where(near < length[edge_of[wide]], 3, 1)  # behind an end in the cell, and close behind it
+        row = np.arange(rows.sum()) - np.repeat(np.cumsum(rows) - rows, rows)
+        wide, near = np.repeat(wide, rows), np.repeat(near, rows)[:, None]
+        last, gap, pair = edge[wide], edge[wide + 1] - edge[wide], edge_of[wide]
+        inset = np.minimum(np.maximum(INSET_SHARE * gap, INSET_M), 0.3 * gap)
+        aside = (last + inset)[:, None] + 0.5 * np.arange(3) * (gap - 2 * inset)[:, None] - middle[pair, None]
+        cell, beam = cell[pair], beam[pair]
+        d1, d2 = self.directions[beam].T[..., None]
+        back, front = _along_in(self.directions[beam], half[cell], aside)
+        close = np.minimum(np.maximum(near - INSET_M, back), front)
+        along = np.choose(row[:, None], [0.5 * (back + front), back, close])
+        return cell, beam, np.stack([d2 * aside + d1 * along, d2 * along - d1 * aside], axis=-1)
+
+    def _crossing(self, left: Array, right: Array) -> tuple[IntArray, IntArray]:
+        """The first line of each beam from a left on, and how many lie before a right: all (N, B)."""
+        begin, end = np.empty(left.shape, np.int64), np.empty(left.shape, np.int64)
+        for beam, (first, stop) in enumerate(pairwise(self.first)):
+            lines = self.across[first:stop]
+            begin[:, beam] = first + np.searchsorted(lines, left[:, beam])
+            end[:, beam] = first + np.searchsorted(lines, right[:, beam])
+        return begin, end - begin
 
 
 def _lines(segments: Array, directions: Array, every: bool) -> tuple[IntArray, Array, Array]:
@@ -161,73 +207,22 @@ def _lines(segments: Array, directions: Array, every: bool) -> tuple[IntArray, A
     return np.array(counts), np.concatenate(across), np.concatenate(along)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _between(
-    first: IntArray, across: Array, along: Array, directions: Array, centres: Array, steps: Array
-) -> tuple[IntArray, IntArray, Array]:
-    """Places between lines that cross cells: cells (K,), beams (K,), and offsets from centres (K, 3, 2)."""
-    found, size = 0, 64
-    cells, beams, offsets = np.empty(size, np.int64), np.empty(size, np.int64), np.empty((size, 3, 2))
-    for cell in range(centres.shape[0]):
-        half_1, half_2 = 0.5 * steps[cell, 0], 0.5 * steps[cell, 1]
-        for beam in range(directions.shape[0]):
-            d1, d2 = directions[beam, 0], directions[beam, 1]
-            middle = d2 * centres[cell, 0] - d1 * centres[cell, 1]
-            here = d1 * centres[cell, 0] + d2 * centres[cell, 1]
-            reach, length = abs(d2) * half_1 + abs(d1) * half_2, abs(d1) * half_1 + abs(d2) * half_2
-            stop, last, right = first[beam + 1], middle - reach, middle + reach
-            line = first[beam] + np.searchsorted(across[first[beam] : stop], last)
-            crossed, inside, before = False, True, np.inf
-            while inside:
-                while line < stop and across[line] < right and along[line] <= here - length:
-                    line += 1
-                inside = line < stop and across[line] < right
-                if not (inside or crossed):
-                    break
-                at, end = (across[line], along[line] - here) if inside else (right, np.inf)
-                if at - last > SAME_LINE_M:
-                    near = min(before, end)
-                    rows = 3 if near < length else 1
-                    while found + rows > size:
-                        size *= 2
-                        cells, beams, offsets = _longer(cells, beams, offsets)
-                    inset = min(max(INSET_SHARE * (at - last), INSET_M), 0.3 * (at - last))
-                    for row in range(rows):
-                        cells[found], beams[found] = cell, beam
-                        for place in range(3):
-                            aside = last + inset + 0.5 * place * (at - last - 2 * inset) - middle
-                            back, front = _along_in(d1, d2, half_1, half_2, aside)
-                            ahead = 0.5 * (back + front)
-                            if row > 0:  # behind an end in the cell, and close behind it
-                                ahead = back if row == 1 else min(max(near - INSET_M, back), front)
-                            offsets[found, place, 0] = d2 * aside + d1 * ahead
-                            offsets[found, place, 1] = d2 * ahead - d1 * aside
-                        found += 1
-                last, before, crossed = at, end, True
-                line += 1
-    return cells[:found], beams[:found], offsets[:found]
+def _along_in(direction: Array, half: Array, aside: Array) -> tuple[Array, Array]:
+    """From where to where lines along directions lie in cells, from their centres, so far to the right.
 
+    Args:
+        direction: (K, 2).
+        half: Of the sizes of the cells, m, (K, 2).
+        aside: m, (K, T).
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _along_in(d1: float, d2: float, half_1: float, half_2: float, aside: float) -> tuple[float, float]:
-    """From where to where a line along a direction lies in a cell, from its centre, so far to its right."""
-    back, front = -np.inf, np.inf
-    if d1 != 0.0:
-        middle, reach = -aside * d2 / d1, half_1 / abs(d1)
-        back, front = max(back, middle - reach), min(front, middle + reach)
-    if d2 != 0.0:
-        middle, reach = aside * d1 / d2, half_2 / abs(d2)
-        back, front = max(back, middle - reach), min(front, middle + reach)
-    return back, max(back, front)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _longer(cells: IntArray, beams: IntArray, offsets: Array) -> tuple[IntArray, IntArray, Array]:
-    """The same with twice the room."""
-    size = cells.size
-    out = np.empty(2 * size, np.int64), np.empty(2 * size, np.int64), np.empty((2 * size, 3, 2))
-    for row in range(size):
-        out[0][row], out[1][row] = cells[row], beams[row]
-        for place in range(3):
-            out[2][row, place, 0], out[2][row, place, 1] = offsets[row, place, 0], offsets[row, place, 1]
-    return out
+    Returns:
+        The backs and fronts, m, (K, T).
+    """
+    back, front = np.full(aside.shape, -np.inf), np.full(aside.shape, np.inf)
+    for axis, side in ((0, -1.0), (1, 1.0)):
+        straight = direction[:, axis] == 0.0
+        by = np.where(straight, 1.0, direction[:, axis])[:, None]
+        middle = side * aside * direction[:, 1 - axis, None] / by
+        reach = np.where(straight, np.inf, half[:, axis])[:, None] / np.abs(by)
+        back, front = np.maximum(back, middle - reach), np.minimum(front, middle + reach)
+    return back, np.maximum(back, front)
