@@ -190,3 +190,10 @@ def test_a_hole_across_a_notch():
     notched = [(0, 0), (10, 0), (10, 10), (6, 10), (6, 4), (4, 4), (4, 10), (0, 10)]
     with pytest.raises(MapError, match="hole 1: a side lies outside the outline"):
         FloorPlan(notched, holes=[[(2, 8), (8, 8), (8, 9), (2, 9)]])
+
+
+def test_walls_run_on_only_where_they_end_at_others() -> None:
+    """Beams 1 um beside a free end pass it, and none slips in where a wall ends 10 um before another."""
+    plan = FloorPlan([[0, 0], [6, 0], [6, 4], [0, 4]], walls=[[3, 1e-5, 3, 2]])
+    ranges = plan.ranges([[2.0, height, 0.5 * np.pi] for height in (5e-6, 2 - 1e-6, 2 + 1e-6)], [0.0])
+    np.testing.assert_allclose(ranges[:, 0], [1.0, 1.0, 4.0], rtol=1e-12)

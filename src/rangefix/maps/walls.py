@@ -24,7 +24,9 @@ from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradien
 FEW_WALLS = 48  # with more, Open3D's tree of them takes less time than all of them
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
-OVERLAP = 2e-5  # m by which a wall's loose end runs on, so that no beam slips in where it abuts another wall
+OVERLAP = (
+    2e-5  # m by which a wall's end runs on where it comes as near to another wall: no beam slips in there
+)
 AHEAD = np.zeros(1)
 MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
 CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
@@ -79,7 +81,7 @@ class Walls:
     def _ends(self) -> tuple[Array, IntArray]:
         """Different ends of walls, (E, 2), from the centre, and which of them the walls have, (2 S,).
 
-        Ends that float32 cannot tell apart are one. Loose ends run on.
+        Ends that float32 cannot tell apart are one. Loose ends at other walls run on.
         """
         a, b = self.segments[:, :2] - self._centre, self.segments[:, 2:] - self._centre
         ends = np.concatenate([a, b])
@@ -90,9 +92,12 @@ class Walls:
             return_inverse=True,
             return_counts=True,
         )
+        where = where.ravel()
         along = (b - a) / np.hypot(*(b - a).T)[:, None] * OVERLAP
-        loose = (count[where.ravel()] == 1)[:, None]
-        return np.where(loose, np.concatenate([a - along, b + along]), ends)[first], where.ravel()
+        loose = np.flatnonzero(count[where] == 1)
+        abut = loose[_abutting(ends[loose], loose % len(a), a, b)]
+        ends[abut] += np.concatenate([-along, along])[abut]
+        return ends[first], where
 
     @cached_property
     def _rows(self) -> Array:
@@ -277,6 +282,20 @@ class Walls:
         if not trusted.all():
             np.copyto(distance, coarse, where=~trusted)
         np.maximum(distance, 0.0, out=outs[0])
+
+
+def _abutting(ends: Array, own: IntArray, a: Array, b: Array) -> BoolArray:
+    """Whether ends of walls (N, 2) are at other walls than their own, (N,): of walls from a to b, (S, 2)."""
+    length = np.hypot(*(b - a).T)
+    along = (b - a) / length[:, None]
+    found = np.empty(len(ends), dtype=np.bool_)
+    for row, (end, wall) in enumerate(zip(ends, own, strict=True)):
+        away = end - a
+        reach = np.clip((away * along).sum(axis=1), 0.0, length)
+        near = np.abs(away - reach[:, None] * along).max(axis=1) <= OVERLAP
+        near[wall] = False
+        found[row] = near.any()
+    return found
 
 
 class Caster(Protocol):
