@@ -214,6 +214,7 @@ def test_a_mode_that_is_lost_is_missed() -> None:
     assert missed(brute, brute.centres[side], 2 * brute.masses[side]) == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.study
 def test_the_reference_does_not_hang_on_its_spacing() -> None:
     """Half the spacing: mean and covariance change by under 0.1 % of deviations, the evidence by 0.001."""
     for seed in (0, 5, 13, 16):

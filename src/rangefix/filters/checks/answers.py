@@ -132,7 +132,7 @@ def readings_mean_what_they_mean_to_all(subject: Subject) -> None:
     Of every other reading, from a negative one to 1e300, finite moments are left. What is not of the shape
     (M, B), or does not hold real numbers, is refused by ValueError.
     """
-    problem, runs = position_problem(blind=True), 5
+    problem, runs = position_problem(blind=True), 2
     estimator, rngs = subject.build(problem), generators(runs)
     _, (usual,) = readings(problem, runs, 1)
     prior = estimator.init(problem.prior, rngs)
