@@ -10,7 +10,7 @@ import pytest
 from rangefix.filters import pose_space, position_space
 from rangefix.filters.adaptive.lattice import Limits, Taken, TooManyCells, _Keys, ball, grow, halved
 from rangefix.filters.adaptive.mode_gaussians import sample_modes, smoothed
-from rangefix.filters.adaptive.modes import Accuracy
+from rangefix.filters.adaptive.quadrature import Accuracy
 
 SPACE = position_space()
 MEAN = np.array([1.0, -2.0])

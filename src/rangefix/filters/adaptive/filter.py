@@ -22,8 +22,9 @@ from ..space import StateSpace, is_definite
 from .gauss_newton import Peaks
 from .lattice import Lattice, Limits, halved
 from .mode_gaussians import kept_count, sample_modes
-from .modes import Accuracy, Quadrature, refined, verified, with_lattices
+from .modes import refined, verified, with_lattices
 from .predicted import Predicted, coarse_axes, predict_modes
+from .quadrature import Accuracy, Quadrature
 from .range_bounds import TABLE_RAYS, SearchTable, build_table
 from .search import MAX_GUESSES_PER_PART, ModeSearch
 from .target import STATE_COST, WORK, Target, TooManyCells

@@ -9,8 +9,9 @@ import numpy as np
 from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, box_scores, climb, quick_scores
-from .modes import NOWHERE, SEARCH_SHARE, Accuracy, Quadrature, with_lattices
+from .modes import SEARCH_SHARE, with_lattices
 from .predicted import GUESS_BEAMS, Draws, Predicted
+from .quadrature import NOWHERE, Accuracy, Quadrature
 from .range_bounds import SearchTable, shortfall_bounds
 from .target import Target, Work
 
