@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rangefix import compiled
-from rangefix.maps import FloorPlan, MapError
+from rangefix.maps import FloorPlan, MapError, walls
 from rangefix.maps.walls import FEW_WALLS, Walls
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
@@ -197,3 +197,25 @@ def test_walls_run_on_only_where_they_end_at_others() -> None:
     plan = FloorPlan([[0, 0], [6, 0], [6, 4], [0, 4]], walls=[[3, 1e-5, 3, 2]])
     ranges = plan.ranges([[2.0, height, 0.5 * np.pi] for height in (5e-6, 2 - 1e-6, 2 + 1e-6)], [0.0])
     np.testing.assert_allclose(ranges[:, 0], [1.0, 1.0, 4.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("pairs", [walls.PAIRS, 50])
+def test_ends_at_other_walls_are_found_however_many_are_compared_at_a_time(
+    pairs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of 60 random walls begin at another one, give or take 40 um: those within 20 um are at it."""
+    monkeypatch.setattr(walls, "PAIRS", pairs)
+    rng = np.random.default_rng(1)
+    a = rng.uniform(0.0, 5.0, (60, 2))
+    b = a + rng.normal(size=(60, 2))
+    a[30:] = a[:30] + rng.uniform(size=(30, 1)) * (b[:30] - a[:30]) + rng.uniform(-4e-5, 4e-5, (30, 2))
+    along = (b - a) / np.hypot(*(b - a).T)[:, None]
+    ends, expected = np.concatenate([a, b]), []
+    for number, end in enumerate(ends):
+        reach = np.clip(((end - a) * along).sum(axis=1), 0.0, np.hypot(*(b - a).T))
+        away = np.abs(end - a - reach[:, None] * along).max(axis=1)
+        away[number % 60] = np.inf
+        expected.append(away.min() <= walls.OVERLAP)
+    found = walls._abutting(ends, np.arange(120) % 60, a, b)
+    assert 5 < sum(expected) < 30
+    assert found.tolist() == expected

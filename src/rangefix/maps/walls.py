@@ -27,6 +27,7 @@ ROW = 4096  # of them side by side
 OVERLAP = (
     2e-5  # m by which a wall's end runs on where it comes as near to another wall: no beam slips in there
 )
+PAIRS = 1 << 20  # of ends and walls that are compared at a time
 AHEAD = np.zeros(1)
 MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
 CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
@@ -286,16 +287,26 @@ class Walls:
 
 def _abutting(ends: Array, own: IntArray, a: Array, b: Array) -> BoolArray:
     """Whether ends of walls (N, 2) are at other walls than their own, (N,): of walls from a to b, (S, 2)."""
-    length = np.hypot(*(b - a).T)
-    along = (b - a) / length[:, None]
-    found = np.empty(len(ends), dtype=np.bool_)
-    for row, (end, wall) in enumerate(zip(ends, own, strict=True)):
-        away = end - a
-        reach = np.clip((away * along).sum(axis=1), 0.0, length)
-        near = np.abs(away - reach[:, None] * along).max(axis=1) <= OVERLAP
-        near[wall] = False
-        found[row] = near.any()
+    found = np.zeros(len(ends), dtype=np.bool_)
+    axis = int(np.ptp(ends, axis=0).argmax()) if len(ends) else 0
+    order = np.argsort(ends[:, axis])
+    low, high = np.minimum(a, b)[:, axis] - OVERLAP, np.maximum(a, b)[:, axis] + OVERLAP
+    first = np.searchsorted(ends[order, axis], low)
+    count = np.searchsorted(ends[order, axis], high) - first
+    groups = np.split(np.arange(len(a)), np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1)
+    for walls in groups:
+        wall = np.repeat(walls, count[walls])
+        end = order[np.arange(len(wall)) + np.repeat(first[walls] - _before(count[walls]), count[walls])]
+        span, away = (b - a)[wall], ends[end] - a[wall]
+        reach = np.clip((away * span).sum(axis=1) / (span * span).sum(axis=1), 0.0, 1.0)
+        near = np.abs(away - reach[:, None] * span).max(axis=1) <= OVERLAP
+        found[end[near & (own[end] != wall)]] = True
     return found
+
+
+def _before(counts: IntArray) -> IntArray:
+    """How many come before each of some groups."""
+    return np.asarray(np.cumsum(counts) - counts)
 
 
 class Caster(Protocol):
