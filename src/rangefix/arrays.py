@@ -37,6 +37,11 @@ def within(points: Array, lower: Array, upper: Array) -> BoolArray:
     return inside
 
 
+def counted_from(first: IntArray, counts: IntArray) -> IntArray:
+    """Of each group first, first + 1, ..., so many, one group after the other: (G,), (G,) -> (N,)."""
+    return np.asarray(np.arange(counts.sum()) + np.repeat(first - (np.cumsum(counts) - counts), counts))
+
+
 def sum_terms(terms: Iterable[Array]) -> Array:
     """Sum over the first axis term by term, for numpy's order depends on the shape."""
     return reduce(np.add, terms)

@@ -15,7 +15,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, BoolArray, IntArray
+from ..arrays import Array, BoolArray, IntArray, counted_from
 from ..raster import Raster
 from .base import MapError
 from .walls import Walls
@@ -257,11 +257,11 @@ def cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
     a, along = ends[:, 0], ends[:, 1] - ends[:, 0]
     which, when = [np.repeat(np.arange(len(a)), 2)], [np.tile([0.0, 1.0], len(a))]
     for axis in (0, 1):
-        first = np.ceil(ends[:, :, axis].min(1))
+        first = np.ceil(ends[:, :, axis].min(1)).astype(np.int64)
         count = np.maximum(0, np.floor(ends[:, :, axis].max(1)) - first + 1).astype(np.int64)
         count[along[:, axis] == 0] = 0
         segment = np.repeat(np.arange(len(a)), count)
-        line = first[segment] + np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)
+        line = counted_from(first, count)
         which.append(segment)
         when.append((line - a[segment, axis]) / along[segment, axis])
     segment, time = np.concatenate(which), np.clip(np.concatenate(when), 0, 1)

@@ -17,16 +17,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray, IntArray, wrap
+from ..arrays import Array, BoolArray, IntArray, counted_from, wrap
 from ._open3d import open3d
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
 FEW_WALLS = 48  # with more, Open3D's tree of them takes less time than all of them
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
-OVERLAP = (
-    2e-5  # m by which a wall's end runs on where it comes as near to another wall: no beam slips in there
-)
+OVERLAP = 2e-5  # m by which a wall runs on where it ends so near to another, so that no beam slips in there
 PAIRS = 1 << 20  # of ends and walls that are compared at a time
 AHEAD = np.zeros(1)
 MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
@@ -296,17 +294,12 @@ def _abutting(ends: Array, own: IntArray, a: Array, b: Array) -> BoolArray:
     groups = np.split(np.arange(len(a)), np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1)
     for walls in groups:
         wall = np.repeat(walls, count[walls])
-        end = order[np.arange(len(wall)) + np.repeat(first[walls] - _before(count[walls]), count[walls])]
+        end = order[counted_from(first[walls], count[walls])]
         span, away = (b - a)[wall], ends[end] - a[wall]
         reach = np.clip((away * span).sum(axis=1) / (span * span).sum(axis=1), 0.0, 1.0)
         near = np.abs(away - reach[:, None] * span).max(axis=1) <= OVERLAP
         found[end[near & (own[end] != wall)]] = True
     return found
-
-
-def _before(counts: IntArray) -> IntArray:
-    """How many come before each of some groups."""
-    return np.asarray(np.cumsum(counts) - counts)
 
 
 class Caster(Protocol):

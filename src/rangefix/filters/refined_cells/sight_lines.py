@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, IntArray, counted_from
 from ..models.noise import Gaussian
 from ..models.rangefinder import RIGHT_ANGLE, Rangefinder
 from ..problem import Problem
@@ -148,7 +148,7 @@ class SightLines:
         begin, count = begin[cell, beam], count[cell, beam]
         middle, here, reach, length = (each[cell, beam] for each in (middle, here, reach, length))
         pair = np.repeat(np.arange(len(cell)), count)
-        line = np.arange(len(pair)) + np.repeat(begin - (np.cumsum(count) - count), count)
+        line = counted_from(begin, count)
         ahead = self.along[line] > (here - length)[pair]
         pair, line = pair[ahead], line[ahead]
         some = np.unique(pair)
@@ -161,7 +161,7 @@ class SightLines:
         wide = np.flatnonzero((edge_of[1:] == edge_of[:-1]) & (np.diff(edge) > SAME_LINE_M))
         near = np.minimum(end[wide], end[wide + 1])
         rows = np.where(near < length[edge_of[wide]], 3, 1)  # behind an end in the cell, and close behind it
-        row = np.arange(rows.sum()) - np.repeat(np.cumsum(rows) - rows, rows)
+        row = counted_from(np.zeros_like(rows), rows)
         wide, near = np.repeat(wide, rows), np.repeat(near, rows)[:, None]
         last, gap, pair = edge[wide], edge[wide + 1] - edge[wide], edge_of[wide]
         inset = np.minimum(np.maximum(INSET_SHARE * gap, INSET_M), 0.3 * gap)
