@@ -215,8 +215,9 @@ def test_runs_that_take_much_longer_than_the_first_do_not_break_the_budget_of_ti
     now = 0.0
     trial, estimator = Trial(make_problem(), np.zeros((0, 0)), seed=3), Uneven(make_problem())
     readings = np.tile(np.arange(40.0)[:, None, None], (1, 1, 3))
-    assert runs_to_time(trial, estimator, readings, clock=lambda: now) == 4
-    assert runs_to_time(trial, estimator, np.zeros_like(readings), clock=lambda: now) in (9, 10)  # rounding
+    assert runs_to_time(trial, estimator, readings, budget=0.6, clock=lambda: now) == 4
+    few = np.zeros_like(readings)
+    assert runs_to_time(trial, estimator, few, budget=0.6, clock=lambda: now) in (9, 10)  # rounding
 
 
 @pytest.mark.parametrize(("seconds", "runs"), [(0.04, 1), (0.003, 4), (0.0001, 25)])
@@ -231,6 +232,6 @@ def test_a_pass_over_long_drives_holds_few_runs(seconds, runs):
 
     now, updates = 0.0, 0
     trial, estimator = Trial(make_problem(), np.zeros((39, 1)), seed=3), Slow(make_problem())
-    found = runs_to_time(trial, estimator, np.ones((128, 40, 3)), clock=lambda: now)
+    found = runs_to_time(trial, estimator, np.ones((128, 40, 3)), budget=0.6, clock=lambda: now)
     assert found == pytest.approx(runs, rel=0.05)  # rounding
     assert updates == 16 or seconds < 0.001  # four runs begun, twice

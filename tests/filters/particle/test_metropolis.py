@@ -5,8 +5,8 @@ import pytest
 
 from rangefix.filters import Gaussian, GaussianPrior, Problem, Rangefinder, Stationary, Uniform, pose_space
 from rangefix.filters.particle import ParticleFilter
+from rangefix.filters.particle.kernels import step_from, weights_of_places
 from rangefix.filters.particle.metropolis import at_copies
-from rangefix.filters.particle.move_kernels import spreads_of
 from rangefix.maps import RectangularRoom
 
 POSE, ROOM = pose_space(), RectangularRoom(4.0, 6.0)
@@ -14,17 +14,45 @@ CORNER = GaussianPrior([1.0, 0.5, 3.0], np.diag([0.2, 0.4, 0.5]) ** 2, POSE, ROO
 PRIORS = [Uniform(ROOM, POSE), CORNER]
 
 
-def test_spreads_are_covariances_about_circular_means():
-    """Weighted and unweighted, headings on both sides of the cut among them."""
-    rng = np.random.default_rng(0)
-    states, weights = CORNER.sample(500, rng), rng.random(500)
-    weights /= weights.sum()
-    spreads = np.empty((2, 3, 3))
-    spreads_of(states, weights, POSE.is_angle, spreads)
-    assert (states[:, 2] < 0).any()
-    assert (states[:, 2] > 0).any()
-    for spread, each in zip(spreads, (weights, np.full(500, 1 / 500)), strict=True):
-        np.testing.assert_allclose(spread, POSE.moments(states, each)[1], rtol=1e-11)
+def test_steps_are_as_likely_as_their_opposites():
+    """Of every kind: differences whole and scaled, random steps; and how often each comes.
+
+    20 000 steps from one place; quarters of each kind within 5 deviations, false alarm 1e-6.
+    """
+    rng, count = np.random.default_rng(3), 20_000
+    cloud, random_points = (
+        np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]),
+        np.array([[0.0, 90.0], [0.0, 26.0]]),
+    )
+    rows, steps = np.concatenate([cloud, random_points]), np.empty((count, 2))
+    step_from(np.zeros((count, 2)), rng.random(count), rows, 3, True, (0.1, 0.5), None, steps)
+    randomly = np.abs(steps[:, 1]) > 6.0  # the least of a random step is 6.4, the longest difference 2.2
+    lengths = np.abs(steps[randomly, 1]) / 64
+    assert randomly.mean() == pytest.approx(0.25, abs=5 * 0.5 / count**0.5)  # as many are a point less itself
+    assert lengths.min() >= 0.1
+    assert lengths.max() <= 0.5
+    assert np.log(lengths).mean() == pytest.approx(np.log(0.1 * 0.5) / 2, abs=5 * 0.47 / (count / 4) ** 0.5)
+    for kind in (steps[randomly], steps[~randomly]):
+        signs = np.sign(kind[:, 1])
+        assert abs(signs.sum()) < 5 * len(kind) ** 0.5
+    whole = (steps[:, None] == (cloud[:, None] - cloud[None]).reshape(-1, 2)).all(axis=2)[~randomly]
+    moving = whole[:, [1, 2, 3, 5, 6, 7]]  # no. 0, 4 and 8 are a point less itself
+    expected = count / 4 / 9
+    np.testing.assert_allclose(moving.sum(axis=0), expected, atol=5 * expected**0.5)
+
+
+@pytest.mark.parametrize("copies", [1, 2, 7])
+def test_weights_of_equal_states_are_added_up(copies):
+    """Whichever component they share with others, and in any order."""
+    rng = np.random.default_rng(copies)
+    places = np.round(rng.random((300, 3)), 1)
+    states = rng.permutation(np.repeat(places, copies, axis=0))
+    weights = rng.random(len(states))
+    found = np.zeros(len(states))
+    weights_of_places(states.view(np.int64), weights, np.full(8192, -1), found)
+    _, kinds = np.unique(states, axis=0, return_inverse=True)
+    expected = np.bincount(kinds.ravel(), weights)
+    np.testing.assert_allclose(np.sort(found[found > 0]), np.sort(expected), rtol=1e-12)
 
 
 @pytest.mark.parametrize("prior", PRIORS, ids=["uniform", "gaussian"])

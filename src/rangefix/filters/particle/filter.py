@@ -374,8 +374,6 @@ class ParticleFilter(BriefRepr):
         The first log density is that of what is known without the reading, the second that of the reading,
         (N,) each; None where nobody has asked.
         """
-        from .move_kernels import spreads_of  # numba takes a quarter of a second
-
         space = self.problem.space
         weights = exp_of(log_weights)
         ancestors = SCHEMES[self.resampling](weights, rng)
@@ -404,9 +402,9 @@ class ParticleFilter(BriefRepr):
             if spread is moved:
                 return moved, known, log_density, target
             return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
-        spreads = np.empty((2, space.size, space.size))
-        spreads_of(np.ascontiguousarray(states), weights / weights.sum(), space.is_angle, spreads)
-        root = covariance_root(spreads[0] + spreads[1] * self._spaced(states))  # one may have all the weight
+        even = self._spaced(states)  # a share of the weight of all alike: one may have all of it
+        mixed = (weights / weights.sum() + even / len(states)) / (1.0 + even)
+        root = covariance_root(space.moments(states, mixed)[1] * (1.0 + even))
         thorough = self.temper is not False
         here = at_copies(copies, ancestors, logs, target)
         return *metropolis(copies, here, target, power, root, self.moves, rng, thorough), target

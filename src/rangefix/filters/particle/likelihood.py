@@ -61,7 +61,7 @@ class Likelihood:
         return [self._by_walls(self.walls, reading, states) for reading in readings]
 
     def _by_walls(self, walls: Array, reading: Array, states: Array) -> Array:
-        from .move_kernels import log_density_by_walls  # numba takes a quarter of a second
+        from .kernels import log_density_by_walls  # numba takes a quarter of a second
 
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
         density = np.empty(len(states))

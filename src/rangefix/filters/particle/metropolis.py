@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import Array, BoolArray
 from ..models.confined import in_line_of_sight
 from ..problem import Prior, Problem, Sensor
 from ..space import StateSpace
@@ -19,7 +19,7 @@ from .resampling import Indices, kinds
 
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 MIN_PLACES = 64  # points in fewer places than that are spread
-DIFFERENCES, WHOLE_DIFFERENCES = 0.5, 0.25  # shares of the Metropolis steps
+RANDOM_POINTS = 512  # whose differences are the random steps of a stage
 NEARLY_ALL, MAX_ROUNDS = 0.95, 5  # have moved: that ends them; rounds of steps
 MIN_STEP, MAX_STEP = 0.02, 1.7  # of Metropolis steps, in units of the cloud's spread
 
@@ -120,7 +120,7 @@ def metropolis_steps(
 
 def _step_by(target: Target, propose: Callable[[Array], Array], power: float, rng: Generator) -> Step:
     """One step of `metropolis_steps`."""
-    from .move_kernels import take_steps  # numba takes a quarter of a second
+    from .kernels import take_steps  # numba takes a quarter of a second
 
     def step(states: Array, known: Array, fresh: Array, moved: BoolArray) -> int:
         proposal = propose(states)
@@ -160,37 +160,33 @@ def metropolis(
     """Random walks that leave the posterior as it is (Metropolis et al., 1953): see `metropolis_steps`.
 
     The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide. The
-    steps' covariance has the `root` (n, n). If they are to be `thorough`, half of them are differences of two
-    of the states instead (differential evolution: ter Braak, 2006): these have the shape of a mode where both
-    lie in one, and lead from mode to mode where they lie in two, so that shares of modes come right; and they
-    go on until nearly all states have moved, or for five times as many steps.
+    steps' covariance has the `root` (n, n): they are differences of some hundred random points. If they are
+    to be `thorough`, half of them are differences of two of the states instead (differential evolution:
+    ter Braak, 2006): these have the shape of a mode where both lie in one, and lead from mode to mode where
+    they lie in two, so that shares of modes come right; and they go on until nearly all states have moved, or
+    for five times as many steps.
     """
-    from .move_kernels import step_from, steps_in_box  # numba takes a quarter of a second
+    from .kernels import step_from, steps_in_box  # numba takes a quarter of a second
 
-    size, is_angle = states.shape[1], posterior.likelihood.sensor.space.is_angle
-    root, shares = np.ascontiguousarray(root), (DIFFERENCES, WHOLE_DIFFERENCES)
-
-    def drawn(count: int) -> tuple[Array, Array, tuple[float, float], Array, Array, Array, IntArray]:
-        """What tells so many steps, but for where they begin."""
-        sizes = MIN_STEP * np.exp(np.log(MAX_STEP / MIN_STEP) * rng.random(count))
-        randomly, kinds, pairs = count, np.ones(count), np.zeros((2, 1), dtype=np.int64)
-        if thorough:
-            kinds = rng.random(count)
-            randomly = int(np.count_nonzero(kinds >= DIFFERENCES))
-            pairs = rng.integers(0, len(states), (2, max(1, count - randomly)))
-        return sizes, kinds, shares, rng.standard_normal((max(1, randomly), size)), root, states, pairs
+    space, (count, size) = posterior.likelihood.sensor.space, states.shape
+    is_angle = space.is_angle if space.is_angle.any() else None
+    rows = np.concatenate([states, rng.standard_normal((RANDOM_POINTS, size)) @ root.T / np.sqrt(2.0)])
+    sizes = MIN_STEP, MAX_STEP
 
     def walk(here: Array) -> Array:
         proposal = np.empty_like(here)
-        step_from(here, *drawn(len(here)), is_angle, proposal)
+        step_from(here, rng.random(len(here)), rows, count, thorough, sizes, is_angle, proposal)
         return proposal
 
     in_box = posterior.in_box
 
     def step_in_box(here: Array, known: Array, fresh: Array, moved: BoolArray) -> int:
         assert in_box is not None
-        how, draws = drawn(len(here)), rng.standard_exponential(len(here))
-        return steps_in_box(here, known, fresh, moved, float(power), draws, *how, *in_box)
+        uniform, draws = rng.random(len(here)), rng.standard_exponential(len(here))
+        return steps_in_box(
+            here, known, fresh, moved, float(power), draws, uniform, rows, count, thorough, sizes,
+            *in_box,
+        )  # fmt: skip
 
     step = _step_by(posterior, walk, power, rng) if in_box is None else step_in_box
     ends, log_known, log_fresh = np.empty_like(states), np.empty(len(states)), np.empty(len(states))

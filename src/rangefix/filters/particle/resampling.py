@@ -28,9 +28,11 @@ def systematic(weights: Array, rng: Generator) -> Indices:
     Returns:
         Indices of the particles to copy, ascending, (N,).
     """
-    ends = _cumulative(weights)
-    ends -= rng.random()
-    return _ancestors(np.ceil(ends, out=ends))
+    from .kernels import comb  # numba takes a quarter of a second
+
+    ancestors: Indices = np.zeros(len(weights) + 1, dtype=np.intp)
+    comb(np.ascontiguousarray(weights, dtype=float), rng.random(), ancestors)
+    return ancestors[:-1]
 
 
 def stratified(weights: Array, rng: Generator) -> Indices:

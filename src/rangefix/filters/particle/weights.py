@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import exp, log
 
 import numpy as np
@@ -20,6 +21,7 @@ def exp_of(logs: Array) -> Array:
     return np.exp(weights, out=weights)
 
 
+@lru_cache
 def equal(size: int) -> Array:
     """Log weights of 1 / N, (N,); read-only, and takes no memory."""
     return np.broadcast_to(-np.log(size), (size,))
@@ -50,19 +52,10 @@ def effective_number(log_weights: Array) -> float:
 
 def effective_places(states: Array, log_weights: Array) -> float:
     """The effective number of different states: (N, n) and (N,), equal rows counted as one."""
-    halves = np.sort(states[:, 0].copy().view(np.uint64).astype(np.uint32))  # sorted sooner than wholes
-    if (halves[1:] != halves[:-1]).all():
-        return effective_number(log_weights)
-    order = np.argsort(states[:, 0])
-    column = states[:, 0].take(order)
-    same = np.flatnonzero(column[1:] == column[:-1])
-    one, next_ = (states.take(order[place], axis=0) for place in (same, same + 1))
-    if (one != next_).any():  # places that share a component and not the others
-        order = np.lexsort(states.T)
-        ordered = states[order]
-        same = np.flatnonzero((ordered[1:] == ordered[:-1]).all(axis=1))
-    first = np.delete(np.arange(len(states)), same + 1)
-    weights = np.add.reduceat(exp_of(log_weights)[order], first)
+    from .kernels import weights_of_places  # numba takes a quarter of a second
+
+    weights, table = np.zeros(len(states)), np.full(2 << len(states).bit_length(), -1)
+    weights_of_places(np.ascontiguousarray(states).view(np.int64), exp_of(log_weights), table, weights)
     return float(weights.sum() ** 2 / (weights @ weights))
 
 
@@ -73,16 +66,13 @@ def longest_stage(log_weights: Array, log_density: Array, most: float, enough: f
     power, which for small powers is a line of slope 2, and by bisection where they leave what is left. The
     density must be positive somewhere.
     """
-    excess = log_density - log_density.max()
-    size, uneven = len(log_weights), bool(np.ptp(log_weights))
+    from .kernels import effective_after  # numba takes a quarter of a second
+
+    size, log_weights = len(log_weights), np.ascontiguousarray(log_weights)
 
     def loss(log_power: float) -> float:
         """How much more is lost than may be, in that measure; at most 0 where enough are left."""
-        logs = exp(log_power) * excess
-        if uneven:  # else the greatest is 0, and the effective number the same without them
-            logs += log_weights
-            logs -= logs.max()
-        effective = effective_number(logs)
+        effective = effective_after(log_weights, log_density, exp(log_power))
         return log(max(size / effective - 1.0, LEAST_LOSS)) - allowed
 
     allowed = log(max(size / enough - 1.0, LEAST_LOSS)) if enough > 0 else np.inf

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, BoolArray, IntArray
 from ...compiled import exp_below_zero, njit
 from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
@@ -114,10 +114,12 @@ def _select(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, inline="always")
-def _mean_angles(chosen: IntArray, weights: Array, count: int, table: CellTable, origin: Array) -> None:
+def _mean_angles(
+    chosen: IntArray, weights: Array, count: int, table: CellTable, is_angle: BoolArray, origin: Array
+) -> None:
     """Put the mean of each angle, that of docs/theory.md, "Moments of a heading", in the origin's place."""
     for i in range(origin.size):
-        if table.is_angle[i]:
+        if is_angle[i]:
             sine, cosine = 0.0, 0.0
             for k in range(count):
                 sine += weights[k] * math.sin(table.centres[i, chosen[k]])
@@ -126,9 +128,30 @@ def _mean_angles(chosen: IntArray, weights: Array, count: int, table: CellTable,
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, inline="always")
-def _sum_up(
+def _sum_up_places(
     chosen: IntArray, weights: Array, count: int, total: float, table: CellTable, run: int, origin: Array,
     out: Moments,
+) -> None:  # fmt: skip
+    """The same as `_sum_up` does, of places alone: without small loops."""
+    x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        weight = weights[k]
+        one, two = table.centres[0, chosen[k]] - origin[0], table.centres[1, chosen[k]] - origin[1]
+        x += weight * one
+        y += weight * two
+        xx += weight * one * one
+        xy += weight * one * two
+        yy += weight * two * two
+    x, y = x / total, y / total
+    out.means[run, 0], out.means[run, 1] = origin[0] + x, origin[1] + y
+    out.covariances[run, 0, 0], out.covariances[run, 1, 1] = xx / total - x * x, yy / total - y * y
+    out.covariances[run, 0, 1] = out.covariances[run, 1, 0] = xy / total - y * x
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, inline="always")
+def _sum_up(
+    chosen: IntArray, weights: Array, count: int, total: float, table: CellTable, is_angle: BoolArray,
+    run: int, origin: Array, out: Moments,
 ) -> None:  # fmt: skip
     """Mean and covariance of the chosen cells of a run, whose weights have such a total, written in place.
 
@@ -142,23 +165,10 @@ def _sum_up(
         mean[i] = 0.0
         for j in range(size):
             covariance[i, j] = 0.0
-    if size == 2 and not (table.is_angle[0] or table.is_angle[1]):  # the usual case, without small loops
-        x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(count):
-            weight = weights[k]
-            one, two = table.centres[0, chosen[k]] - origin[0], table.centres[1, chosen[k]] - origin[1]
-            x += weight * one
-            y += weight * two
-            xx += weight * one * one
-            xy += weight * one * two
-            yy += weight * two * two
-        mean[0], mean[1] = x, y
-        covariance[0, 0], covariance[1, 0], covariance[1, 1] = xx, xy, yy
-        count = 0
     for k in range(count):
         for i in range(size):
             off[i] = table.centres[i, chosen[k]] - origin[i]
-            if table.is_angle[i]:
+            if is_angle[i]:
                 off[i] = (off[i] + math.pi) % (2.0 * math.pi) - math.pi
             weighed = weights[k] * off[i]
             mean[i] += weighed
@@ -167,11 +177,11 @@ def _sum_up(
     for i in range(size):
         mean[i] /= total
         for j in range(i + 1):
-            both = table.is_angle[i] and table.is_angle[j]
+            both = is_angle[i] and is_angle[j]
             covariance[i, j] = covariance[i, j] / total - (0.0 if both else mean[i] * mean[j])
             covariance[j, i] = covariance[i, j]
     for i in range(size):
-        mean[i] = origin[i] + (0.0 if table.is_angle[i] else mean[i])
+        mean[i] = origin[i] + (0.0 if is_angle[i] else mean[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, inline="always")
@@ -191,11 +201,13 @@ def _total(values: Array, count: int) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
 def gaussian_moments(
-    first_run: int, last_run: int, readings: Readings, table: CellTable, mass: CellMass, out: Moments
-) -> None:
+    first_run: int, last_run: int, readings: Readings, table: CellTable, mass: CellMass,
+    is_angle: BoolArray | None, out: Moments,
+) -> None:  # fmt: skip
     """Moments of log_mass - 1/2 sum_j precision_j (reading_j - range_j)^2 for some runs, written in place.
 
     The log weights of docs/theory.md, "Point masses". Where no cell is possible only the log sum is written.
+    Without `is_angle`, (n,), components are two and no angles: what they need is not compiled.
     """
     cells, size = table.centres.shape[1], table.centres.shape[0]
     chosen, logs, origin = np.empty(cells + 8, np.int64), np.empty(cells + 8), np.empty(size)
@@ -212,7 +224,10 @@ def gaussian_moments(
             for k in range(count):
                 logs[k] = exp_below_zero(logs[k] - best)
             total = _total(logs, count)
-            _mean_angles(chosen, logs, count, table, origin)
-            _sum_up(chosen, logs, count, total, table, run, origin, out)
+            if is_angle is None:
+                _sum_up_places(chosen, logs, count, total, table, run, origin, out)
+            else:
+                _mean_angles(chosen, logs, count, table, is_angle, origin)
+                _sum_up(chosen, logs, count, total, table, is_angle, run, origin, out)
             out.log_sums[run] = best + math.log(total)
             choose_probe_cells(chosen[:count], logs, total, out.probe_cells[run])

@@ -40,7 +40,7 @@ class RangesByCell:
     def table(self) -> CellTable:
         """The ranges with their bounds in blocks."""
         by_beam, centres = np.ascontiguousarray(self.ranges.T), np.ascontiguousarray(self.grid.centres.T)
-        return CellTable(by_beam, *block_bounds(by_beam), centres, self.is_angle)
+        return CellTable(by_beam, *block_bounds(by_beam), centres)
 
     @cached_property
     def shared(self) -> SharedRanges:
@@ -64,7 +64,9 @@ class RangesByCell:
         """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         work = readings.values.size * len(self.ranges)
-        in_threads(gaussian_moments, len(readings.values), work, readings, self.table, mass, sums)
+        places = len(self.is_angle) == 2 and not self.is_angle.any()
+        angles = None if places else self.is_angle
+        in_threads(gaussian_moments, len(readings.values), work, readings, self.table, mass, angles, sums)
         if correct:
             add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         return sums

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import Array, IntArray
 
 NEGLIGIBLE_NATS = 40.0  # below the heaviest cell's log weight: lighter cells are left out
 PROBE_CELLS = 16  # cells of each belief that are asked for the posterior's shape
@@ -44,14 +44,12 @@ class CellTable(NamedTuple):
         low: The least in each block of cells, (B, K), m.
         high: The greatest, (B, K), m.
         centres: Of the cells, (n, G).
-        is_angle: Which components are angles, (n,).
     """
 
     ranges: Array
     low: Array
     high: Array
     centres: Array
-    is_angle: BoolArray
 
 
 class SharedRanges(NamedTuple):

@@ -1,0 +1,226 @@
+"""Compiled loops over particles: weights, copies, where Metropolis steps lead and which of them are taken."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array, BoolArray, IntArray
+from ...compiled import exp_below_zero, njit
+
+LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+TURN = 2.0 * math.pi
+HASH = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
+SUMS = LOOP | {"fastmath": {"reassoc"}}  # sums of several at once
+
+
+@njit(**SUMS)
+def effective_after(log_weights: Array, log_density: Array, power: float) -> float:
+    """The effective number of particles once a density, (N,), to a power has come to log weights, (N,)."""
+    peak = -math.inf
+    for place in range(len(log_weights)):
+        total = log_weights[place] + power * log_density[place]
+        peak = total if total > peak else peak
+    weights, squares = 0.0, 0.0
+    for place in range(len(log_weights)):
+        weight = exp_below_zero(log_weights[place] + power * log_density[place] - peak)
+        weights += weight
+        squares += weight * weight
+    return weights * weights / squares
+
+
+@njit(**LOOP)
+def comb(weights: Array, shift: float, ancestors: IntArray) -> None:
+    """Which particles a comb of N equal teeth meets along their weights, (N,): ascending, (N,).
+
+    Args:
+        weights: Non-negative, not all zero, (N,).
+        shift: Of the comb, in [0, 1).
+        ancestors: N + 1 zeros; the first N get the particles.
+    """
+    total, size = 0.0, len(weights)
+    for weight in weights:
+        total += weight
+    scale, passed, begin = size / total, 0.0, 0
+    for place in range(size):
+        ancestors[begin] = place  # if it has no copies, the next takes its place
+        passed += weights[place]
+        end = math.ceil(passed * scale - shift)
+        end = end if end < size else size
+        begin = end if end > begin else begin
+    chosen = 0
+    for tooth in range(size):  # rounding does not lose the last one
+        chosen = ancestors[tooth] if ancestors[tooth] > chosen else chosen
+        ancestors[tooth] = chosen
+
+
+@njit(**LOOP)
+def step_from(
+    here: Array, uniform: Array, rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float],
+    is_angle: BoolArray | None, proposal: Array,
+) -> None:  # fmt: skip
+    """Differences of two rows of a table, scaled, added to points.
+
+    One uniform number tells all of a step: which kind it is, what is left of that number which rows, what is
+    left of that the size, log-uniformly. Each difference is as likely as its opposite.
+
+    Args:
+        here: Points, (N, n).
+        uniform: Numbers in [0, 1), (N,).
+        rows: Points of a cloud, then random ones, (K + S, n).
+        cloud: How many of the rows are points of the cloud, K.
+        thorough: Whether half of the steps are differences of two of the cloud, half of these whole ones. The
+            others are differences of two random ones.
+        sizes: The least and the greatest that a step is multiplied by.
+        is_angle: Which components are angles, (n,); None = none of them, and nothing is compiled for them.
+        proposal: Gets the points moved, angles in [-pi, pi), (N, n).
+    """
+    count, others = len(here), len(rows) - cloud
+    ends, starts = np.empty(count, np.int32), np.empty(count, np.int32)
+    scales = np.empty(count)
+    for place in range(count):
+        rest = 4.0 * uniform[place] if thorough else uniform[place]
+        kind = np.int32(rest)
+        apart, whole = thorough and kind < 2, thorough and kind < 1
+        choice, first = (cloud, 0) if apart else (others, cloud)
+        rest = (rest - kind) * choice
+        end = np.int32(rest)
+        rest = (rest - end) * choice
+        start = np.int32(rest)
+        ends[place], starts[place] = first + end, first + start
+        log_share = (rest - start) * math.log(sizes[0] / sizes[1])
+        scales[place] = 1.0 if whole else sizes[1] * exp_below_zero(log_share)
+    for column in range(here.shape[1]):
+        for place in range(count):
+            step = rows[ends[place], column] - rows[starts[place], column]
+            if is_angle is not None and is_angle[column]:
+                step = (step + math.pi) % TURN - math.pi
+            proposal[place, column] = here[place, column] + scales[place] * step
+            if is_angle is not None and is_angle[column]:
+                proposal[place, column] = (proposal[place, column] + math.pi) % TURN - math.pi
+
+
+@njit(**LOOP)
+def take_steps(
+    states: Array, known: Array, fresh: Array, proposal: Array, known_there: Array, fresh_there: Array,
+    power: float, draws: Array, moved: BoolArray,
+) -> int:  # fmt: skip
+    """Replace states by proposals that Metropolis' rule accepts, and their log densities likewise.
+
+    Args:
+        states, known, fresh: States, (N, n), and log densities there, (N,): what is taken is replaced.
+        proposal, known_there, fresh_there: The same where a step leads.
+        power: To which the likelihood of the fresh measurement counts.
+        draws: Standard exponential numbers, (N,).
+        moved: Becomes true where a step is taken, (N,).
+
+    Returns:
+        How many states have moved by now.
+    """
+    count = 0
+    for place in range(len(states)):  # no branches: which step is taken nobody can guess
+        gain = known_there[place] - known[place]  # NaN where both are impossible: stay
+        gain += power * (fresh_there[place] - fresh[place]) if power > 0.0 else 0.0
+        taken = -draws[place] < gain
+        known[place] = known_there[place] if taken else known[place]
+        fresh[place] = fresh_there[place] if taken else fresh[place]
+        for column in range(states.shape[1]):
+            states[place, column] = proposal[place, column] if taken else states[place, column]
+        moved[place] |= taken
+        count += moved[place]
+    return count
+
+
+@njit(**LOOP)
+def steps_in_box(
+    states: Array, known: Array, fresh: Array, moved: BoolArray, power: float, draws: Array, uniform: Array,
+    rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float], box: Array, prior: float,
+    walls: Array, scans: Array, stds: Array, levels: Array,
+) -> int:  # fmt: skip
+    """One Metropolis step of each state in a box of free space: `step_from`, densities and `take_steps`.
+
+    Args:
+        states, known, fresh, moved, power, draws: As for `take_steps`; states are places, (N, 2).
+        uniform, rows, cloud, thorough, sizes: As for `step_from`.
+        box: Lower and upper corner, m, (2, 2).
+        prior: Log density of the prior in the box.
+        walls, stds: As for `log_density_by_walls`.
+        scans: Readings that are known, then the fresh one, m, (K + 1, B); NaN = not measured.
+        levels: Of each, (K + 1,): as for `log_density_by_walls`.
+    """
+    size, last = len(states), len(scans) - 1
+    there, known_there, fresh_there = np.empty((size, 2)), np.empty(size), np.empty(size)
+    step_from(states, uniform, rows, cloud, thorough, sizes, None, there)
+    for place in range(size):
+        x1, x2 = there[place, 0], there[place, 1]
+        inside = (x1 >= box[0, 0]) & (x1 <= box[1, 0]) & (x2 >= box[0, 1]) & (x2 <= box[1, 1])
+        known_there[place] = prior if inside else -math.inf
+    for scan in range(last + 1):
+        log_density_by_walls(there, walls, scans[scan], stds, levels[scan], fresh_there)
+        if scan < last:
+            for place in range(size):
+                known_there[place] += fresh_there[place]
+    return take_steps(states, known, fresh, there, known_there, fresh_there, power, draws, moved)
+
+
+@njit(**LOOP)
+def log_density_by_walls(
+    states: Array, walls: Array, reading: Array, stds: Array, level: float, density: Array
+) -> None:
+    """Log density of a scan with Gaussian noise where ranges are the least of affine functions of the place.
+
+    Args:
+        states: Places, m, (N, 2).
+        walls: Of each beam, c, c1 and c2 of functions c + c1 x1 + c2 x2, m, (B, W, 3).
+        reading: m, (B,); NaN = not measured.
+        stds: Standard deviations, m, (B,).
+        level: Sum of log(std sqrt(2 pi)) over the measured beams.
+        density: Gets the log density, nats, (N,).
+    """
+    count, nearest = len(states), np.empty(len(states))
+    for place in range(count):
+        density[place] = -level
+    for beam in range(len(reading)):
+        if math.isnan(reading[beam]):
+            continue
+        for wall in range(walls.shape[1]):  # one by one, for several places at once
+            const, by_x1, by_x2 = walls[beam, wall]
+            for place in range(count):
+                distance = const + by_x1 * states[place, 0] + by_x2 * states[place, 1]
+                so_far = nearest[place] if wall > 0 else math.inf
+                nearest[place] = distance if distance < so_far else so_far
+        for place in range(count):
+            deviate = (nearest[place] - reading[beam]) / stds[beam]
+            density[place] -= 0.5 * deviate * deviate
+
+
+@njit(**LOOP)
+def weights_of_places(bits: IntArray, weights: Array, table: IntArray, at_first: Array) -> None:
+    """The weights of equal states added up, by a table of hashed states.
+
+    Args:
+        bits: States, bit by bit, (N, n).
+        weights: (N,).
+        table: All -1; a power of two, 2 N or more.
+        at_first: Zeros; gets for the first of equal states the sum of their weights, (N,).
+    """
+    slots = len(table)
+    for place in range(len(bits)):
+        hashed = 0
+        for column in range(bits.shape[1]):
+            hashed = (hashed ^ bits[place, column]) * HASH
+            hashed ^= hashed >> 32
+        slot = hashed & (slots - 1)
+        while True:
+            first = table[slot]
+            if first < 0:
+                table[slot] = first = place
+            same = True
+            for column in range(bits.shape[1]):
+                same &= bits[first, column] == bits[place, column]
+            if same:
+                at_first[first] += weights[place]
+                break
+            slot = (slot + 1) & (slots - 1)
