@@ -126,10 +126,10 @@ maps.describe
 maps.mesh
 maps.floor_plan maps.rectangle maps.occupancy
 maps.free_space
-maps.mesh_files maps.walls maps.grid_walls maps.centre_lines
+maps.walls maps.grid_walls maps.centre_lines
 maps.mesh_formats
 maps.polygon
-maps._open3d maps.base maps.grid_kernels maps.segment_kernels
+maps._open3d maps.base maps.grid_kernels maps.segment_kernels maps.strips
 raster extensions compiled
 arrays errors rangefix
 """

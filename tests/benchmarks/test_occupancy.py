@@ -16,7 +16,7 @@ import pytest
 
 from rangefix.compiled import njit
 from rangefix.maps import open_map
-from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_formats.read_mesh import read_mesh
 
 from .test_ranges import DATA
 

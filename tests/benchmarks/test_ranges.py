@@ -15,7 +15,7 @@ import pytest
 
 from rangefix.maps import FloorPlan, MeshRoom, RectangularRoom
 from rangefix.maps._open3d import open3d
-from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_formats.read_mesh import read_mesh
 
 pytestmark = pytest.mark.benchmark
 DATA = Path(os.environ.get("RANGEFIX_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data"))

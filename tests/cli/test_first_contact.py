@@ -15,8 +15,6 @@ from rangefix.evaluation.monte_carlo import progress as progress_module
 
 from .conftest import Said
 
-pytestmark = pytest.mark.filterwarnings("ignore:The TBB threading layer")  # numba passes over Open3D's
-
 ROOM = '[map]\nkind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0\n'
 SENSOR = "[sensor]\nbearings_deg = [326.3, 0.0, 33.7]\nstd_m = 0.05\n"
 STUDY = "runs = 8\n" + ROOM + SENSOR

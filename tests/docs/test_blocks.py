@@ -15,8 +15,6 @@ from rangefix.filters.checks import check_names
 
 from .blocks import DIRECTIVES, SCRIPT, Page, blocks
 
-pytestmark = pytest.mark.filterwarnings("ignore:The TBB threading layer")  # numba passes over Open3D's
-
 ROOT = Path(__file__).parents[2]
 if not (ROOT / "docs").is_dir():  # a source distribution has them, an installed package has not
     pytest.skip("the pages are not there", allow_module_level=True)

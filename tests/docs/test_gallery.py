@@ -12,8 +12,6 @@ import pytest
 
 from rangefix.evaluation import study_names
 
-pytestmark = pytest.mark.filterwarnings("ignore:The TBB threading layer")  # numba passes over Open3D's
-
 DOCS = Path(__file__).parents[2] / "docs"
 if not DOCS.is_dir():  # a source distribution has it, an installed package has not
     pytest.skip("the pages are not there", allow_module_level=True)

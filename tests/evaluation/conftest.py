@@ -17,14 +17,6 @@ from rangefix.maps import RectangularRoom
 from ..maps.conftest import off  # noqa: F401
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Numba passes over the TBB that Open3D brings, and warns: no mistake of these tests."""
-    here = Path(__file__).parent
-    for item in items:
-        if item.path.is_relative_to(here):
-            item.add_marker(pytest.mark.filterwarnings("ignore:The TBB threading layer"))
-
-
 def make_problem(std: float = 0.05) -> Problem:
     """The paper's room and beams."""
     room, space = RectangularRoom(width=4.0, length=6.0), position_space(heading=0.0)

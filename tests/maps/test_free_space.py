@@ -108,7 +108,7 @@ def test_heights_below_are_those_of_a_ray(avz):
     """The surface below each cell of a real office floor is where Open3D's rays meet the whole mesh."""
     from rangefix.maps._open3d import open3d
     from rangefix.maps.mesh import _surface_below
-    from rangefix.maps.mesh_files import read_mesh
+    from rangefix.maps.mesh_formats.read_mesh import read_mesh
     from rangefix.raster import Raster
 
     vertices, triangles, *_ = read_mesh(avz)

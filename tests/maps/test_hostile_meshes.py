@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rangefix.maps import MapError, MeshRoom, mesh_files
+from rangefix.maps import MapError, MeshRoom
 from rangefix.maps._open3d import open3d
-from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_formats import read_mesh as mesh_files
+from rangefix.maps.mesh_formats.read_mesh import read_mesh
 
 from .conftest import box
 
@@ -185,7 +186,7 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 READER = """
 import os, sys
-from rangefix.maps import mesh_files
+from rangefix.maps.mesh_formats import read_mesh as mesh_files
 mesh_files.CHILD = mesh_files.CHILD.partition("out = ")[0]
 mesh_files.CHILD += "import time\\nprint(os.getpid(), file=sys.stderr)\\ntime.sleep(60)\\n"
 mesh_files.tempfile.TemporaryFile = lambda: open("told", "wb+")

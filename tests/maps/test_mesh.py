@@ -8,7 +8,7 @@ import pytest
 from rangefix.maps import MapError, MeshRoom
 from rangefix.maps._open3d import open3d
 from rangefix.maps.mesh import cut
-from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_formats.read_mesh import read_mesh
 
 from .conftest import box, joined
 

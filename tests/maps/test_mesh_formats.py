@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rangefix.maps import MapError, MeshRoom
-from rangefix.maps.mesh_files import read_mesh
+from rangefix.maps.mesh_formats.read_mesh import read_mesh
 from rangefix.maps.mesh_formats.triangulate import triangulated
 
 from .conftest import DATA, box

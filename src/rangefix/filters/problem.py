@@ -62,6 +62,24 @@ class IsConvex(Protocol):
         """Ranges from free places as the least of affine functions c + c1 x1 + c2 x2, m, (D, W, 3)."""
 
 
+class Caster(Protocol):
+    """What beams meet; arguments and answers as for `RangeMap`."""
+
+    def cast(self, poses: Array, bearings: Array) -> Hits:
+        """Ranges, normals of the walls met and gradients at once."""
+
+    def ranges(self, poses: Array, bearings: Array) -> Array:
+        """Distance to the first wall along each beam."""
+
+
+@runtime_checkable
+class CanCastAtOneHeading(Protocol):
+    """The optional method of a map: beams of one heading, asked for again and again, faster than others."""
+
+    def at_one_heading(self) -> Caster:
+        """What casts for poses of one heading; answers are the map's."""
+
+
 @runtime_checkable
 class CanSeeBetween(Protocol):
     """The optional method of a map: whether two points see each other, faster than a beam says it."""

@@ -93,6 +93,10 @@ class GridWalls:
         gradients = range_gradients(ranges, sines, cosines, normals)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
+    def at_one_heading(self) -> GridWalls:
+        """The same: cells are crossed as fast whatever the headings."""
+        return self
+
     def _cast(self, poses: Array, bearings: Array, axes: NDArray[np.int8]) -> Array:
         """Ranges (N, B); what edges were met goes to `axes`."""
         from .grid_kernels import cast_into_cells  # numba takes a quarter of a second

@@ -108,7 +108,7 @@ class MeshRoom(InWalls):
             FileNotFoundError: If there is no such file.
             MapError: If the file holds no triangle mesh; else as for the class.
         """
-        from .mesh_files import read_mesh
+        from .mesh_formats.read_mesh import read_mesh
 
         mesh = read_mesh(path, unit, up)
         return cls(

@@ -11,6 +11,7 @@ from ..compiled import njit
 
 BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
 TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it, as beams along walls do
+ON_IT = 1e-9  # m: a wall as near behind a place is met there; rounding may say so of one that it is on
 EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
 MARGIN_M = 1e-4  # about what beams from many poses pass: ten times what float32 does to one in a large map
 LEAST_SLOPE = 0.05  # |v.d| of a wall met by all; a beam along a wall meets it where rounding says
@@ -250,3 +251,50 @@ def locate_in_polygon(points: Array, corners: Array, border: float, where: Array
                 off1, off2 = x - xa - along * (xb - xa), y - ya - along * (yb - ya)
                 on_border = on_border or math.sqrt(off1 * off1 + off2 * off2) <= border
         where[place] = 0.0 if on_border else (1.0 if odd and math.isfinite(x) else -1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meet_along(
+    first: int, last: int, frame: Array, starts: IntArray, ahead: IntArray, standing: IntArray, lines: Array,
+    walls: Array, positions: Array, beam: int, ranges: Array, met: IntArray,
+) -> None:  # fmt: skip
+    """Distances from places to the first wall along one direction.
+
+    Args:
+        first, last: Which places.
+        frame, starts, ahead, standing, lines: See `Strips`, whose walls are those standing.
+        walls: Normal and offset along it, v1, v2, v.a, m, (S, 3).
+        positions: Places, m, (N, 2).
+        beam: The column that answers go to.
+        ranges: Gets the distances, m, (N, B); inf where no wall is met.
+        met: Gets which walls are met, S for none, (N, B); or (0, 0) to do without.
+    """
+    sine, cosine, u_low, t_low, per_u, per_t = frame
+    strips, slabs = ahead.shape
+    for place in range(first, last):
+        x1, x2 = positions[place, 0], positions[place, 1]
+        u, t = x1 * cosine - x2 * sine, x1 * sine + x2 * cosine
+        across, along = (u - u_low) * per_u, (t - t_low) * per_t
+        nearest, wall = math.inf, len(walls)
+        if across >= 0.0 and across < strips and along < slabs:
+            strip, slab = int(across), int(along) if along > 0.0 else 0
+            while slab < slabs:
+                slab = ahead[strip, slab]
+                if slab < slabs:
+                    cell = strip * slabs + slab
+                    for k in range(starts[cell], starts[cell + 1]):
+                        at = lines[k, 2] + lines[k, 3] * u
+                        meets = (u >= lines[k, 0]) & (u <= lines[k, 1]) & (at >= t - ON_IT)
+                        nearer = meets & (at < nearest)
+                        nearest = at if nearer else nearest
+                        wall = standing[k] if nearer else wall
+                    slab += 1
+                    if (nearest - t_low) * per_t <= slab:
+                        break
+        distance = math.inf
+        if wall < len(walls):
+            distance = walls[wall, 2] - walls[wall, 0] * x1 - walls[wall, 1] * x2
+            distance /= walls[wall, 0] * sine + walls[wall, 1] * cosine
+        ranges[place, beam] = distance if distance > 0.0 else 0.0
+        if met.size > 0:
+            met[place, beam] = wall

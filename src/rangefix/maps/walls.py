@@ -4,7 +4,8 @@ Of many, Open3D's RaycastingScene (Embree: Wald et al., 2014) finds the wall tha
 float32. The walls are extruded about the plane of the beams and moved to their centre, so that large map
 coordinates cost nothing. What it answers decides which wall is met; the distance then follows from that
 wall's line in float64. Where many poses lie close together, most beams meet one wall from all of them, and
-it need not be asked again; no bit of an answer tells that this was done.
+it need not be asked again; no bit of an answer tells that this was done. Where one heading is asked for again
+and again, walls are sorted along its beams (strips.py), which takes no Open3D.
 """
 
 from __future__ import annotations
@@ -20,17 +21,20 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, BoolArray, IntArray, counted_from, wrap
 from ._open3d import open3d
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+from .strips import Strips, strips_along
 
 FEW_WALLS = 48  # with more, Open3D's tree of them takes less time than all of them
 RAYS = 32_768  # cast at a time: the work arrays stay in the cache, memory stays bounded
 ROW = 4096  # of them side by side
 OVERLAP = 2e-5  # m by which a wall runs on where it ends so near to another, so that no beam slips in there
+RAY_WORK = 16  # values that a beam along strips reads, about
 PAIRS = 1 << 20  # of ends and walls that are compared at a time
 AHEAD = np.zeros(1)
 MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
 CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
 LEAST_SHARE = 0.25  # and if so many of the beams meet one wall
 ROUNDING_RAD = 1e-9  # of headings
+MOST_SORTED, MOST_DIRECTIONS = 20_000, 64  # walls that are sorted along a beam; beams that they are kept for
 TRUSTED = 0.05  # m from float32's distance; further off, the beam runs along the wall and meets its end
 
 
@@ -44,6 +48,8 @@ class Walls:
     def __init__(self, segments: Array) -> None:
         self._segments = np.array(segments, dtype=np.float64)
         self._segments.setflags(write=False)
+        self._one_heading = False
+        self._strips: dict[float, Strips] = {}
 
     @property
     def segments(self) -> Array:
@@ -51,10 +57,21 @@ class Walls:
         return self._segments
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"segments": self._segments}
+        return {"segments": self._segments, "one_heading": self._one_heading}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["segments"])  # type: ignore[misc]
+        self._one_heading = state["one_heading"]
+
+    def at_one_heading(self) -> Walls:
+        """The same walls for poses of one heading, which come again and again."""
+        return self._sorted if FEW_WALLS < len(self.segments) <= MOST_SORTED else self
+
+    @cached_property
+    def _sorted(self) -> Walls:
+        walls = Walls(self._segments)
+        walls._one_heading = True
+        return walls
 
     @cached_property
     def _centre(self) -> Array:
@@ -161,6 +178,9 @@ class Walls:
         positions, headings = poses[:, :2] - self._centre, poses[:, 2]
         if (headings == headings[0]).all():
             headings, bearings = np.zeros(1), headings[0] + bearings
+        if self._one_heading and len(headings) == 1 and len(bearings) <= MOST_DIRECTIONS:
+            self._cast_along(positions, bearings, ranges, met)
+            return ranges
         few = len(self.segments) <= FEW_WALLS
         common = None if few else self._met_by_all(positions, headings, bearings)
         if common is not None:
@@ -170,6 +190,24 @@ class Walls:
         else:
             self._cast_into_scene(positions, headings, bearings, ranges, met)
         return ranges
+
+    def _cast_along(self, positions: Array, directions: Array, ranges: Array, met: IntArray | None) -> None:
+        """Ranges (N, B) from places along directions, (B,), that walls are sorted along."""
+        from ..compiled import in_threads
+        from .segment_kernels import meet_along
+
+        which = np.empty((0, 0), dtype=np.int64) if met is None else met
+        normals = np.ascontiguousarray(self._rows[:, 4:])
+        for beam, angle in enumerate(directions.tolist()):
+            strips = self._strips.get(angle)
+            if strips is None:
+                strips = self._strips[angle] = strips_along(self._rows, angle)
+                while len(self._strips) > MOST_DIRECTIONS:
+                    del self._strips[next(iter(self._strips))]
+            arrays = *strips, normals, positions, beam, ranges, which
+            in_threads(meet_along, len(positions), RAY_WORK * len(positions), *arrays)
+        if met is not None:
+            met *= 2
 
     def _cast_from_one_place(
         self, positions: Array, headings: Array, bearings: Array, common: IntArray, ranges: Array,
@@ -315,6 +353,9 @@ class Caster(Protocol):
     def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
         """Ranges, normals of the walls met and gradients of one cast."""
 
+    def at_one_heading(self) -> Caster:
+        """The same for poses of one heading, which come again and again."""
+
 
 class InWalls:
     """A map whose walls are segments: what beams meet is asked of its walls."""
@@ -341,6 +382,10 @@ class InWalls:
             ValueError: If a pose or bearing is not finite, or a shape is wrong.
         """
         return self._walls.ranges(poses, bearings)
+
+    def at_one_heading(self) -> Caster:
+        """What says ranges, and casts, to poses of one heading, which come again and again."""
+        return self._walls.at_one_heading()
 
     def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
         """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""

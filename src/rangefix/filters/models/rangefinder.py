@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
 from ..mount import CENTRED, Mount
-from ..problem import IsConvex, Noise, RangeMap
+from ..problem import CanCastAtOneHeading, Caster, IsConvex, Noise, RangeMap
 from ..space import StateSpace
 from .correlated import Correlated, check_shared_errors, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
@@ -123,18 +123,25 @@ class Rangefinder:
             return np.broadcast_to(noise.stds, self.bearings.shape)
         return None
 
+    @cached_property
+    def _casts(self) -> Caster:
+        """What casts beams: the map, or what it has for a heading that is known."""
+        if self.space.heading is not None and isinstance(self.room, CanCastAtOneHeading):
+            return self.room.at_one_heading()
+        return self.room
+
     def expected(self, states: ArrayLike) -> Array:
         """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or grazes it."""
         poses = self.mount.laser_poses(self.space.poses(np.asarray(states, dtype=float)))
-        ranges = self.room.ranges(poses, self.bearings)
+        ranges = self._casts.ranges(poses, self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
-            return np.where(self._grazing(self.room.gradients(poses, self.bearings)), np.inf, ranges)
+            return np.where(self._grazing(self._gradients(poses)), np.inf, ranges)
         return ranges
 
     def jacobian(self, states: Array) -> Array:
         """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where it is inf."""
         poses = self.space.poses(states)
-        gradients = self.room.gradients(self.mount.laser_poses(poses), self.bearings)
+        gradients = self._gradients(self.mount.laser_poses(poses))
         if self.max_incidence < RIGHT_ANGLE:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)
         return self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
@@ -142,12 +149,18 @@ class Rangefinder:
     def look(self, states: Array) -> tuple[Array, Array]:
         """`expected` and `jacobian` of one cast: (..., n) -> (..., B) m and (..., B, n)."""
         poses = self.space.poses(states)
-        hits = self.room.cast(self.mount.laser_poses(poses), self.bearings)
+        hits = self._casts.cast(self.mount.laser_poses(poses), self.bearings)
         ranges, gradients = hits.ranges, hits.gradients
         if self.max_incidence < RIGHT_ANGLE:
             lost = self._grazing(gradients)
             ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
         return ranges, self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
+
+    def _gradients(self, poses: Array) -> Array:
+        """Derivatives of the ranges by the laser's poses: (..., 3) -> (..., B, 3)."""
+        if self._casts is self.room:
+            return self.room.gradients(poses, self.bearings)
+        return self._casts.cast(poses, self.bearings).gradients
 
     def walls_along(self, states: Array) -> Array | None:
         """Ranges as the least of affine functions of x1 and x2, (B, W, 3), for states (N, n).

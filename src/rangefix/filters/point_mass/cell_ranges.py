@@ -79,7 +79,10 @@ class RangesByCell:
             if np.isinf(reading[beam]):
                 total[np.isfinite(expected)] = np.inf
             else:
-                total += 0.5 * precision[beam] * (reading[beam] - expected) ** 2
+                off = expected - reading[beam]
+                off *= off
+                off *= 0.5 * precision[beam]
+                total += off
         return total
 
 

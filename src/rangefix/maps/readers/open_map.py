@@ -11,7 +11,7 @@ from ...extensions import extensions
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
-from ..mesh_files import MESHES, PathLike, existing
+from ..mesh_formats.read_mesh import MESHES, PathLike, existing
 from ..occupancy import OccupancyMap
 from ..rectangle import RectangularRoom
 from .plan_files import DRAWN, plan_of, read_plan

@@ -15,7 +15,7 @@ from typing import Any
 from ...errors import one_line
 from ..base import MapError
 from ..floor_plan import FloorPlan
-from ..mesh_files import PathLike
+from ..mesh_formats.read_mesh import PathLike
 from ..rectangle import RectangularRoom
 from .vector_plans import VECTORS, is_geojson, read_dxf, read_geojson
 

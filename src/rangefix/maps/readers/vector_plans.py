@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ...errors import one_line
 from ..base import MapError
 from ..floor_plan import FloorPlan
-from ..mesh_files import UNITS
+from ..mesh_formats.read_mesh import UNITS
 from .dxf_parts import CURVES, parts, stated_metres
 
 if TYPE_CHECKING:

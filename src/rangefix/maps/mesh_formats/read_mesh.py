@@ -16,14 +16,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, IntArray
-from ..errors import one_line
-from .base import MapError
-from .mesh_formats.obj import read_obj
-from .mesh_formats.off import read_off
-from .mesh_formats.ply import read_ply
-from .mesh_formats.scenes import read_scene
-from .mesh_formats.stl import read_stl
+from ...arrays import Array, IntArray
+from ...errors import one_line
+from ..base import MapError
+from .obj import read_obj
+from .off import read_off
+from .ply import read_ply
+from .scenes import read_scene
+from .stl import read_stl
 
 PLAIN: dict[str, Callable[[Path], tuple[Array, IntArray]]] = {
     ".ply": read_ply,
