@@ -74,6 +74,35 @@ def test_real_building(beams, board):
     board.add(what, ours, "bare Open3D, cut", cut)
 
 
+@pytest.mark.parametrize("spread", [None, 1.0])
+def test_one_heading_in_a_real_building(spread, board):
+    """8 beams of a known heading from any free place, and from a cloud with deviations of 1 m."""
+    path = DATA / "avz" / "avz.ply"
+    if not path.exists():
+        pytest.skip(f"{path} is missing; set RANGEFIX_DATA to the folder that holds avz/avz.ply")
+    room, rng = MeshRoom.load(path, sensor_height=0.9), np.random.default_rng(0)
+    low, high = room.bounds
+    places = low + (high - low) * rng.random((10**6, 2))
+    places = places[room.is_free(places)]
+    if spread is not None:
+        places = places[0] + spread * rng.standard_normal((10**6, 2))
+        places = places[room.is_free(places)]
+    poses = np.column_stack([places[: 10**6 // 8], np.zeros(len(places[: 10**6 // 8]))])
+    bearings = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    rays = ready_rays(poses, bearings, np.append(room._walls.centre, 0.0))
+    known = room.at_one_heading()
+    np.testing.assert_allclose(known.ranges(poses, bearings), room.ranges(poses, bearings), atol=1e-3)
+    bare, any_heading, ours = best(
+        lambda: room._walls._scene.cast_rays(rays),
+        lambda: room.ranges(poses, bearings),
+        lambda: known.ranges(poses, bearings),
+    )
+    where = "anywhere" if spread is None else "from a cloud of 1 m"
+    what = f"ranges: {len(poses) * 8:.2g} rays of one heading, building, {where}"
+    board.add(what, ours, "bare Open3D, cut", bare, target=1.0)
+    board.add(what, ours, "as of many headings", any_heading)
+
+
 @pytest.mark.parametrize("beams", [8, 100])
 @pytest.mark.parametrize("headings", ["equal", "unequal"])
 def test_empty_box(beams, headings, board):

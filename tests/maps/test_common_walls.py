@@ -39,7 +39,7 @@ def test_the_bits_are_those_of_casting(spread: float, turn: float) -> None:
         walls = Walls(jagged(int(corners), rng) + rng.uniform(-100.0, 100.0, (1, 2))[:, [0, 1, 0, 1]])
         middle = np.append(walls.segments.reshape(-1, 2).mean(axis=0), np.pi * rng.integers(0, 2))
         poses = middle + rng.uniform(-1.0, 1.0, (400, 3)) * (spread, spread, turn)
-        positions, headings, bearings = poses[:, :2] - walls._centre, poses[:, 2], AROUND
+        positions, headings, bearings = poses[:, :2] - walls.centre, poses[:, 2], AROUND
         if turn == 0:
             headings, bearings = np.zeros(1), headings[0] + bearings
         shares.append(walls._met_by_all(positions, headings, bearings) is not None)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -123,3 +125,54 @@ def test_heights_below_are_those_of_a_ray(avz):
     theirs = 0.9 - scene.cast_rays(tensor(rays))["t_hit"].numpy()
     same = np.isclose(found, theirs, atol=1e-4) | (np.isinf(found) & np.isinf(theirs))
     assert same.mean() > 0.999  # float32 at edges
+
+
+def panels(seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Twelve upright panels of a centimetre to a metre, at any angle, some of them joined."""
+    rng, start, parts = np.random.default_rng(seed), np.array([2.0, 3.0]), []
+    for number in range(12):
+        start = start if number % 3 else rng.uniform((0.3, 0.3), (3.7, 5.7))
+        turn, length = rng.uniform(0.0, 2 * np.pi), np.exp(rng.uniform(np.log(0.01), 0.0))
+        end = np.clip(start + length * np.array([np.cos(turn), np.sin(turn)]), (0.1, 0.1), (3.9, 5.9))
+        corners = np.array([[*start, 0.0], [*end, 0.0], [*end, 2.0], [*start, 2.0]])
+        parts.append((corners, np.array([[0, 1, 2], [0, 2, 3]])))
+        start = end
+    return parts
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("resolution", [0.05, 0.17])
+def test_free_is_what_sees_the_middle_of_a_free_cell(seed, resolution):
+    """Points anywhere and close to walls, against one ray from each free cell's middle beside them."""
+    room = mesh(*RING, *panels(seed), outline=SQUARE, resolution=resolution)
+    space, rng = room.free_space, np.random.default_rng(seed)
+    wall = room.segments[rng.integers(0, len(room.segments), 4000)].reshape(-1, 2, 2)
+    close = wall[:, 0] + rng.random((4000, 1)) * (wall[:, 1] - wall[:, 0])
+    points = np.concatenate([rng.uniform((-0.5, -0.5), (4.5, 6.5), (4000, 2)), close])
+    points[4000:] += np.exp(rng.uniform(np.log(1e-4), np.log(0.1), (4000, 1))) * rng.standard_normal(
+        (4000, 2)
+    )
+    cell = np.floor((points - space.origin) / resolution).astype(int)
+    within = ((cell >= 0) & (cell < space.cells.shape)).all(axis=1)
+    state = np.where(within, space.cells[tuple(np.where(within[:, None], cell, 0).T)], 0)
+    expected = state == 1
+    for step in np.argwhere(np.ones((3, 3))) - 1:
+        beside = np.clip(cell + step, 0, np.array(space.cells.shape) - 1)
+        middle = space.origin + (beside + 0.5) * resolution
+        away = points - middle
+        poses = np.column_stack([middle, np.arctan2(away[:, 0], away[:, 1])])
+        ahead = np.array([room.ranges(pose, np.zeros(1))[0] for pose in poses[state == 2]])
+        sees = ahead >= np.hypot(*away[state == 2].T) - 1e-9
+        expected[state == 2] |= sees & (space.cells[tuple(beside[state == 2].T)] == 1)
+    assert (state == 2).sum() > 1000
+    assert 0.2 < expected[state == 2].mean() < 0.99
+    np.testing.assert_array_equal(room.is_free(points), expected)
+
+
+def test_what_is_kept_of_free_space_is_not_pickled():
+    room = mesh(*RING, outline=SQUARE)
+    points = np.random.default_rng(0).uniform((-0.5, -0.5), (4.5, 6.5), (1000, 2))
+    free = room.is_free(points)
+    again = pickle.loads(pickle.dumps(room))
+    assert "_listed" not in vars(again.free_space)
+    np.testing.assert_array_equal(again.is_free(points), free)

@@ -100,7 +100,7 @@ def test_few_walls_or_very_many_stay_as_they_are(monkeypatch):
 
 def test_what_is_kept_is_bounded():
     """Strips, slabs and directions; more beams than that, or poses of several headings, are cast as ever."""
-    strips = strips_along(tangle(19_000, 2)._rows, 0.3)
+    strips = strips_along(tangle(19_000, 2).rows, 0.3)
     assert strips.ahead.shape == (MOST_STRIPS, MOST_SLABS)
     kept = tangle(200, 3).at_one_heading()
     poses = np.column_stack([np.full((5, 2), 3010.0), np.zeros(5)])

@@ -24,7 +24,7 @@ BLOCKED, FREE, MIXED = 0, 1, 2
 STEP = 0.25  # m that the floor may differ from its level: thresholds and carpets are floor, furniture is not
 MOST_CELLS = 30_000_000
 BESIDE = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
-SIDES, CORNERS = ([step for step in BESIDE if (0 in step) is beside] for beside in (True, False))
+SIDES_FIRST = np.array(sorted(BESIDE, key=lambda step: 0 not in step))  # most places see a cell at a side
 Surface = Callable[[Raster], Array]  # the height of the first surface below each cell, -inf = none
 ROOMY = 0.3  # m from the nearest wall; what is narrower everywhere is the inside of a wall
 LEAST_AREA, LEAST_SHARE = 0.5, 0.01  # m^2, and of the outline's area; less is no place to be
@@ -92,18 +92,28 @@ class FreeSpace:
 
     def contains(self, points: Array, walls: Walls) -> BoolArray:
         """Whether points are free: (N, 2) -> (N,)."""
-        raster = Raster(self.origin, self.resolution, self.cells.shape)
-        state = raster.look_up(self.cells, points)
-        free: BoolArray = state == FREE
-        open_ = np.flatnonzero(state == MIXED)
-        for steps in (SIDES, CORNERS):  # one cast each: most places see a cell at a side
-            if len(open_):
-                centres = raster.centre(raster.index(points[open_])[:, None] + np.array(steps))
-                place, step = np.nonzero(raster.look_up(self.cells, centres) == FREE)
-                seen = _in_sight(points[open_[place]], centres[place, step], walls)
-                free[open_[place[seen]]] = True
-                open_ = open_[~free[open_]]
+        from .grid_kernels import free_in_cells  # numba takes a quarter of a second
+
+        free = np.empty(len(points), dtype=np.bool_)
+        origin, points = self.origin - walls.centre, np.ascontiguousarray(points - walls.centre)
+        listed = self._standing(walls)
+        free_in_cells(self.cells, origin, self.resolution, SIDES_FIRST, *listed, walls.rows, points, free)
         return free
+
+    def _standing(self, walls: Walls) -> tuple[IntArray, IntArray]:
+        """Where the walls of each cell begin in a list, (n1 n2 + 1,), and that list; made once."""
+        listed: tuple[IntArray, IntArray] | None = self.__dict__.get("_listed")
+        if listed is None:
+            cells, owners = _cells_and_owners(walls.segments, self.origin, self.resolution)
+            numbers = np.ravel_multi_index(tuple(cells.T), self.cells.shape)
+            order = np.argsort(numbers, kind="stable")
+            counts = np.bincount(numbers, minlength=self.cells.size)
+            listed = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), owners[order].astype(np.int32)
+            self.__dict__["_listed"] = listed
+        return listed
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_listed"}
 
 
 def find_free_space(
@@ -253,6 +263,11 @@ def _in_sight(points: Array, targets: Array, walls: Walls) -> BoolArray:
 
 def cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
     """Cells that segments run through, (k, 2): the middle between one grid line crossed and the next."""
+    return _cells_and_owners(segments, origin, resolution)[0]
+
+
+def _cells_and_owners(segments: Array, origin: Array, resolution: float) -> tuple[IntArray, IntArray]:
+    """The same, and which segments run there, (k,)."""
     ends = (segments.reshape(-1, 2, 2) - origin) / resolution
     a, along = ends[:, 0], ends[:, 1] - ends[:, 0]
     which, when = [np.repeat(np.arange(len(a)), 2)], [np.tile([0.0, 1.0], len(a))]
@@ -270,4 +285,4 @@ def cells_on(segments: Array, origin: Array, resolution: float) -> IntArray:
     same = segment[1:] == segment[:-1]
     middle = (time[1:] + time[:-1])[same] / 2
     owner = segment[1:][same]
-    return np.asarray(np.floor(a[owner] + middle[:, None] * along[owner]), dtype=np.int64)
+    return np.asarray(np.floor(a[owner] + middle[:, None] * along[owner]), dtype=np.int64), owner

@@ -1,4 +1,4 @@
-"""Compiled loops over a grid of cells: rays that end on the cells' edges, and the surface below each cell."""
+"""Compiled loops over a grid of cells: rays that end on cells' edges, surfaces below, and what is free."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, IntArray
+from ..arrays import Array, BoolArray, IntArray
 from ..compiled import njit
 
 ALONG = 1e-15  # a beam whose direction has less of an axis runs across it
 FAR = 1e300  # cells
 SHORT = 2  # cells; as many steps cost less than a leap
+TOUCHING = 1e-12  # m: a line of sight that passes the end of a wall as near as that meets it
+ON_IT = 1e-9  # m: a point as near to a wall stands on it, and sees
+EDGE_ON = 1e-9  # below this |v.d| a wall without thickness does not stop it
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -154,3 +157,60 @@ def surface_below(
                     z += at_c * (vertices[c, 2] - vertices[a, 2])
                     if z <= height and z > found[i, j]:
                         found[i, j] = z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def free_in_cells(
+    cells: NDArray[np.uint8], origin: Array, resolution: float, steps: IntArray, starts: IntArray,
+    standing: IntArray, walls: Array, points: Array, free: BoolArray,
+) -> None:  # fmt: skip
+    """Whether points lie in a free cell, or in one that is cut by walls and see the centre of one beside it.
+
+    Args:
+        cells: 0 not free, 1 free, 2 cut by a wall, (n1, n2).
+        origin: Lower corner of the cells, m, (2,).
+        resolution: Size of a cell, m.
+        steps: To the cells beside one, (8, 2).
+        starts: Where the walls of each cell begin in `standing`, (n1 n2 + 1,).
+        standing: Which walls run through the cells.
+        walls: Ends, normal and offset along it: x1a, x2a, x1b, x2b, v1, v2, v.a, m, (S, 7).
+        points: m, (N, 2).
+        free: Gets the answers, (N,).
+    """
+    rows, columns = cells.shape
+    middle = origin[0] + 0.5 * resolution, origin[1] + 0.5 * resolution
+    for place in range(len(points)):
+        at1 = (points[place, 0] - origin[0]) / resolution
+        at2 = (points[place, 1] - origin[1]) / resolution
+        free[place] = False
+        if at1 >= 0.0 and at1 < rows and at2 >= 0.0 and at2 < columns:
+            row, column = int(at1), int(at2)
+            free[place] = cells[row, column] == 1
+            for step in range(len(steps) if cells[row, column] == 2 else 0):
+                to_row, to_column = row + steps[step, 0], column + steps[step, 1]
+                within = to_row >= 0 and to_row < rows and to_column >= 0 and to_column < columns
+                if within and cells[to_row, to_column] == 1 and not free[place]:
+                    target = middle[0] + to_row * resolution, middle[1] + to_column * resolution
+                    clear = True  # in the cells that the line of sight runs through, but the free one
+                    for near_row, near_column in ((row, column), (to_row, column), (row, to_column)):
+                        cell = near_row * columns + near_column
+                        near = standing[starts[cell] : starts[cell + 1]]
+                        clear = clear and _in_sight(points[place], target, near, walls)
+                    free[place] = clear
+
+
+@njit(error_model="numpy", inner=True)  # kept with those that call it
+def _in_sight(point: Array, target: tuple[float, float], near: IntArray, walls: Array) -> bool:
+    """Whether none of the walls near by, of all (S, 7), stands between a point and a target."""
+    reach = math.hypot(point[0] - target[0], point[1] - target[1])
+    d1, d2 = (point[0] - target[0]) / reach, (point[1] - target[1]) / reach
+    for number in near:
+        wall = walls[number]
+        side_a = (wall[0] - target[0]) * d2 - (wall[1] - target[1]) * d1
+        side_b = (wall[2] - target[0]) * d2 - (wall[3] - target[1]) * d1
+        along = wall[4] * d1 + wall[5] * d2
+        distance = (wall[6] - wall[4] * target[0] - wall[5] * target[1]) / along
+        meets = min(side_a, side_b) <= TOUCHING and max(side_a, side_b) >= -TOUCHING
+        if meets and distance >= 0.0 and distance < reach - ON_IT and abs(along) > EDGE_ON:
+            return False
+    return True

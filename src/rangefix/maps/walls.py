@@ -74,7 +74,8 @@ class Walls:
         return walls
 
     @cached_property
-    def _centre(self) -> Array:
+    def centre(self) -> Array:
+        """The middle of all walls, m, (2,)."""
         corners = self.segments.reshape(-1, 2)
         return np.asarray((corners.min(0) + corners.max(0)) / 2)
 
@@ -84,7 +85,7 @@ class Walls:
 
         A last row, without normal and infinitely far, stands for no wall: np.take clips a miss to it.
         """
-        a, b = self.segments[:, :2] - self._centre, self.segments[:, 2:] - self._centre
+        a, b = self.segments[:, :2] - self.centre, self.segments[:, 2:] - self.centre
         length = np.hypot(*(b - a).T)
         v1, v2 = (b - a)[:, 1] / length, -(b - a)[:, 0] / length
         offset = v1 * a[:, 0] + v2 * a[:, 1]
@@ -99,7 +100,7 @@ class Walls:
 
         Ends that float32 cannot tell apart are one. Loose ends at other walls run on.
         """
-        a, b = self.segments[:, :2] - self._centre, self.segments[:, 2:] - self._centre
+        a, b = self.segments[:, :2] - self.centre, self.segments[:, 2:] - self.centre
         ends = np.concatenate([a, b])
         _, first, where, count = np.unique(
             ends.astype(np.float32) + np.float32(0),  # + 0 turns -0 to 0
@@ -116,7 +117,7 @@ class Walls:
         return ends[first], where
 
     @cached_property
-    def _rows(self) -> Array:
+    def rows(self) -> Array:
         """Ends, normal and offset of each wall from the centre, as compiled loops take them, (S, 7)."""
         ends, where = self._ends
         a, b = np.split(ends[where], 2)
@@ -166,8 +167,8 @@ class Walls:
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
 
         clear = np.empty(len(starts))
-        starts, ends = (np.ascontiguousarray((points - self._centre).T) for points in (starts, ends))
-        see_past_segments(self._rows, starts, ends, clear)
+        starts, ends = (np.ascontiguousarray((points - self.centre).T) for points in (starts, ends))
+        see_past_segments(self.rows, starts, ends, clear)
         return clear > 0
 
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
@@ -175,7 +176,7 @@ class Walls:
         ranges = np.empty((len(poses), len(bearings)))
         if not ranges.size:
             return ranges
-        positions, headings = poses[:, :2] - self._centre, poses[:, 2]
+        positions, headings = poses[:, :2] - self.centre, poses[:, 2]
         if (headings == headings[0]).all():
             headings, bearings = np.zeros(1), headings[0] + bearings
         if self._one_heading and len(headings) == 1 and len(bearings) <= MOST_DIRECTIONS:
@@ -197,11 +198,11 @@ class Walls:
         from .segment_kernels import meet_along
 
         which = np.empty((0, 0), dtype=np.int64) if met is None else met
-        normals = np.ascontiguousarray(self._rows[:, 4:])
+        normals = np.ascontiguousarray(self.rows[:, 4:])
         for beam, angle in enumerate(directions.tolist()):
             strips = self._strips.get(angle)
             if strips is None:
-                strips = self._strips[angle] = strips_along(self._rows, angle)
+                strips = self._strips[angle] = strips_along(self.rows, angle)
                 while len(self._strips) > MOST_DIRECTIONS:
                     del self._strips[next(iter(self._strips))]
             arrays = *strips, normals, positions, beam, ranges, which
@@ -219,7 +220,7 @@ class Walls:
 
         rest, known = np.flatnonzero(common < 0), np.flatnonzero(common >= 0)
         turns, beams = unit_vectors(headings), unit_vectors(bearings[known])
-        arrays = self._rows[common[known], 4:], positions, *turns, *beams, known, ranges
+        arrays = self.rows[common[known], 4:], positions, *turns, *beams, known, ranges
         in_threads(ranges_to_lines, len(positions), len(positions) * len(known), *arrays)
         if met is not None:
             met[:, known] = 2 * common[known]
@@ -251,7 +252,7 @@ class Walls:
         middle = 0.5 * (upper + lower)
         directions = np.stack(unit_vectors(headings[0] + middle[2] + bearings), axis=1)
         met = np.empty(len(bearings), dtype=np.int64)
-        arrays = self._rows, middle[:2], halves[:2], halves[2] + ROUNDING_RAD, directions, met
+        arrays = self.rows, middle[:2], halves[:2], halves[2] + ROUNDING_RAD, directions, met
         in_threads(walls_met_by_all, len(met), len(met) * len(self.segments), *arrays)
         return met if np.count_nonzero(met >= 0) > LEAST_SHARE * len(met) else None
 
@@ -263,7 +264,7 @@ class Walls:
         from .segment_kernels import cast_at_segments
 
         arrays = (
-            self._rows, positions, *unit_vectors(headings), *unit_vectors(bearings), ranges.reshape(-1),
+            self.rows, positions, *unit_vectors(headings), *unit_vectors(bearings), ranges.reshape(-1),
         )  # fmt: skip
         walls = np.empty(0, dtype=np.int64) if met is None else met.reshape(-1)
         in_threads(cast_at_segments, ranges.size, ranges.size * len(self.segments), *arrays, walls)
