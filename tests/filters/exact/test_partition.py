@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
+from rangefix.filters.exact import lines_of_sight
 from rangefix.filters.exact.partition import Partition, TooManyPieces, partition
 from rangefix.maps import FloorPlan, RectangularRoom
 
@@ -87,3 +90,27 @@ def test_beams_that_graze_are_lost():
 def test_too_many_pieces_are_refused():
     with pytest.raises(TooManyPieces, match="more than 50 pieces"):
         cut(ROOMS, np.linspace(0, 2 * np.pi, 8, endpoint=False), 0.3, most_pieces=50)
+
+
+@pytest.mark.parametrize("at_once", [7, 1 << 20])
+def test_crossings_are_where_pairs_of_walls_meet(at_once, monkeypatch):
+    """Against all pairs one by one; walls along axes, that end on another or lie on one line among them."""
+    monkeypatch.setattr(lines_of_sight, "PAIRS", at_once)
+    rng = np.random.default_rng(0)
+    starts, steps = rng.random((60, 2)), 0.3 * rng.standard_normal((60, 2))
+    steps[::4, 0], steps[1::4, 1] = 0.0, 0.0
+    walls = np.hstack([starts, starts + steps])
+    walls[10, :2] = 0.5 * (walls[11, :2] + walls[11, 2:])  # ends on another
+    walls[20] = walls[21] + 0.1 * np.tile(walls[21, 2:] - walls[21, :2], 2)  # along another
+    expected = []
+    for one, other in combinations(walls, 2):
+        matrix = np.column_stack([one[2:] - one[:2], other[:2] - other[2:]])
+        if abs(np.linalg.det(matrix)) > 1e-12:
+            mine, theirs = np.linalg.solve(matrix, other[:2] - one[:2])
+            if 0 < mine < 1 and -1e-9 < theirs < 1 + 1e-9:
+                expected.append(one[:2] + mine * (one[2:] - one[:2]))
+    found = lines_of_sight.crossings(walls)
+    assert len(expected) > 50
+    assert found.shape == (len(expected), 2)
+    wanted = np.array(expected)
+    np.testing.assert_allclose(found[np.lexsort(found.T)], wanted[np.lexsort(wanted.T)], atol=1e-12)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, IntArray, counted_from
 from ...compiled import njit
+
+PAIRS = 1 << 20  # of walls that are compared at a time
+REACH_M = 1e-6  # by which walls may miss each other and count as crossing, at most
 
 
 def across(direction: Array) -> Array:
@@ -22,21 +25,24 @@ def along(segments: Array, direction: Array) -> Array:
     return ends.reshape(-1, 4)
 
 
-def crossings(walls: Array) -> Array:
-    """Where walls cross each other, s, between their ends."""
-    found = []
-    start, stop = walls[:, :2], walls[:, 2:]
-    span = stop - start
-    for place in range(len(walls) - 1):
-        rest = slice(place + 1, None)
-        cross = span[place, 0] * span[rest, 1] - span[place, 1] * span[rest, 0]
-        away = start[rest] - start[place]
+def crossings(segments: Array) -> Array:
+    """Where walls (S, 4) cross each other between their ends, (K, 2): those compared overlap in x1."""
+    start, stop = segments[:, :2], segments[:, 2:]
+    low, high = np.minimum(start, stop)[:, 0], np.maximum(start, stop)[:, 0] + REACH_M
+    order = np.argsort(low, kind="stable")
+    count = np.searchsorted(low[order], high[order], side="right") - np.arange(len(order)) - 1
+    found = [np.zeros((0, 2))]
+    for places in np.split(np.arange(len(order)), np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1):
+        pairs = order[np.repeat(places, count[places])], order[counted_from(places + 1, count[places])]
+        one, other = np.minimum(*pairs), np.maximum(*pairs)
+        span, rest, away = (stop - start)[one], (stop - start)[other], start[other] - start[one]
         with np.errstate(divide="ignore", invalid="ignore"):
-            mine = (away[:, 0] * span[rest, 1] - away[:, 1] * span[rest, 0]) / cross
-            other = (away[:, 0] * span[place, 1] - away[:, 1] * span[place, 0]) / cross
-        met = (mine > 0) & (mine < 1) & (other > -1e-9) & (other < 1 + 1e-9)
-        found.append(start[place, 0] + mine[met] * span[place, 0])
-    return np.concatenate([*found, np.zeros(0)])
+            cross = span[:, 0] * rest[:, 1] - span[:, 1] * rest[:, 0]
+            mine = (away[:, 0] * rest[:, 1] - away[:, 1] * rest[:, 0]) / cross
+            theirs = (away[:, 0] * span[:, 1] - away[:, 1] * span[:, 0]) / cross
+        met = (mine > 0) & (mine < 1) & (theirs > -1e-9) & (theirs < 1 + 1e-9)
+        found.append(start[one][met] + mine[met, None] * span[met])
+    return np.concatenate(found)
 
 
 def buckets(walls: Array) -> tuple[float, float, IntArray, IntArray]:

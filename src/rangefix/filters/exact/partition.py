@@ -96,10 +96,10 @@ def partition(
     counts = np.array([len(piece) for piece in pieces], dtype=np.int64)
     for place, piece in enumerate(pieces):
         corners[place, : len(piece)] = piece
-    hits = np.zeros((len(pieces), 0), dtype=np.int64)
+    hits, crossed = np.zeros((len(pieces), 0), dtype=np.int64), crossings(segments)
     for direction in directions:
         walls = along(segments, direction)
-        ends = np.unique(np.concatenate([walls[:, 0], walls[:, 2], crossings(walls)]))
+        ends = np.unique(np.concatenate([walls[:, 0], walls[:, 2], crossed @ across(direction)]))
         slabs = _slabs(corners, counts, direction, walls, ends, most_pieces)
         if slabs is None:
             raise TooManyPieces(
@@ -114,8 +114,9 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
     """Convex pieces of the box that no wall enters, between two walls and two lines along a direction."""
     (x1, x2), (y1, y2) = lower, upper
     frame = np.array([[x1, x2, y1, x2], [y1, x2, y1, y2], [y1, y2, x1, y2], [x1, y2, x1, x2]])
-    walls = along(np.concatenate([segments, frame]), direction)
-    ends = np.unique(np.concatenate([walls[:, 0], walls[:, 2], crossings(walls)]))
+    cuts = np.concatenate([segments, frame])
+    walls = along(cuts, direction)
+    ends = np.unique(np.concatenate([walls[:, 0], walls[:, 2], crossings(cuts) @ across(direction)]))
     low, high = (f(along(frame, direction)[:, [0, 2]]) for f in (np.min, np.max))
     ends = ends[(ends >= low - THIN_M) & (ends <= high + THIN_M)]
     start, stop = walls[:, 0], walls[:, 2]
