@@ -67,7 +67,6 @@ def memory_needed(name: str, problem: Problem, options: Mapping[str, Any], runs:
 
 def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """Cells with their centres and probabilities, and the ranges that they expect."""
-    from .adaptive.range_bounds import TABLE_RAYS
     from .point_mass.cell_ranges import CASTS_AT_ONCE, TABLES
     from .point_mass.filter import DENSITIES_AT_ONCE, MEMORY_GB
     from .point_mass.grid import count_cells
@@ -76,6 +75,8 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
     from .point_mass.turning_ranges import directions
 
     if options["cell"] is None and looks_for_modes(problem):
+        from .adaptive.range_bounds import TABLE_RAYS  # with what else that takes, a quarter of a second
+
         most = MODE_CELLS if options["most_cells"] is None else options["most_cells"]
         return _adaptive(problem, {"table_rays": TABLE_RAYS, "most_cells": most}, runs)
     if options["cell"] is None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp, ndtri
 
 from ...arrays import Array, BoolArray, sum_terms
 from ..models.noise import Gaussian, RangeProportional
@@ -47,6 +46,8 @@ def is_counted(sensor: Sensor, measurement: Array) -> BoolArray:
 
 def _log_probability(sensor: Sensor, measurement: Array, expected: Array, variance: Array) -> Array:
     """Log probability of each missing return (M, B), its range being Gaussian; 0 where none is expected."""
+    from scipy.special import log_ndtr, logsumexp, ndtri  # a quarter of a second
+
     wall = np.isfinite(expected)
     centre = np.where(wall, expected, 1.0)
     if type(sensor.noise) in (Gaussian, RangeProportional):
