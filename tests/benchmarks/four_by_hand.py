@@ -64,7 +64,7 @@ def ukf(reading):
 
 
 for name, estimator in (("grid", grid), ("particles", particles), ("ekf", ekf), ("ukf", ukf)):
-    means, covs = map(np.array, zip(*(estimator(reading) for reading in readings)))
+    means, covs = map(np.array, zip(*(estimator(reading) for reading in readings), strict=True))
     errors = truths - means
     nees = np.einsum("mi,mi->m", errors, np.linalg.solve(covs, errors[..., None])[..., 0])
     print(name, np.sqrt((errors**2).mean(0)), np.sqrt(np.diagonal(covs.mean(0))), nees.mean() / 2)

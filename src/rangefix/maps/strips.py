@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import Array, IntArray, counted_from
 
-WALLS_TO_A_STRIP, LEAST_STRIPS, MOST_STRIPS = 4, 64, 2048
+WALLS_TO_A_STRIP, LEAST_STRIPS, MOST_STRIPS = 4, 64, 1024
 WALLS_TO_A_SLAB, LEAST_SLABS, MOST_SLABS = 16, 16, 256
 EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
 MARGIN_M = 1e-9  # by which walls reach into strips and slabs: rounding must not lose one
@@ -77,7 +77,7 @@ def strips_along(rows: Array, angle: float) -> Strips:
     return Strips(
         np.array([sine, cosine, u_low, t_low, 1.0 / strip_m, 1.0 / slab_m]),
         starts.astype(np.int32),
-        np.ascontiguousarray(ahead, dtype=np.int32),
+        np.ascontiguousarray(ahead, dtype=np.int16),
         met[chosen].astype(np.int32),
         line[chosen],
     )

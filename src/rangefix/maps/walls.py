@@ -34,7 +34,7 @@ MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which 
 CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
 LEAST_SHARE = 0.25  # and if so many of the beams meet one wall
 ROUNDING_RAD = 1e-9  # of headings
-MOST_SORTED, MOST_DIRECTIONS = 20_000, 64  # walls that are sorted along a beam; beams that they are kept for
+MOST_SORTED, MOST_DIRECTIONS = 20_000, 32  # walls that are sorted along a beam; beams that they are kept for
 TRUSTED = 0.05  # m from float32's distance; further off, the beam runs along the wall and meets its end
 
 
