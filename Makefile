@@ -8,6 +8,7 @@
 # make honesty  the page of who is honest where: every estimator on random problems, about ten minutes
 # make recordings  the table of docs/recordings.md: every estimator on real recordings, about ten minutes
 # make planning  the page of what planned beams are worth, in three maps: some hours; PLANNING_RUNS sets the runs
+# make growth  the figure and table of docs/benchmarks.md on how time and memory grow: about a quarter of an hour
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
 
@@ -27,7 +28,7 @@ DOCS_RUNS ?= 200
 PLANNING_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test study fuzz chaos bench honesty recordings planning docs lint clean
+.PHONY: demo test study fuzz chaos bench honesty recordings planning growth docs lint clean
 
 demo: $(VENV)/.base
 	$(BIN)/rangefix paper --out $(OUT)/paper
@@ -70,6 +71,9 @@ recordings: $(VENV)/.test
 
 planning: $(VENV)/.test
 	$(BIN)/python docs/make_planning.py --small --runs $(PLANNING_RUNS) --building $(BUILDING)
+
+growth: $(VENV)/.test
+	$(BIN)/python docs/make_growth.py --million
 
 docs: $(VENV)/.docs
 	$(BIN)/python docs/make_gallery.py --runs $(DOCS_RUNS) --out docs/gallery
