@@ -196,8 +196,9 @@ def _exact(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNee
     lines = 2.0 * walls * beams
     pieces = min(float(options["most_pieces"]), 1 + lines + lines * (lines - 1) / 2)
     kept = FLOAT * pieces * (2 * MAX_CORNERS + 5 * beams + 4)
+    peak = 2 * kept + FLOAT * pieces * 12 * beams  # figures of all beams, worked out from others
     what = f"up to {pieces:.6g} pieces with {_beams(beams)}"
-    return MemoryNeed(kept, 2 * kept, what, "take a smaller most_pieces or fewer beams")
+    return MemoryNeed(kept, peak, what, "take a smaller most_pieces or fewer beams")
 
 
 NEEDS: dict[str, Callable[[Problem, Mapping[str, Any], int], MemoryNeed]] = {
