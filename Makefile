@@ -19,6 +19,7 @@ VENV := .venv-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info
 endif
 BIN := $(VENV)/bin
 BENCH := $(VENV)/bench
+BENCH_JAX := $(VENV)/bench-jax
 OUT ?= results
 BUILDING ?= ../shared/data/avz/avz.ply
 RECORDINGS ?= ../shared/data
@@ -59,9 +60,13 @@ fuzz: $(VENV)/.test
 chaos: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 -m chaos -rP
 
-bench: $(BENCH)/.done
+bench: $(BENCH)/.done $(BENCH_JAX)/.done  # both, whether or not the first misses a target
+	failed=0; \
 	BENCH_JSON=$(OUT)/bench.json $(BENCH)/bin/python -m pytest -q tests/benchmarks -m benchmark \
-		--benchmark-columns=min,median,rounds
+		--ignore=tests/benchmarks/test_jax_peers.py --benchmark-columns=min,median,rounds || failed=1; \
+	BENCH_JSON=$(OUT)/bench-jax.json NUMBA_NUM_THREADS=1 XLA_FLAGS=--xla_cpu_multi_thread_eigen=false \
+		$(BENCH_JAX)/bin/python -m pytest -q tests/benchmarks/test_jax_peers.py -m benchmark || failed=1; \
+	exit $$failed
 
 honesty: $(VENV)/.test
 	$(BIN)/python docs/make_honesty.py
@@ -105,4 +110,9 @@ $(VENV)/.docs: pyproject.toml | $(BIN)/python
 $(BENCH)/.done: pyproject.toml  # apart: the peers hold numpy below 2
 	$(PYTHON) -m venv $(BENCH)
 	$(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	@touch $@
+
+$(BENCH_JAX)/.done: pyproject.toml  # apart: the peers ask for numpy 2
+	$(PYTHON) -m venv $(BENCH_JAX)
+	$(BENCH_JAX)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[bench-jax]"
 	@touch $@

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 NOW = datetime.datetime(2000, 1, 1)
-EXTRA = "is not installed; it comes with the extra 'bench'"
 
 
-def needs(module):
+def needs(module, extra="bench"):
     """Import a peer, or skip."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return pytest.importorskip(module, reason=f"{module} {EXTRA}")
+        reason = f"{module} is not installed; it comes with the extra '{extra}'"
+        return pytest.importorskip(module, reason=reason)
 
 
 def moments(points, weights):
@@ -123,12 +123,20 @@ def bayesloop_study(ranges, axes, std):
     return update
 
 
-def room_ranges(states):
-    """The three beams of the paper from states (2, N), in closed form: the walls that they can meet only."""
+def room_beams(x, y, arrays=np):
+    """The three beams of the paper from (x, y), in closed form: the walls that they can meet only.
+
+    arrays: numpy, or what has the same names.
+    """
     along, across = 1 / np.sin(np.deg2rad(33.7)), 1 / np.cos(np.deg2rad(33.7))
-    ahead = 6.0 - states[1]
+    ahead = 6.0 - y
     aslant = ahead * across
-    return np.minimum(states[0] * along, aslant), ahead, np.minimum((4.0 - states[0]) * along, aslant)
+    return arrays.minimum(x * along, aslant), ahead, arrays.minimum((4.0 - x) * along, aslant)
+
+
+def room_ranges(states):
+    """The same from states (2, N)."""
+    return room_beams(states[0], states[1])
 
 
 def particles_filter(cloud, readings, std):

@@ -22,6 +22,11 @@ PACKAGES = (
     "stonesoup",
     "bayesloop",
     "particles",
+    "jax",
+    "jaxlib",
+    "cuthbert",
+    "dynamax",
+    "blackjax",
 )
 NO_TARGET = "-"
 
