@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ...compiled import exp_below_zero, njit
 
 LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-TURN = 2.0 * math.pi
 HASH = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
 SUMS = LOOP | {"fastmath": {"reassoc"}}  # sums of several at once
 
@@ -96,10 +95,10 @@ def step_from(
         for place in range(count):
             step = rows[ends[place], column] - rows[starts[place], column]
             if is_angle is not None and is_angle[column]:
-                step = (step + math.pi) % TURN - math.pi
+                step = (step + math.pi) % TWO_PI - math.pi
             proposal[place, column] = here[place, column] + scales[place] * step
             if is_angle is not None and is_angle[column]:
-                proposal[place, column] = (proposal[place, column] + math.pi) % TURN - math.pi
+                proposal[place, column] = (proposal[place, column] + math.pi) % TWO_PI - math.pi
 
 
 @njit(**LOOP)
