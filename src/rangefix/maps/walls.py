@@ -385,8 +385,13 @@ class InWalls:
         return self._walls.ranges(poses, bearings)
 
     def at_one_heading(self) -> Caster:
-        """What says ranges, and casts, to poses of one heading, which come again and again."""
-        return self._walls.at_one_heading()
+        """What says ranges, and casts, to poses of one heading, which come again and again.
+
+        The map itself, if it is of a kind that has ranges or casts of its own.
+        """
+        kind = type(self)
+        inherited = kind.ranges is InWalls.ranges and kind.cast is InWalls.cast
+        return self._walls.at_one_heading() if inherited else self
 
     def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
         """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
