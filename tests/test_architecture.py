@@ -129,7 +129,8 @@ maps.free_space
 maps.walls maps.grid_walls maps.centre_lines
 maps.mesh_formats
 maps.polygon
-maps._open3d maps.base maps.grid_kernels maps.segment_kernels maps.strips
+maps._open3d maps.grid_kernels maps.segment_kernels maps.strips
+maps.base
 raster extensions compiled
 arrays errors rangefix
 """

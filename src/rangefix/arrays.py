@@ -42,6 +42,11 @@ def counted_from(first: IntArray, counts: IntArray) -> IntArray:
     return np.asarray(np.arange(counts.sum()) + np.repeat(first - (np.cumsum(counts) - counts), counts))
 
 
+def in_groups(counts: IntArray, most: int) -> list[IntArray]:
+    """Places of counts, in order, in groups whose counts sum to about `most` or are one alone: (N,)."""
+    return np.split(np.arange(len(counts)), np.flatnonzero(np.diff(np.cumsum(counts) // most)) + 1)
+
+
 def sum_terms(terms: Iterable[Array]) -> Array:
     """Sum over the first axis term by term, for numpy's order depends on the shape."""
     return reduce(np.add, terms)

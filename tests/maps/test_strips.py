@@ -143,18 +143,18 @@ def test_a_sensor_asks_so_where_its_heading_is_known():
     assert not plan._walls._strips
 
 
-@pytest.mark.parametrize("method", ["ranges", "cast"])
+@pytest.mark.parametrize("method", ["ranges", "cast", "gradients"])
 def test_a_map_with_ranges_of_its_own_is_asked_for_them(method):
     """A kind of floor plan that changes what beams say is not passed by."""
 
     def longer(self, poses, bearings):
         found = getattr(FloorPlan, method)(self, poses, bearings)
-        return found + 1.0 if method == "ranges" else found._replace(ranges=found.ranges + 1.0)
+        return found._replace(ranges=found.ranges + 1.0) if method == "cast" else found + 1.0
 
     posts = [[1.0 + 0.2 * k, 5.0, 1.1 + 0.2 * k, 5.1] for k in range(60)]
     corners, space = [(0, 0), (20, 0), (20, 20), (0, 20)], position_space(heading=0.3)
     kinds = FloorPlan, type("Other", (FloorPlan,), {method: longer})
     sensors = [Rangefinder(kind(corners, walls=posts), ANGLES, Gaussian(0.1), space) for kind in kinds]
-    place = np.array([[3.0, 9.0]])
-    plain, other = (each.expected(place) if method == "ranges" else each.look(place)[0] for each in sensors)
+    asks = {"ranges": Rangefinder.expected, "cast": lambda *of: Rangefinder.look(*of)[0]}
+    plain, other = (asks.get(method, Rangefinder.jacobian)(each, np.array([[3.0, 9.0]])) for each in sensors)
     np.testing.assert_allclose(other, plain + 1.0, atol=1e-6)

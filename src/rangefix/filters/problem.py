@@ -30,16 +30,8 @@ class Hits(Protocol):
         """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); 0 where no wall is met."""
 
 
-class RangeMap(Protocol):
-    """What a rangefinder would measure from any pose; the maps of `rangefix.maps` have this shape."""
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper corner in metres, each (2,)."""
-
-    @property
-    def segments(self) -> Array:
-        """Walls for pictures as x1a, x2a, x1b, x2b, m, (S, 4); (0, 4) where they are no segments."""
+class Caster(Protocol):
+    """What beams meet from any pose."""
 
     def cast(self, poses: Array, bearings: Array) -> Hits:
         """Ranges, normals of the walls met and gradients at once, for poses (..., 3) and bearings (B,)."""
@@ -49,6 +41,18 @@ class RangeMap(Protocol):
 
     def gradients(self, poses: Array, bearings: Array) -> Array:
         """Derivatives of the ranges by the pose: (..., 3), (B,) -> (..., B, 3); 0 where no wall is met."""
+
+
+class RangeMap(Caster, Protocol):
+    """What a rangefinder would measure from any pose; the maps of `rangefix.maps` have this shape."""
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner in metres, each (2,)."""
+
+    @property
+    def segments(self) -> Array:
+        """Walls for pictures as x1a, x2a, x1b, x2b, m, (S, 4); (0, 4) where they are no segments."""
 
     def is_free(self, points: Array) -> BoolArray:
         """Whether an object can stand there: (..., 2) -> (...)."""
@@ -60,16 +64,6 @@ class IsConvex(Protocol):
 
     def walls_along(self, directions: Array) -> Array:
         """Ranges from free places as the least of affine functions c + c1 x1 + c2 x2, m, (D, W, 3)."""
-
-
-class Caster(Protocol):
-    """What beams meet; arguments and answers as for `RangeMap`."""
-
-    def cast(self, poses: Array, bearings: Array) -> Hits:
-        """Ranges, normals of the walls met and gradients at once."""
-
-    def ranges(self, poses: Array, bearings: Array) -> Array:
-        """Distance to the first wall along each beam."""
 
 
 @runtime_checkable

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, BoolArray, IntArray
 from ..compiled import njit
+from .base import EDGE_ON, ON_IT, TOUCHING
 
 ALONG = 1e-15  # a beam whose direction has less of an axis runs across it
 FAR = 1e300  # cells
 SHORT = 2  # cells; as many steps cost less than a leap
-TOUCHING = 1e-12  # m: a line of sight that passes the end of a wall as near as that meets it
-ON_IT = 1e-9  # m: a point as near to a wall stands on it, and sees
-EDGE_ON = 1e-9  # below this |v.d| a wall without thickness does not stop it
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

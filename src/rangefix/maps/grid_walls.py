@@ -93,6 +93,10 @@ class GridWalls:
         gradients = range_gradients(ranges, sines, cosines, normals)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
+    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3)."""
+        return self.cast(poses, bearings).gradients
+
     def at_one_heading(self) -> GridWalls:
         """The same: cells are crossed as fast whatever the headings."""
         return self

@@ -8,11 +8,9 @@ import numpy as np
 
 from ..arrays import Array, IntArray
 from ..compiled import njit
+from .base import EDGE_ON, ON_IT, TOUCHING
 
 BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
-TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it, as beams along walls do
-ON_IT = 1e-9  # m: a wall as near behind a place is met there; rounding may say so of one that it is on
-EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
 MARGIN_M = 1e-4  # about what beams from many poses pass: ten times what float32 does to one in a large map
 LEAST_SLOPE = 0.05  # |v.d| of a wall met by all; a beam along a wall meets it where rounding says
 MOST_WALLS = 64  # that beams may pass; with more it is left undecided which they meet

@@ -13,12 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array, IntArray, counted_from
+from .base import EDGE_ON, TOUCHING
 
 WALLS_TO_A_STRIP, LEAST_STRIPS, MOST_STRIPS = 4, 64, 1024
 WALLS_TO_A_SLAB, LEAST_SLABS, MOST_SLABS = 16, 16, 256
-EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
 MARGIN_M = 1e-9  # by which walls reach into strips and slabs: rounding must not lose one
-TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it
 
 
 class Strips(NamedTuple):

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray, IntArray, counted_from, wrap
+from ..arrays import Array, BoolArray, IntArray, counted_from, in_groups, wrap
 from ._open3d import open3d
 from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 from .strips import Strips, strips_along
@@ -30,6 +30,7 @@ OVERLAP = 2e-5  # m by which a wall runs on where it ends so near to another, so
 RAY_WORK = 16  # values that a beam along strips reads, about
 PAIRS = 1 << 20  # of ends and walls that are compared at a time
 AHEAD = np.zeros(1)
+CASTS = ("ranges", "cast", "gradients")  # what maps answer of beams
 MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
 CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
 LEAST_SHARE = 0.25  # and if so many of the beams meet one wall
@@ -157,6 +158,10 @@ class Walls:
         normals[away] *= -1
         gradients = range_gradients(ranges, sines, cosines, normals)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
+
+    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3)."""
+        return self.cast(poses, bearings).gradients
 
     def in_sight(self, starts: Array, ends: Array) -> BoolArray:
         """Whether nothing stands between: (N, 2), (N, 2) -> (N,)."""
@@ -330,8 +335,7 @@ def _abutting(ends: Array, own: IntArray, a: Array, b: Array) -> BoolArray:
     low, high = np.minimum(a, b)[:, axis] - OVERLAP, np.maximum(a, b)[:, axis] + OVERLAP
     first = np.searchsorted(ends[order, axis], low)
     count = np.searchsorted(ends[order, axis], high) - first
-    groups = np.split(np.arange(len(a)), np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1)
-    for walls in groups:
+    for walls in in_groups(count, PAIRS):
         wall = np.repeat(walls, count[walls])
         end = order[counted_from(first[walls], count[walls])]
         span, away = (b - a)[wall], ends[end] - a[wall]
@@ -353,6 +357,9 @@ class Caster(Protocol):
 
     def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
         """Ranges, normals of the walls met and gradients of one cast."""
+
+    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
+        """Derivatives of the ranges by x1, x2 and heading."""
 
     def at_one_heading(self) -> Caster:
         """The same for poses of one heading, which come again and again."""
@@ -387,11 +394,10 @@ class InWalls:
     def at_one_heading(self) -> Caster:
         """What says ranges, and casts, to poses of one heading, which come again and again.
 
-        The map itself, if it is of a kind that has ranges or casts of its own.
+        The map itself, if it is of a kind that has ranges, casts or gradients of its own.
         """
-        kind = type(self)
-        inherited = kind.ranges is InWalls.ranges and kind.cast is InWalls.cast
-        return self._walls.at_one_heading() if inherited else self
+        own = [getattr(type(self), name) is not getattr(InWalls, name) for name in CASTS]
+        return self if any(own) else self._walls.at_one_heading()
 
     def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
         """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""

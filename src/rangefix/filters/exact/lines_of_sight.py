@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, IntArray, counted_from
+from ...arrays import Array, IntArray, counted_from, in_groups
 from ...compiled import njit
 
 PAIRS = 1 << 20  # of walls that are compared at a time
@@ -32,7 +32,7 @@ def crossings(segments: Array) -> Array:
     order = np.argsort(low, kind="stable")
     count = np.searchsorted(low[order], high[order], side="right") - np.arange(len(order)) - 1
     found = [np.zeros((0, 2))]
-    for places in np.split(np.arange(len(order)), np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1):
+    for places in in_groups(count, PAIRS):
         pairs = order[np.repeat(places, count[places])], order[counted_from(places + 1, count[places])]
         one, other = np.minimum(*pairs), np.maximum(*pairs)
         span, rest, away = (stop - start)[one], (stop - start)[other], start[other] - start[one]
@@ -54,7 +54,7 @@ def buckets(walls: Array) -> tuple[float, float, IntArray, IntArray]:
     last = np.clip((walls[:, 2] - low) / width, 0, bins - 1).astype(np.int64)
     counts = last - first + 1
     entries = np.repeat(np.arange(len(walls)), counts)
-    cells = np.concatenate([np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
+    cells = counted_from(first, counts)
     order = np.argsort(cells, kind="stable")
     starts = np.searchsorted(cells[order], np.arange(bins + 1))
     return float(low), float(width), starts.astype(np.int64), entries[order].astype(np.int64)

@@ -135,13 +135,13 @@ class Rangefinder:
         poses = self.mount.laser_poses(self.space.poses(np.asarray(states, dtype=float)))
         ranges = self._casts.ranges(poses, self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
-            return np.where(self._grazing(self._gradients(poses)), np.inf, ranges)
+            return np.where(self._grazing(self._casts.gradients(poses, self.bearings)), np.inf, ranges)
         return ranges
 
     def jacobian(self, states: Array) -> Array:
         """Derivatives of `expected` by the state: (..., n) -> (..., B, n); 0 where it is inf."""
         poses = self.space.poses(states)
-        gradients = self._gradients(self.mount.laser_poses(poses))
+        gradients = self._casts.gradients(self.mount.laser_poses(poses), self.bearings)
         if self.max_incidence < RIGHT_ANGLE:
             gradients = np.where(self._grazing(gradients)[..., None], 0.0, gradients)
         return self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
@@ -155,12 +155,6 @@ class Rangefinder:
             lost = self._grazing(gradients)
             ranges, gradients = np.where(lost, np.inf, ranges), np.where(lost[..., None], 0.0, gradients)
         return ranges, self.space.from_pose_gradients(self.mount.gradients(poses, gradients))
-
-    def _gradients(self, poses: Array) -> Array:
-        """Derivatives of the ranges by the laser's poses: (..., 3) -> (..., B, 3)."""
-        if self._casts is self.room:
-            return self.room.gradients(poses, self.bearings)
-        return self._casts.cast(poses, self.bearings).gradients
 
     def walls_along(self, states: Array) -> Array | None:
         """Ranges as the least of affine functions of x1 and x2, (B, W, 3), for states (N, n).

@@ -31,19 +31,19 @@ def effective_after(log_weights: Array, log_density: Array, power: float) -> flo
 
 
 @njit(**LOOP)
-def comb(weights: Array, shift: float, ancestors: IntArray) -> None:
-    """Which particles a comb of N equal teeth meets along their weights, (N,): ascending, (N,).
+def comb_along(weights: Array, shift: float, ancestors: IntArray) -> None:
+    """Which particles a comb of T equal teeth meets along their weights, (N,): ascending, (T,).
 
     Args:
         weights: Non-negative, not all zero, (N,).
         shift: Of the comb, in [0, 1).
-        ancestors: N + 1 zeros; the first N get the particles.
+        ancestors: T + 1 zeros; the first T get the particles.
     """
-    total, size = 0.0, len(weights)
+    total, size = 0.0, len(ancestors) - 1
     for weight in weights:
         total += weight
     scale, passed, begin = size / total, 0.0, 0
-    for place in range(size):
+    for place in range(len(weights)):
         ancestors[begin] = place  # if it has no copies, the next takes its place
         passed += weights[place]
         end = math.ceil(passed * scale - shift)

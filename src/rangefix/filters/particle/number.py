@@ -16,7 +16,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..space import StateSpace
 from .belief import ParticleBelief
-from .resampling import Indices
+from .resampling import comb
 from .weights import equal, exp_of
 
 DISTANCE, QUANTILE = 0.02, 2.326  # nats; of the normal law: kept in 99 % of the cases
@@ -56,11 +56,3 @@ def particles_needed(states: Array, space: StateSpace) -> int:
         return 1
     spread = 2.0 / (9.0 * (bins - 1))
     return int(np.ceil((bins - 1) / (2 * DISTANCE) * (1 - spread + np.sqrt(spread) * QUANTILE) ** 3))
-
-
-def comb(weights: Array, size: int, rng: Generator) -> Indices:
-    """Particles by one random comb of so many equal teeth over their weights, (size,), ascending."""
-    sums = np.cumsum(weights)
-    teeth = (np.arange(size) + rng.random()) * (sums[-1] / size)
-    places: Indices = np.searchsorted(sums, teeth, side="right")
-    return np.minimum(places, len(weights) - 1)

@@ -28,10 +28,15 @@ def systematic(weights: Array, rng: Generator) -> Indices:
     Returns:
         Indices of the particles to copy, ascending, (N,).
     """
-    from .kernels import comb  # numba takes a quarter of a second
+    return comb(weights, len(weights), rng)
 
-    ancestors: Indices = np.zeros(len(weights) + 1, dtype=np.intp)
-    comb(np.ascontiguousarray(weights, dtype=float), rng.random(), ancestors)
+
+def comb(weights: Array, size: int, rng: Generator) -> Indices:
+    """The same with so many teeth, (size,)."""
+    from .kernels import comb_along  # numba takes a quarter of a second
+
+    ancestors: Indices = np.zeros(size + 1, dtype=np.intp)
+    comb_along(np.ascontiguousarray(weights, dtype=float), rng.random(), ancestors)
     return ancestors[:-1]
 
 
