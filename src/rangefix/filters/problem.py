@@ -74,6 +74,13 @@ class CanCastAtOneHeading(Protocol):
         """What casts for poses of one heading; answers are the map's."""
 
 
+def caster_for(room: RangeMap, space: StateSpace) -> Caster:
+    """What casts beams for states of a space: the map, or what it has for a heading that is known."""
+    if space.heading is not None and isinstance(room, CanCastAtOneHeading):
+        return room.at_one_heading()
+    return room
+
+
 @runtime_checkable
 class CanSeeBetween(Protocol):
     """The optional method of a map: whether two points see each other, faster than a beam says it."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, wrap
 from .space import StateSpace
 
 NEGLIGIBLE = -28.0  # log of a weight over the heaviest cell's below which a cell is never drawn
@@ -103,19 +103,22 @@ def cell_draws(
     mean, covariance = claim
     top = log_weights.max()
     kept = np.flatnonzero(log_weights > top + NEGLIGIBLE)
-    centres, weights = centres[kept], np.exp(log_weights[kept] - top)
+    weights = np.exp(log_weights.take(kept) - top)
     weights /= weights.sum()
     places = _places(weights, size, rng)
     width = step if step.ndim == 1 else step[kept][places]
     within = width * (rng.random((size, space.size)) - 0.5)
-    off = space.difference(centres, mean)  # where angles cancel, another mean would be another turn
+    off = np.ascontiguousarray(centres.take(kept, axis=0).T)  # numpy is slow on short rows
+    for row, is_angle in enumerate(space.is_angle):
+        off[row] -= mean[row]  # where angles cancel, another mean would be another turn
+        off[row] = wrap(off[row]) if is_angle else off[row]
     spread = step**2 / 12 if step.ndim == 1 else weights @ step[kept] ** 2 / 12
-    root = np.linalg.cholesky((off * weights[:, None]).T @ off + np.diag(spread))
+    root = np.linalg.cholesky((off * weights) @ off.T + np.diag(spread))
     white = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
     values, vectors = np.linalg.eigh(white)
     shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     # not wrapped before it is moved: across the cut the map would throw a place by a whole turn's share
-    return space.wrap(mean + (off[places] + within) @ np.linalg.solve(root.T, shrink @ root.T))
+    return space.wrap(mean + (off[:, places].T + within) @ np.linalg.solve(root.T, shrink @ root.T))
 
 
 def _places(weights: Array, size: int, rng: Generator) -> NDArray[np.intp]:

@@ -95,9 +95,9 @@ class FreeSpace:
         from .grid_kernels import free_in_cells  # numba takes a quarter of a second
 
         free = np.empty(len(points), dtype=np.bool_)
-        origin, points = self.origin - walls.centre, np.ascontiguousarray(points - walls.centre)
-        listed = self._standing(walls)
-        free_in_cells(self.cells, origin, self.resolution, SIDES_FIRST, *listed, walls.rows, points, free)
+        listed = *self._standing(walls), walls.rows, walls.centre
+        origin, points = self.origin - walls.centre, np.ascontiguousarray(points)
+        free_in_cells(self.cells, origin, self.resolution, SIDES_FIRST, *listed, points, free)
         return free
 
     def _standing(self, walls: Walls) -> tuple[IntArray, IntArray]:

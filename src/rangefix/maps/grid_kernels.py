@@ -160,26 +160,28 @@ def surface_below(
 @njit(cache=True, nogil=True, error_model="numpy")
 def free_in_cells(
     cells: NDArray[np.uint8], origin: Array, resolution: float, steps: IntArray, starts: IntArray,
-    standing: IntArray, walls: Array, points: Array, free: BoolArray,
+    standing: IntArray, walls: Array, centre: Array, points: Array, free: BoolArray,
 ) -> None:  # fmt: skip
     """Whether points lie in a free cell, or in one that is cut by walls and see the centre of one beside it.
 
     Args:
         cells: 0 not free, 1 free, 2 cut by a wall, (n1, n2).
-        origin: Lower corner of the cells, m, (2,).
+        origin: Lower corner of the cells from the centre, m, (2,).
         resolution: Size of a cell, m.
         steps: To the cells beside one, (8, 2).
         starts: Where the walls of each cell begin in `standing`, (n1 n2 + 1,).
         standing: Which walls run through the cells.
-        walls: Ends, normal and offset along it: x1a, x2a, x1b, x2b, v1, v2, v.a, m, (S, 7).
+        walls: Ends, normal and offset along it from the centre: x1a, x2a, x1b, x2b, v1, v2, v.a, m, (S, 7).
+        centre: m, (2,).
         points: m, (N, 2).
         free: Gets the answers, (N,).
     """
     rows, columns = cells.shape
     middle = origin[0] + 0.5 * resolution, origin[1] + 0.5 * resolution
     for place in range(len(points)):
-        at1 = (points[place, 0] - origin[0]) / resolution
-        at2 = (points[place, 1] - origin[1]) / resolution
+        point = points[place, 0] - centre[0], points[place, 1] - centre[1]
+        at1 = (point[0] - origin[0]) / resolution
+        at2 = (point[1] - origin[1]) / resolution
         free[place] = False
         if at1 >= 0.0 and at1 < rows and at2 >= 0.0 and at2 < columns:
             row, column = int(at1), int(at2)
@@ -193,12 +195,12 @@ def free_in_cells(
                     for near_row, near_column in ((row, column), (to_row, column), (row, to_column)):
                         cell = near_row * columns + near_column
                         near = standing[starts[cell] : starts[cell + 1]]
-                        clear = clear and _in_sight(points[place], target, near, walls)
+                        clear = clear and _in_sight(point, target, near, walls)
                     free[place] = clear
 
 
 @njit(error_model="numpy", inner=True)  # kept with those that call it
-def _in_sight(point: Array, target: tuple[float, float], near: IntArray, walls: Array) -> bool:
+def _in_sight(point: tuple[float, float], target: tuple[float, float], near: IntArray, walls: Array) -> bool:
     """Whether none of the walls near by, of all (S, 7), stands between a point and a target."""
     reach = math.hypot(point[0] - target[0], point[1] - target[1])
     d1, d2 = (point[0] - target[0]) / reach, (point[1] - target[1]) / reach

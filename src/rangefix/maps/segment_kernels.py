@@ -254,26 +254,27 @@ def locate_in_polygon(points: Array, corners: Array, border: float, where: Array
 @njit(cache=True, nogil=True, error_model="numpy")
 def meet_along(
     first: int, last: int, frame: Array, starts: IntArray, ahead: IntArray, standing: IntArray, lines: Array,
-    walls: Array, positions: Array, beam: int, ranges: Array, met: IntArray,
+    count: int, centre: Array, poses: Array, beam: int, ranges: Array, met: IntArray,
 ) -> None:  # fmt: skip
     """Distances from places to the first wall along one direction.
 
     Args:
         first, last: Which places.
         frame, starts, ahead, standing, lines: See `Strips`, whose walls are those standing.
-        walls: Normal and offset along it, v1, v2, v.a, m, (S, 3).
-        positions: Places, m, (N, 2).
-        beam: The column that answers go to.
-        ranges: Gets the distances, m, (N, B); inf where no wall is met.
+        count: How many walls there are, S.
+        centre: Where walls are counted from, m, (2,).
+        poses: They begin with the place, m, (N, at least 2).
+        beam: Whose answers these are.
+        ranges: Gets the distances, m, (B, N); inf where no wall is met.
         met: Gets which walls are met, S for none, (N, B); or (0, 0) to do without.
     """
     sine, cosine, u_low, t_low, per_u, per_t = frame
     strips, slabs = ahead.shape
     for place in range(first, last):
-        x1, x2 = positions[place, 0], positions[place, 1]
+        x1, x2 = poses[place, 0] - centre[0], poses[place, 1] - centre[1]
         u, t = x1 * cosine - x2 * sine, x1 * sine + x2 * cosine
         across, along = (u - u_low) * per_u, (t - t_low) * per_t
-        nearest, wall = math.inf, len(walls)
+        nearest, found = math.inf, -1
         if across >= 0.0 and across < strips and along < slabs:
             strip, slab = int(across), int(along) if along > 0.0 else 0
             while slab < slabs:
@@ -285,14 +286,10 @@ def meet_along(
                         meets = (u >= lines[k, 0]) & (u <= lines[k, 1]) & (at >= t - ON_IT)
                         nearer = meets & (at < nearest)
                         nearest = at if nearer else nearest
-                        wall = standing[k] if nearer else wall
+                        found = k if nearer else found
                     slab += 1
                     if (nearest - t_low) * per_t <= slab:
                         break
-        distance = math.inf
-        if wall < len(walls):
-            distance = walls[wall, 2] - walls[wall, 0] * x1 - walls[wall, 1] * x2
-            distance /= walls[wall, 0] * sine + walls[wall, 1] * cosine
-        ranges[place, beam] = distance if distance > 0.0 else 0.0
+        ranges[beam, place] = nearest - t if nearest > t else 0.0
         if met.size > 0:
-            met[place, beam] = wall
+            met[place, beam] = standing[found] if found >= 0 else count

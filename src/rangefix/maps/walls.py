@@ -181,12 +181,12 @@ class Walls:
         ranges = np.empty((len(poses), len(bearings)))
         if not ranges.size:
             return ranges
-        positions, headings = poses[:, :2] - self.centre, poses[:, 2]
+        headings = poses[:, 2]
         if (headings == headings[0]).all():
             headings, bearings = np.zeros(1), headings[0] + bearings
         if self._one_heading and len(headings) == 1 and len(bearings) <= MOST_DIRECTIONS:
-            self._cast_along(positions, bearings, ranges, met)
-            return ranges
+            return self._cast_along(poses, bearings, met)
+        positions = poses[:, :2] - self.centre
         few = len(self.segments) <= FEW_WALLS
         common = None if few else self._met_by_all(positions, headings, bearings)
         if common is not None:
@@ -197,23 +197,24 @@ class Walls:
             self._cast_into_scene(positions, headings, bearings, ranges, met)
         return ranges
 
-    def _cast_along(self, positions: Array, directions: Array, ranges: Array, met: IntArray | None) -> None:
-        """Ranges (N, B) from places along directions, (B,), that walls are sorted along."""
+    def _cast_along(self, poses: Array, directions: Array, met: IntArray | None) -> Array:
+        """Ranges (N, B), beam by beam, of poses along directions, (B,), that walls are sorted along."""
         from ..compiled import in_threads
         from .segment_kernels import meet_along
 
+        ranges = np.empty((len(directions), len(poses)))
         which = np.empty((0, 0), dtype=np.int64) if met is None else met
-        normals = np.ascontiguousarray(self.rows[:, 4:])
         for beam, angle in enumerate(directions.tolist()):
             strips = self._strips.get(angle)
             if strips is None:
                 strips = self._strips[angle] = strips_along(self.rows, angle)
                 while len(self._strips) > MOST_DIRECTIONS:
                     del self._strips[next(iter(self._strips))]
-            arrays = *strips, normals, positions, beam, ranges, which
-            in_threads(meet_along, len(positions), RAY_WORK * len(positions), *arrays)
+            arrays = *strips, len(self.segments), self.centre, poses, beam, ranges, which
+            in_threads(meet_along, len(poses), RAY_WORK * len(poses), *arrays)
         if met is not None:
             met *= 2
+        return ranges.T
 
     def _cast_from_one_place(
         self, positions: Array, headings: Array, bearings: Array, common: IntArray, ranges: Array,

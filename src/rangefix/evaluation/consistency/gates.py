@@ -113,6 +113,9 @@ def need_sound(
     Raises:
         ValueError: If a gate names an estimator or figure that will not be there, or its band is none.
     """
+    gates = tuple(gates)
+    if not gates:
+        return
     every = figures(names, beliefs=True, bounds=True)
     known = figures(names, beliefs=beliefs, bounds=bounds)
     for gate in gates:

@@ -17,7 +17,7 @@ from .process import (
     machine_memory_gb,
     memory_hint,
 )
-from .undisturbed import undisturbed
+from .undisturbed import thread_pools, undisturbed
 
 __all__ = [
     "IsolatedProcess",
@@ -36,6 +36,7 @@ __all__ = [
     "machine_memory_gb",
     "memory_hint",
     "signature_of",
+    "thread_pools",
     "to_pickle",
     "undisturbed",
 ]

@@ -25,7 +25,7 @@ def undisturbed(trial: object) -> Iterator[None]:
     are left out: ours hand out copies, or arrays that cannot be written to.
     """
     here, drawn = random.getstate(), np.random.get_state()  # noqa: NPY002
-    threads, pools = _numba_threads(), [(pool, pool.get_num_threads()) for pool in _pools(len(sys.modules))]
+    threads, pools = _numba_threads(), [(pool, pool.get_num_threads()) for pool in thread_pools()]
     writeable: list[NDArray[Any]] = []
     with ExitStack() as stack:
         stack.enter_context(np.errstate())
@@ -54,9 +54,14 @@ def _numba_threads() -> int | None:
     return int(parallel.get_num_threads())
 
 
+def thread_pools() -> list[Any]:
+    """The thread pools of BLAS and OpenMP that are loaded; none without threadpoolctl."""
+    return _thread_pools(len(sys.modules))
+
+
 @lru_cache(maxsize=1)
-def _pools(modules: int) -> list[Any]:
-    """The thread pools of BLAS and OpenMP, looked for when so many modules are loaded."""
+def _thread_pools(modules: int) -> list[Any]:
+    """The same, looked for when so many modules are loaded: to look takes half a millisecond."""
     try:
         return list(importlib.import_module("threadpoolctl").ThreadpoolController().lib_controllers)
     except ModuleNotFoundError:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import Array
 from ...filters import Prior, Sensor
+from ...filters.problem import caster_for
 from ...raster import Raster
 
 Scene = Mapping[str, Array]
@@ -49,6 +50,6 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
         "prior_upper": corners[1],
         "truth": pose,
         "bearings": np.asarray(sensor.bearings, dtype=float),
-        "ranges": room.ranges(laser, sensor.bearings),
+        "ranges": caster_for(room, space).ranges(laser, sensor.bearings),
         "laser": laser,
     }

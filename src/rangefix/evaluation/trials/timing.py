@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -15,12 +14,13 @@ import numpy as np
 from ...arrays import Array
 from ...filters import Estimator
 from ...filters.estimator import filtered
+from ..isolation import thread_pools
 from ..seeds import Streams
 from .trial import Trial
 
 PASSES = 6  # the median of so many lies between the least and the greatest in 97 of 100 cases
-BUDGET_S = 0.25  # of all passes over one estimator on one set of beams
-LONGEST_S = 1.0  # of those over runs that take longer than planned, as long drives do: then fewer are made
+BUDGET_S = 0.12  # of all passes over one estimator on one set of beams
+LONGEST_S = 0.5  # of those over runs that take longer than planned, as long drives do: then fewer are made
 WARM_RUNS, WARM_UPDATES = 4, 2
 UNEVEN_S = 2e-3  # an update: those that take longer may take very different times, which a second look tells
 
@@ -107,13 +107,12 @@ def seconds_per_update(
 @contextmanager
 def one_thread() -> Iterator[list[str]]:
     """Hold the libraries' thread pools to one thread for timing; yields the names of those it could hold."""
-    held, numba = [], sys.modules.get("numba")
+    held, numba = list[str](), sys.modules.get("numba")
     with ExitStack() as stack:
-        try:
-            stack.enter_context(importlib.import_module("threadpoolctl").threadpool_limits(1))
-            held += ["BLAS", "OpenMP"]
-        except ModuleNotFoundError:
-            pass
+        for pool in thread_pools():
+            held = ["BLAS", "OpenMP"]
+            stack.callback(pool.set_num_threads, pool.get_num_threads())
+            pool.set_num_threads(1)
         if numba:
             with warnings.catch_warnings():  # it says which of its threading layers it cannot take
                 warnings.simplefilter("ignore")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
 from ..mount import CENTRED, Mount
-from ..problem import CanCastAtOneHeading, Caster, IsConvex, Noise, RangeMap
+from ..problem import Caster, IsConvex, Noise, RangeMap, caster_for
 from ..space import StateSpace
 from .correlated import Correlated, check_shared_errors, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
@@ -125,10 +125,7 @@ class Rangefinder:
 
     @cached_property
     def _casts(self) -> Caster:
-        """What casts beams: the map, or what it has for a heading that is known."""
-        if self.space.heading is not None and isinstance(self.room, CanCastAtOneHeading):
-            return self.room.at_one_heading()
-        return self.room
+        return caster_for(self.room, self.space)
 
     def expected(self, states: ArrayLike) -> Array:
         """Ranges without noise: (..., n) -> (..., B) m; inf where a beam meets no wall or grazes it."""

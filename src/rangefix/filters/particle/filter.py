@@ -28,7 +28,6 @@ from ..estimate import BriefRepr, Estimate
 from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.motion import Stationary
-from ..models.wrapped_noise import perfect_fit
 from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
@@ -41,12 +40,12 @@ from .metropolis import (
     Target,
     any_moves,
     at_copies,
-    covariance_root,
     kernel_step,
     metropolis,
     metropolis_steps,
     reject_crossings,
     separate_copies,
+    step_table,
 )
 from .number import resized
 from .options import DEFAULT_MOVES, DEFAULT_RESAMPLING, check_options
@@ -136,7 +135,9 @@ class ParticleFilter(BriefRepr):
             states, log_weights = belief.states[run], belief.log_weights[run]
             if noisy[run] and effective_number(log_weights) < self.resample_below * len(states):
                 target = self._target(belief, run) if belief.standing[run] else None
-                states, *_ = self._resampled(states, log_weights, (None, None), target, None, 0.0, rng)
+                states, *_ = self._resampled(
+                    states, exp_of(log_weights), (None, None), target, None, 0.0, rng
+                )
                 log_weights = equal(len(states))
             moved = motion.sample(states, controls[run], rng)
             moves[run] = noisy[run] or not np.array_equal(moved, states)
@@ -259,7 +260,7 @@ class ParticleFilter(BriefRepr):
         """Whether a reading is as probable at its best as it is at the truth, but for rare chance."""
         from scipy.special import chdtri  # a tenth of a second
 
-        short = float(perfect_fit(self.problem.sensor, reading)) - best
+        short = self._usual_likelihood.best(reading) - best
         return bool(short <= chdtri(int((~np.isnan(reading)).sum()), BY_CHANCE) / 2)
 
     def _from_more(
@@ -304,7 +305,7 @@ class ParticleFilter(BriefRepr):
         known: Array | None = None
         if effective_number(log_weights) < enough:
             states, known, log_density, target = self._resampled(
-                states, log_weights, (None, None), target, reading, 0.0, rng
+                states, exp_of(log_weights), (None, None), target, reading, 0.0, rng
             )
             log_weights = equal(len(states))
         elif isinstance(target, Posterior) and target.likelihood.walls is not None:
@@ -317,13 +318,13 @@ class ParticleFilter(BriefRepr):
             stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
             if power + stage >= 1.0 or stage < MIN_STAGE:
                 break
-            log_weights, gain = weighted(log_weights, stage * log_density)
+            _, weights, gain = weighted(log_weights, log_density, stage)
             gains, power = gains + gain, power + stage
             states, known, log_density, target = self._resampled(
-                states, log_weights, (known, log_density), target, reading, power, rng
+                states, weights, (known, log_density), target, reading, power, rng
             )
             log_weights = equal(len(states))
-        log_weights, gain = weighted(log_weights, (1.0 - power) * log_density)
+        log_weights, _, gain = weighted(log_weights, log_density, 1.0 - power)
         if gain == -np.inf:
             return (*unchanged, gain), -np.inf
         starts = target.starts if isinstance(target, LastStep) else unchanged[2]
@@ -362,7 +363,7 @@ class ParticleFilter(BriefRepr):
     def _resampled(
         self,
         states: Array,
-        log_weights: Array,
+        weights: Array,
         logs: tuple[Array | None, Array | None],
         target: Target | None,
         reading: Array | None,
@@ -375,7 +376,6 @@ class ParticleFilter(BriefRepr):
         (N,) each; None where nobody has asked.
         """
         space = self.problem.space
-        weights = exp_of(log_weights)
         ancestors = SCHEMES[self.resampling](weights, rng)
         copies = states.take(ancestors, axis=0)
         if self.regularise and self.bandwidth is not None:
@@ -403,11 +403,10 @@ class ParticleFilter(BriefRepr):
                 return moved, known, log_density, target
             return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
         even = self._spaced(states)  # a share of the weight of all alike: one may have all of it
-        mixed = (weights / weights.sum() + even / len(states)) / (1.0 + even)
-        root = covariance_root(space.moments(states, mixed)[1] * (1.0 + even))
+        rows = step_table(states, weights / weights.sum(), even, copies, space, rng)
         thorough = self.temper is not False
         here = at_copies(copies, ancestors, logs, target)
-        return *metropolis(copies, here, target, power, root, self.moves, rng, thorough), target
+        return *metropolis(copies, here, target, power, rows, self.moves, rng, thorough), target
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""

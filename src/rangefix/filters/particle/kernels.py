@@ -13,9 +13,39 @@ from ...compiled import exp_below_zero, njit
 LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 HASH = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
 SUMS = LOOP | {"fastmath": {"reassoc"}}  # sums of several at once
+MOST_TRIES = 40  # for the power of a density; 5 as a rule
+POWER_ROUNDING = 1e-5  # of the log of a power
+LEAST_POWER, LEAST_LOSS = 1e-12, 1e-30
+ROUNDING = 1e-14  # of a variance
 
 
 @njit(**SUMS)
+def weigh(log_weights: Array, log_density: Array, power: float, logs: Array, weights: Array) -> float:
+    """The log of what weights times a density to a power sum to, (N,) each; -inf if they are all zero.
+
+    Args:
+        log_weights, log_density: (N,).
+        power: Positive.
+        logs, weights: Get the normalised log weights and the weights, (N,).
+    """
+    peak = -math.inf
+    for place in range(len(log_weights)):
+        logs[place] = log_weights[place] + power * log_density[place]
+        peak = logs[place] if logs[place] > peak else peak
+    if peak == -math.inf:
+        return peak
+    total = 0.0
+    for place in range(len(log_weights)):
+        weights[place] = exp_below_zero(logs[place] - peak)
+        total += weights[place]
+    gain, scale = peak + math.log(total), 1.0 / total
+    for place in range(len(log_weights)):
+        logs[place] -= gain
+        weights[place] *= scale
+    return gain
+
+
+@njit(inner=True, **SUMS)
 def effective_after(log_weights: Array, log_density: Array, power: float) -> float:
     """The effective number of particles once a density, (N,), to a power has come to log weights, (N,)."""
     peak = -math.inf
@@ -28,6 +58,98 @@ def effective_after(log_weights: Array, log_density: Array, power: float) -> flo
         weights += weight
         squares += weight * weight
     return weights * weights / squares
+
+
+@njit(inner=True, **LOOP)
+def loss_after(log_weights: Array, log_density: Array, log_power: float) -> float:
+    """log(N / effective - 1) after that, which over the log of a small power is a line of slope 2."""
+    effective = effective_after(log_weights, log_density, math.exp(log_power))
+    return math.log(max(len(log_weights) / effective - 1.0, LEAST_LOSS))
+
+
+@njit(**LOOP)
+def longest_power(log_weights: Array, log_density: Array, most: float, enough: float) -> float:
+    """The largest power of a density that leaves so many effective particles: see `longest_stage`."""
+    if enough <= 0.0:
+        return most
+    allowed = math.log(max(len(log_weights) / enough - 1.0, LEAST_LOSS))
+    low, high = math.log(LEAST_POWER), math.log(most)
+    here, there = high, loss_after(log_weights, log_density, high) - allowed
+    if there <= 0.0:
+        return most
+    guess, slope, value = low, 2.0, there
+    for _ in range(MOST_TRIES):
+        guess = here - there / slope if slope > 0.0 else low
+        if not low < guess < high:
+            guess = 0.5 * (low + high)
+        value = loss_after(log_weights, log_density, guess) - allowed
+        if value <= 0.0:
+            low = guess
+        else:
+            high = guess
+        if abs(value) < POWER_ROUNDING or high - low < POWER_ROUNDING:
+            break
+        slope = (value - there) / (guess - here)
+        here, there = guess, value
+    return math.exp(guess if abs(value) < POWER_ROUNDING else low)
+
+
+@njit(**LOOP)
+def step_rows(
+    states: Array, weights: Array, even: float, copies: Array, normals: Array, is_angle: BoolArray | None,
+    rows: Array,
+) -> None:  # fmt: skip
+    """The table of `step_from`: resampled states, then random points of half the states' covariance.
+
+    Args:
+        states: Before resampling, (N, n).
+        weights: They sum to one, (N,).
+        even: What even weights count beside these: one state may have all the weight.
+        copies: Resampled, (N, n).
+        normals: Standard normal numbers, (S, n).
+        is_angle: Which components are angles, (n,); None = none of them, and nothing is compiled for them.
+        rows: Gets the table, (N + S, n).
+    """
+    count, size = states.shape
+    share, away, root = even / count, np.empty((size, count)), np.zeros((size, size))
+    for column in range(size):
+        if is_angle is not None and is_angle[column]:
+            sine, cosine = 0.0, 0.0
+            for place in range(count):
+                sine += (weights[place] + share) * math.sin(states[place, column])
+                cosine += (weights[place] + share) * math.cos(states[place, column])
+            mean = math.atan2(sine, cosine)
+            for place in range(count):
+                away[column, place] = (states[place, column] - mean + math.pi) % TWO_PI - math.pi
+        else:
+            mean = 0.0
+            for place in range(count):
+                mean += (weights[place] + share) * states[place, column]
+            mean /= 1.0 + even
+            for place in range(count):
+                away[column, place] = states[place, column] - mean
+    for row in range(size):  # Cholesky's root of half the covariance, without what rounding leaves of nothing
+        for column in range(row + 1):
+            total = 0.0
+            for place in range(count):
+                total += (weights[place] + share) * away[row, place] * away[column, place]
+            total *= 0.5
+            least = ROUNDING * total
+            for before in range(column):
+                total -= root[row, before] * root[column, before]
+            if column == row:
+                root[row, row] = math.sqrt(total) if total > least else 0.0
+            elif root[column, column] > 0.0:
+                root[row, column] = total / root[column, column]
+    for place in range(count):
+        for column in range(size):
+            rows[place, column] = copies[place, column]
+    for place in range(len(normals)):
+        for column in range(size):
+            total = 0.0
+            for before in range(column + 1):
+                total += root[column, before] * normals[place, before]
+            rows[count + place, column] = total
 
 
 @njit(**LOOP)
@@ -150,7 +272,8 @@ def steps_in_box(
         levels: Of each, (K + 1,): as for `log_density_by_walls`.
     """
     size, last = len(states), len(scans) - 1
-    there, known_there, fresh_there = np.empty((size, 2)), np.empty(size), np.empty(size)
+    there = np.empty((2, size)).T  # column by column, for loops that take several places at once
+    known_there, fresh_there = np.empty(size), np.empty(size)
     step_from(states, uniform, rows, cloud, thorough, sizes, None, there)
     for place in range(size):
         x1, x2 = there[place, 0], there[place, 1]
@@ -171,7 +294,7 @@ def log_density_by_walls(
     """Log density of a scan with Gaussian noise where ranges are the least of affine functions of the place.
 
     Args:
-        states: Places, m, (N, 2).
+        states: Places, m, (N, 2), column by column.
         walls: Of each beam, c, c1 and c2 of functions c + c1 x1 + c2 x2, m, (B, W, 3).
         reading: m, (B,); NaN = not measured.
         stds: Standard deviations, m, (B,).
@@ -184,29 +307,33 @@ def log_density_by_walls(
     for beam in range(len(reading)):
         if math.isnan(reading[beam]):
             continue
+        nearest[:] = math.inf
         for wall in range(walls.shape[1]):  # one by one, for several places at once
-            const, by_x1, by_x2 = walls[beam, wall]
+            const, by_x1, by_x2 = walls[beam, wall, 0], walls[beam, wall, 1], walls[beam, wall, 2]
             for place in range(count):
                 distance = const + by_x1 * states[place, 0] + by_x2 * states[place, 1]
-                so_far = nearest[place] if wall > 0 else math.inf
-                nearest[place] = distance if distance < so_far else so_far
+                nearest[place] = distance if distance < nearest[place] else nearest[place]
+        measured, scale = reading[beam], 1.0 / stds[beam]
         for place in range(count):
-            deviate = (nearest[place] - reading[beam]) / stds[beam]
+            deviate = (nearest[place] - measured) * scale
             density[place] -= 0.5 * deviate * deviate
 
 
 @njit(**LOOP)
-def weights_of_places(bits: IntArray, weights: Array, table: IntArray, at_first: Array) -> None:
+def weights_of_places(bits: IntArray, weights: Array, least: float, table: IntArray, at_first: Array) -> None:
     """The weights of equal states added up, by a table of hashed states.
 
     Args:
         bits: States, bit by bit, (N, n).
         weights: (N,).
+        least: Smaller weights are left out.
         table: All -1; a power of two, 2 N or more.
         at_first: Zeros; gets for the first of equal states the sum of their weights, (N,).
     """
     slots = len(table)
     for place in range(len(bits)):
+        if weights[place] < least:
+            continue
         hashed = 0
         for column in range(bits.shape[1]):
             hashed = (hashed ^ bits[place, column]) * HASH

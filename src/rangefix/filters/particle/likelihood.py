@@ -10,6 +10,7 @@ import numpy as np
 from ...arrays import LOG_TWO_PI, Array
 from ..models.noise import Gaussian
 from ..models.uniform_prior import Uniform
+from ..models.wrapped_noise import perfect_fit
 from ..problem import IsConvex, Prior, Sensor
 
 
@@ -53,6 +54,12 @@ class Likelihood:
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
         return self.box, self.walls, scans, stds, np.array([_level(scan, stds) for scan in scans])
 
+    def best(self, reading: Array) -> float:
+        """Log density of a reading (B,) where each range fits it perfectly, nats."""
+        if self.walls is None or np.isinf(reading).any():
+            return float(perfect_fit(self.sensor, reading))
+        return -_level(reading, np.asarray(self.sensor.gaussian_stds))
+
     def log_densities(self, readings: Sequence[Array], states: Array) -> list[Array]:
         """Log density of each of some readings, (B,), at states (N, n) in the prior: (N,) each, nats."""
         if self.walls is None or any(np.isinf(reading).any() for reading in readings):
@@ -65,7 +72,7 @@ class Likelihood:
 
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
         density = np.empty(len(states))
-        reading, states = np.array(reading), np.ascontiguousarray(states)  # one that may be written
+        reading, states = np.array(reading), np.asfortranarray(states)  # one that may be written
         log_density_by_walls(states, walls, reading, stds, _level(reading, stds), density)
         return density
 

@@ -154,23 +154,20 @@ def any_moves(states: Array, propose: Callable[[Array], Array], steps: int, rng:
 
 
 def metropolis(
-    states: Array, log_densities: tuple[Array, Array], posterior: Posterior, power: float, root: Array,
+    states: Array, log_densities: tuple[Array, Array], posterior: Posterior, power: float, rows: Array,
     steps: int, rng: Generator, thorough: bool = False,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Random walks that leave the posterior as it is (Metropolis et al., 1953): see `metropolis_steps`.
 
-    The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide. The
-    steps' covariance has the `root` (n, n): they are differences of some hundred random points. If they are
-    to be `thorough`, half of them are differences of two of the states instead (differential evolution:
-    ter Braak, 2006): these have the shape of a mode where both lie in one, and lead from mode to mode where
-    they lie in two, so that shares of modes come right; and they go on until nearly all states have moved, or
-    for five times as many steps.
+    The size of each step is drawn log-uniformly, because a posterior may be far thinner than it is wide. They
+    are differences of two random `rows` of a `step_table`. If they are to be `thorough`, half of them are
+    differences of two of the states instead (differential evolution: ter Braak, 2006): these have the shape
+    of a mode where both lie in one, and lead from mode to mode where they lie in two, so that shares of modes
+    come right; and they go on until nearly all states have moved, or for five times as many steps.
     """
     from .kernels import step_from, steps_in_box  # numba takes a quarter of a second
 
-    space, (count, size) = posterior.likelihood.sensor.space, states.shape
-    is_angle = space.is_angle if space.is_angle.any() else None
-    rows = np.concatenate([states, rng.standard_normal((RANDOM_POINTS, size)) @ root.T / np.sqrt(2.0)])
+    is_angle, count = _angles(posterior.likelihood.sensor.space), len(states)
     sizes = MIN_STEP, MAX_STEP
 
     def walk(here: Array) -> Array:
@@ -189,15 +186,40 @@ def metropolis(
         )  # fmt: skip
 
     step = _step_by(posterior, walk, power, rng) if in_box is None else step_in_box
-    ends, log_known, log_fresh = np.empty_like(states), np.empty(len(states)), np.empty(len(states))
-    for start in range(0, len(states), POINTS_PER_BLOCK):
-        part = slice(start, start + POINTS_PER_BLOCK)
-        known, fresh = log_densities
-        rounds = MAX_ROUNDS if thorough else 1
-        ends[part], log_known[part], log_fresh[part] = _repeated(
-            step, states[part], (known[part], fresh[part]), steps, rounds
-        )
+    known, fresh = log_densities
+    parts = [slice(start, start + POINTS_PER_BLOCK) for start in range(0, count, POINTS_PER_BLOCK)]
+    rounds = MAX_ROUNDS if thorough else 1
+    moved = [_repeated(step, states[part], (known[part], fresh[part]), steps, rounds) for part in parts]
+    if len(parts) == 1:
+        return moved[0]
+    ends, log_known, log_fresh = map(np.concatenate, zip(*moved, strict=True))
     return ends, log_known, log_fresh
+
+
+def step_table(
+    states: Array, weights: Array, even: float, copies: Array, space: StateSpace, rng: Generator
+) -> Array:
+    """What Metropolis steps are differences of: the copies, then random points, (N + S, n).
+
+    Args:
+        states: Before resampling, (N, n).
+        weights: Of these; they sum to one, (N,).
+        even: What even weights count beside these: one state may have all the weight.
+        copies: Resampled, (N, n).
+        space: The state space.
+        rng: Draws S n numbers.
+    """
+    from .kernels import step_rows  # numba takes a quarter of a second
+
+    normals = rng.standard_normal((RANDOM_POINTS, space.size))
+    rows = np.empty((len(copies) + RANDOM_POINTS, space.size))
+    step_rows(np.ascontiguousarray(states), weights, even, copies, normals, _angles(space), rows)
+    return rows
+
+
+def _angles(space: StateSpace) -> BoolArray | None:
+    """Which components are angles, (n,); None = none of them."""
+    return None if space.heading is not None else space.is_angle
 
 
 def kernel_step(
