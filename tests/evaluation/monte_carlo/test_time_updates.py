@@ -13,9 +13,9 @@ from rangefix.evaluation.monte_carlo.time_updates import Timed
 
 
 def test_passes_beyond_the_budget_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Trials of 0.1 s are timed six times, of 0.3 s three times, of 5 s once; two of 0.6 s take too long."""
+    """Trials of 0.05 s are timed six times, of 0.15 three times, of 5 s once; two of 0.3 take too long."""
     now = 0.0
-    lasts = {"quick": 0.1, "slow": 0.3, "slower": 0.6, "slowest": 5.0, "broken": float("nan")}
+    lasts = {"quick": 0.05, "slow": 0.15, "slower": 0.3, "slowest": 5.0, "broken": float("nan")}
 
     def time(label: str, beams: int, measurement: Any) -> tuple[float, list[str]]:
         nonlocal now
@@ -31,7 +31,7 @@ def test_passes_beyond_the_budget_are_left_out(monkeypatch: pytest.MonkeyPatch) 
     assert {label: row["passes"] for label, row in rows.items()} == {
         "quick": 6, "slow": 3, "slower": 1, "slowest": 1, "broken": 6,
     }  # fmt: skip
-    assert [rows["quick"][name] for name in ("seconds", "seconds_low", "seconds_high")] == [0.1] * 3
-    assert rows["slow"]["seconds"] == 0.3
+    assert [rows["quick"][name] for name in ("seconds", "seconds_low", "seconds_high")] == [0.05] * 3
+    assert rows["slow"]["seconds"] == 0.15
     assert rows["slow"]["seconds_low"] is None
     assert rows["broken"]["seconds"] is None

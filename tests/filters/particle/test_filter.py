@@ -303,7 +303,9 @@ def test_metropolis_steps_leave_the_posterior_as_it_is():
     posterior = Posterior(PAPER.prior, Likelihood.of(PAPER.sensor, PAPER.prior), [reading])
     mean, covariance = SPACE.moments(exact, np.full(size, 1 / size))
     logs_there = posterior.log_densities(exact)
-    moved, *_ = metropolis(exact, logs_there, posterior, 0.0, covariance_root(covariance), 5, rng)
+    random_points = rng.standard_normal((512, 2)) @ covariance_root(covariance).T / np.sqrt(2.0)
+    rows = np.concatenate([exact, random_points])
+    moved, *_ = metropolis(exact, logs_there, posterior, 0.0, rows, 5, rng)
     assert (moved != exact).any(1).mean() > 0.5
     difference = moved - exact
     assert (np.abs(difference.mean(0)) < 5 * difference.std(0) / np.sqrt(size)).all()

@@ -83,9 +83,10 @@ def test_steps_in_a_box_are_those_of_the_long_way(readings: int, thorough: bool,
     assert quick.in_box is not None
     assert slow.in_box is None
     for root in (np.eye(2), np.array([[0.02, 0.0], [0.05, 0.01]])):  # many steps lead out of the box, and few
+        rows = np.concatenate([states, rng.standard_normal((100, 2)) @ root.T])
         ends = [
             metropolis(
-                states, each.log_densities(states), each, power, root, 3, np.random.default_rng(9), thorough
+                states, each.log_densities(states), each, power, rows, 3, np.random.default_rng(9), thorough
             )
             for each in (quick, slow)
         ]

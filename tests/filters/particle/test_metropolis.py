@@ -3,10 +3,19 @@
 import numpy as np
 import pytest
 
-from rangefix.filters import Gaussian, GaussianPrior, Problem, Rangefinder, Stationary, Uniform, pose_space
+from rangefix.filters import (
+    Gaussian,
+    GaussianPrior,
+    Problem,
+    Rangefinder,
+    Stationary,
+    Uniform,
+    pose_space,
+    position_space,
+)
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.particle.kernels import step_from, weights_of_places
-from rangefix.filters.particle.metropolis import at_copies
+from rangefix.filters.particle.metropolis import at_copies, step_table
 from rangefix.maps import RectangularRoom
 
 POSE, ROOM = pose_space(), RectangularRoom(4.0, 6.0)
@@ -49,10 +58,43 @@ def test_weights_of_equal_states_are_added_up(copies):
     states = rng.permutation(np.repeat(places, copies, axis=0))
     weights = rng.random(len(states))
     found = np.zeros(len(states))
-    weights_of_places(states.view(np.int64), weights, np.full(8192, -1), found)
+    weights_of_places(states.view(np.int64), weights, 0.0, np.full(8192, -1), found)
     _, kinds = np.unique(states, axis=0, return_inverse=True)
     expected = np.bincount(kinds.ravel(), weights)
     np.testing.assert_allclose(np.sort(found[found > 0]), np.sort(expected), rtol=1e-12)
+    few = np.zeros(len(states))
+    weights_of_places(states.view(np.int64), weights, 0.5, np.full(8192, -1), few)
+    assert few.sum() == pytest.approx(weights[weights >= 0.5].sum())
+
+
+@pytest.mark.parametrize("space", [position_space(), POSE], ids=["places", "poses"])
+def test_random_steps_have_the_spread_of_the_weighted_states(space):
+    """Half of it, for a step is a difference of two; with what even weights add, headings across the cut.
+
+    Against the moments of the space: 200 000 points, their covariance within 6 deviations of it (1 / 447).
+    """
+    rng, count = np.random.default_rng(4), 300
+    root = rng.standard_normal((space.size, space.size))
+    states = space.wrap(0.4 * rng.standard_normal((count, space.size)) @ root + np.pi)
+    weights, even = rng.random(count) ** 4, 0.1
+    weights /= weights.sum()
+    copies = states[::-1].copy()
+    rows = step_table(states, weights, even, copies, space, rng, 200_000)
+    np.testing.assert_array_equal(rows[:count], copies)
+    mixed = (weights + even / count) / (1.0 + even)
+    expected = space.moments(states, mixed)[1] * (1.0 + even)
+    scale = np.sqrt(np.diagonal(expected))
+    found = 2.0 * np.cov(rows[count:].T)
+    np.testing.assert_allclose(found / scale / scale[:, None], expected / scale / scale[:, None], atol=0.0135)
+
+
+def test_states_on_a_line_take_steps_along_it():
+    """Nothing is made of rounding: neither NaN nor a step aside."""
+    rng, space = np.random.default_rng(5), position_space()
+    states = rng.random((50, 1)) * np.array([[1.0, 3.0]])
+    for cloud, aside in ((states, [3.0, -1.0]), (np.ones((50, 2)), [1.0, 1.0])):
+        rows = step_table(cloud, np.full(50, 0.02), 0.02, cloud, space, rng)[50:]
+        np.testing.assert_allclose(rows @ aside, 0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize("prior", PRIORS, ids=["uniform", "gaussian"])

@@ -14,9 +14,9 @@ LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 HASH = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
 SUMS = LOOP | {"fastmath": {"reassoc"}}  # sums of several at once
 MOST_TRIES = 40  # for the power of a density; 5 as a rule
-POWER_ROUNDING = 1e-5  # of the log of a power
+POWER_ROUNDING = 1e-3  # of its log, and of what is lost
 LEAST_POWER, LEAST_LOSS = 1e-12, 1e-30
-ROUNDING = 1e-14  # of a variance
+VARIANCE_ROUNDING = 1e-14  # of itself
 
 
 @njit(**SUMS)
@@ -36,13 +36,14 @@ def weigh(log_weights: Array, log_density: Array, power: float, logs: Array, wei
         return peak
     total = 0.0
     for place in range(len(log_weights)):
-        weights[place] = exp_below_zero(logs[place] - peak)
+        logs[place] -= peak  # apart from the log of the sum: it may be huge
+        weights[place] = exp_below_zero(logs[place])
         total += weights[place]
-    gain, scale = peak + math.log(total), 1.0 / total
+    log_total, scale = math.log(total), 1.0 / total
     for place in range(len(log_weights)):
-        logs[place] -= gain
+        logs[place] -= log_total
         weights[place] *= scale
-    return gain
+    return peak + log_total
 
 
 @njit(inner=True, **SUMS)
@@ -134,7 +135,7 @@ def step_rows(
             for place in range(count):
                 total += (weights[place] + share) * away[row, place] * away[column, place]
             total *= 0.5
-            least = ROUNDING * total
+            least = VARIANCE_ROUNDING * total
             for before in range(column):
                 total -= root[row, before] * root[column, before]
             if column == row:

@@ -197,8 +197,9 @@ def metropolis(
 
 
 def step_table(
-    states: Array, weights: Array, even: float, copies: Array, space: StateSpace, rng: Generator
-) -> Array:
+    states: Array, weights: Array, even: float, copies: Array, space: StateSpace, rng: Generator,
+    points: int = RANDOM_POINTS,
+) -> Array:  # fmt: skip
     """What Metropolis steps are differences of: the copies, then random points, (N + S, n).
 
     Args:
@@ -208,11 +209,12 @@ def step_table(
         copies: Resampled, (N, n).
         space: The state space.
         rng: Draws S n numbers.
+        points: How many random ones, S.
     """
     from .kernels import step_rows  # numba takes a quarter of a second
 
-    normals = rng.standard_normal((RANDOM_POINTS, space.size))
-    rows = np.empty((len(copies) + RANDOM_POINTS, space.size))
+    normals = rng.standard_normal((points, space.size))
+    rows = np.empty((len(copies) + points, space.size))
     step_rows(np.ascontiguousarray(states), weights, even, copies, normals, _angles(space), rows)
     return rows
 

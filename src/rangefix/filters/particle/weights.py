@@ -59,9 +59,9 @@ def effective_places(states: Array, log_weights: Array) -> float:
 def longest_stage(log_weights: Array, log_density: Array, most: float, enough: float) -> float:
     """The largest power of a density, up to `most`, that leaves so many effective particles.
 
-    Found to 1e-4 of itself, and no less than 1e-12. By secants of log(N / effective - 1) over the log of the
-    power, which for small powers is a line of slope 2, and by bisection where they leave what is left. The
-    density must be positive somewhere.
+    Found to a thousandth of itself, and no less than 1e-12. By secants of log(N / effective - 1) over the
+    log of the power, which for small powers is a line of slope 2, and by bisection where they leave what is
+    left. The density must be positive somewhere.
     """
     from .kernels import longest_power  # numba takes a quarter of a second
 
