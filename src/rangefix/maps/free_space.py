@@ -8,14 +8,15 @@ beside it is in sight, so the border follows the walls and not the raster.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import product
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, BoolArray, IntArray, counted_from
+from ..arrays import Array, BoolArray, IntArray, counted_from, read_only
 from ..raster import Raster
 from .base import MapError
 from .walls import Walls
@@ -73,11 +74,12 @@ class FreeSpace:
         """Share of the outline's area that is free."""
         return self.area / self.outline_area
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the free cells, m, each (2,)."""
         used = np.argwhere(self.cells)
-        return self.origin + used.min(0) * self.resolution, self.origin + (used.max(0) + 1) * self.resolution
+        lower, upper = self.origin + np.stack([used.min(0), used.max(0) + 1]) * self.resolution
+        return read_only(lower), read_only(upper)
 
     def __str__(self) -> str:
         """One line that says what was taken."""
@@ -113,7 +115,7 @@ class FreeSpace:
         return listed
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_listed"}
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 def find_free_space(
