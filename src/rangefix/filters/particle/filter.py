@@ -16,7 +16,7 @@ particle of an object that moves differs from another, as against a wall.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -136,7 +136,7 @@ class ParticleFilter(BriefRepr):
             if noisy[run] and effective_number(log_weights) < self.resample_below * len(states):
                 target = self._target(belief, run) if belief.standing[run] else None
                 states, *_ = self._resampled(
-                    states, exp_of(log_weights), (None, None), target, None, 0.0, rng
+                    states, exp_of(log_weights), (None, None), target, _nothing, 0.0, rng
                 )
                 log_weights = equal(len(states))
             moved = motion.sample(states, controls[run], rng)
@@ -302,16 +302,16 @@ class ParticleFilter(BriefRepr):
         if np.isnan(reading).all():
             return (*unchanged, 0.0), 0.0
         enough = self.resample_below * len(states)
+        within = belief.prior if belief.standing[run] and self.bandwidth is None else None
+        density = partial(self._log_density, reading, within)
         known: Array | None = None
         if effective_number(log_weights) < enough:
             states, known, log_density, target = self._resampled(
-                states, exp_of(log_weights), (None, None), target, reading, 0.0, rng
+                states, exp_of(log_weights), (None, None), target, density, 0.0, rng
             )
             log_weights = equal(len(states))
-        elif isinstance(target, Posterior) and target.likelihood.walls is not None:
-            log_density = target.likelihood.log_densities([reading], states)[0]
         else:
-            log_density = self._log_density(reading, states)
+            log_density = density(states)
         gains, power, stages = 0.0, 0.0, MAX_STAGES if self.temper is not False and target is not None else 0
         kept = min(enough, MAX_KEPT * len(states))
         for _ in range(stages if log_density.max() > -np.inf else 0):
@@ -321,7 +321,7 @@ class ParticleFilter(BriefRepr):
             _, weights, gain = weighted(log_weights, log_density, stage)
             gains, power = gains + gain, power + stage
             states, known, log_density, target = self._resampled(
-                states, weights, (known, log_density), target, reading, power, rng
+                states, weights, (known, log_density), target, density, power, rng
             )
             log_weights = equal(len(states))
         log_weights, _, gain = weighted(log_weights, log_density, 1.0 - power)
@@ -330,14 +330,13 @@ class ParticleFilter(BriefRepr):
         starts = target.starts if isinstance(target, LastStep) else unchanged[2]
         return (states, log_weights, starts, gains + gain), float(log_density.max())
 
-    def _log_density(self, reading: Array | None, states: Array) -> Array:
-        total = np.zeros(len(states))
-        if reading is not None:
-            for start in range(0, len(states), PARTICLES_PER_BLOCK):
-                part = slice(start, start + PARTICLES_PER_BLOCK)
-                total[part] = self.problem.sensor.log_density(
-                    reading, self.problem.sensor.expected(states[part])
-                )
+    def _log_density(self, reading: Array, within: Prior | None, states: Array) -> Array:
+        """Log density of a reading at states, (N, n) -> (N,), all of which a prior allows for, or None."""
+        total = np.empty(len(states))
+        likelihood = Likelihood(self.problem.sensor) if within is None else self._likelihood(within)
+        for start in range(0, len(states), PARTICLES_PER_BLOCK):
+            part = slice(start, start + PARTICLES_PER_BLOCK)
+            total[part] = likelihood.log_densities([reading], states[part])[0]
         return total
 
     def _likelihood(self, prior: Prior) -> Likelihood:
@@ -366,14 +365,14 @@ class ParticleFilter(BriefRepr):
         weights: Array,
         logs: tuple[Array | None, Array | None],
         target: Target | None,
-        reading: Array | None,
+        density: Callable[[Array], Array],
         power: float,
         rng: Generator,
     ) -> tuple[Array, Array | None, Array, Target | None]:
         """States of equal weight, moved apart, two log densities there, and their target.
 
         The first log density is that of what is known without the reading, the second that of the reading,
-        (N,) each; None where nobody has asked.
+        (N,) each; None where nobody has asked. `density` gives the second at any states.
         """
         space = self.problem.space
         ancestors = SCHEMES[self.resampling](weights, rng)
@@ -382,10 +381,10 @@ class ParticleFilter(BriefRepr):
             mean, covariance = space.moments(states, weights / weights.sum())
             moved = kernel_step(copies, mean, covariance, float(self.bandwidth), space, rng)
             moved = reject_crossings(self.problem.sensor, copies, moved)
-            return moved, None, self._log_density(reading, moved), target
+            return moved, None, density(moved), target
         if target is None:
             first, counts = kinds(ancestors)
-            return copies, None, np.repeat(self._log_density(reading, copies[first]), counts), None
+            return copies, None, np.repeat(density(copies[first]), counts), None
         if isinstance(target, LastStep):
             target = target.of(ancestors)
             propose = partial(target.propose, rng=rng)
@@ -401,7 +400,7 @@ class ParticleFilter(BriefRepr):
             spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
             if spread is moved:
                 return moved, known, log_density, target
-            return spread, None, self._log_density(reading, spread), replace(target, starts=starts)
+            return spread, None, density(spread), replace(target, starts=starts)
         even = self._spaced(states)  # a share of the weight of all alike: one may have all of it
         rows = step_table(states, weights / weights.sum(), even, copies, space, rng)
         thorough = self.temper is not False
@@ -416,3 +415,8 @@ class ParticleFilter(BriefRepr):
     def _spaced(self, states: Array) -> float:
         """The share of the covariance of even particles (N, n) that lies between them."""
         return float(len(states) ** (-2.0 / self.problem.space.size))
+
+
+def _nothing(states: Array) -> Array:
+    """What no reading says of states, (N, n) -> (N,)."""
+    return np.zeros(len(states))
