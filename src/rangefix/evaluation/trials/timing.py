@@ -19,7 +19,7 @@ from ..seeds import Streams
 from .trial import Trial
 
 PASSES = 6  # the median of so many lies between the least and the greatest in 97 of 100 cases
-BUDGET_S = 0.12  # of all passes over one estimator on one set of beams
+BUDGET_S = 0.1  # of all passes over one estimator on one set of beams
 LONGEST_S = 0.5  # of those over runs that take longer than planned, as long drives do: then fewer are made
 WARM_RUNS, WARM_UPDATES = 4, 2
 UNEVEN_S = 2e-3  # an update: those that take longer may take very different times, which a second look tells

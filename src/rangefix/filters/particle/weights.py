@@ -9,13 +9,18 @@ import numpy as np
 from ...arrays import Array
 
 FLOOR = -700.0  # below exp(-708) numbers are denormal, and exp several times slower
+VALUES_AT_ONCE = 1 << 14
 NEGLIGIBLE = 1e-20  # of the greatest weight
 
 
 def exp_of(logs: Array) -> Array:
     """Exp of logs that are at most about 0; at least 1e-304 instead of denormal numbers or zero."""
-    weights = np.maximum(logs, FLOOR)
-    return np.exp(weights, out=weights)
+    weights = np.empty(logs.shape)
+    rows = max(1, VALUES_AT_ONCE // logs.shape[-1]) if logs.ndim > 1 else len(logs)
+    for start in range(0, len(logs), rows):  # what is worked out in between stays in the cache
+        part = weights[start : start + rows]
+        np.exp(np.maximum(logs[start : start + rows], FLOOR, out=part), out=part)
+    return weights
 
 
 @lru_cache

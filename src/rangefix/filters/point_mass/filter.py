@@ -122,20 +122,29 @@ class PointMassFilter(BriefRepr):
             ValueError: If the prior is not the problem's and reaches beyond the grid.
         """
         runs, beams = len(rngs), len(self.problem.sensor.bearings)
-        log_mass = self._prior_mass(prior)
+        one = self._first if prior is self.problem.prior else self._of_one_run(prior)
+        shared = Estimate(*(np.repeat(value, runs, axis=0) for value in one.estimate))
+        counts, readings = np.zeros((2, runs, beams))
+        nothing = np.zeros((runs, 0, beams))
+        return PointMassBelief(
+            one.log_mass, one.top_mass, counts, readings, np.zeros(runs), shared, prior, nothing
+        )
+
+    @cached_property
+    def _first(self) -> PointMassBelief:
+        """What one run believes at first; asked for with each batch of runs."""
+        return self._of_one_run(self.problem.prior)
+
+    def _of_one_run(self, prior: Prior) -> PointMassBelief:
+        """A prior as the belief of one run."""
+        log_mass, beams = self._prior_mass(prior), len(self.problem.sensor.bearings)
         blank = Estimate(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.zeros(1))
         none = np.zeros((1, beams))
         nothing = np.zeros((1, 0, beams))
         first = PointMassBelief(
             log_mass, self.cells.top(log_mass), none, none, np.zeros(1), blank, prior, nothing
         )
-        prior_moments = self._finish(first, None).estimate  # the same for all runs: worked out once
-        shared = Estimate(*(np.repeat(value, runs, axis=0) for value in prior_moments))
-        counts, readings = np.zeros((2, runs, beams))
-        nothing = np.zeros((runs, 0, beams))
-        return PointMassBelief(
-            log_mass, first.top_mass, counts, readings, np.zeros(runs), shared, prior, nothing
-        )
+        return self._finish(first, None)
 
     def predict(self, belief: PointMassBelief, control: Array, rngs: Sequence[Generator]) -> PointMassBelief:
         """The same belief: the object stays where it is."""
