@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ..arrays import Array, wrap
+from ..arrays import Array, IntArray, wrap
 from .space import StateSpace
 
 NEGLIGIBLE = -28.0  # log of a weight over the heaviest cell's below which a cell is never drawn
@@ -101,9 +101,8 @@ def cell_draws(
         Independent draws, (S, n); some may lie a part of a cell inside a wall.
     """
     mean, covariance = claim
-    top = log_weights.max()
-    kept = np.flatnonzero(log_weights > top + NEGLIGIBLE)
-    weights = np.exp(log_weights.take(kept) - top)
+    kept, logs = heaviest(log_weights)
+    weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     places = _places(weights, size, rng)
     width = step if step.ndim == 1 else step[kept][places]
@@ -119,6 +118,12 @@ def cell_draws(
     shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     # not wrapped before it is moved: across the cut the map would throw a place by a whole turn's share
     return space.wrap(mean + (off[:, places].T + within) @ np.linalg.solve(root.T, shrink @ root.T))
+
+
+def heaviest(log_weights: Array) -> tuple[IntArray, Array]:
+    """Which cells are not negligible beside the heaviest, and their log weights: (G,) -> (K,) each."""
+    kept = np.flatnonzero(log_weights > log_weights.max() + NEGLIGIBLE)
+    return kept, log_weights.take(kept)
 
 
 def _places(weights: Array, size: int, rng: Generator) -> NDArray[np.intp]:

@@ -89,6 +89,15 @@ def _gaussian(stds: Array, measured: BoolArray, reading: Array, expected: Array)
         deviates = (expected - reading) * weight
         return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
     squares = np.zeros(np.broadcast_shapes(reading.shape, expected.shape)[:-1])
+    if reading.ndim == 1 and expected.ndim == 2 and expected.flags.f_contiguous:  # long rows
+        deviates = expected.T - reading[:, None]
+        deviates *= weight[:, None]
+        deviates *= deviates
+        for row in deviates:
+            squares += row
+        squares *= -0.5
+        squares -= level
+        return squares
     for beam in range(reading.shape[-1]):  # numpy is slow on short rows: beam by beam
         deviate = np.asarray(expected[..., beam] - reading[..., beam])
         deviate *= weight[..., beam]

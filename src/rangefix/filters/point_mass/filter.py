@@ -241,8 +241,11 @@ class PointMassFilter(BriefRepr):
         draws = gaussian_draws(mean, covariance, size, space, rngs)
         for run, rng in enumerate(rngs):
             if possible[run]:
-                logs, claim = self._log_weights(belief, run), (mean[run], covariance[run])
-                draws[run] = cell_draws(grid.centres, logs, grid.step, claim, size, space, rng)
+                cells, logs = self._heavy_cells(belief, run)
+                claim = mean[run], covariance[run]
+                draws[run] = cell_draws(
+                    grid.centres.take(cells, axis=0), logs, grid.step, claim, size, space, rng
+                )
         return draws
 
     def density(self, belief: PointMassBelief, run: int) -> Image:
@@ -261,6 +264,12 @@ class PointMassFilter(BriefRepr):
         log_mass: Array = belief.log_mass[run if len(belief.log_mass) > 1 else 0]
         precision = belief.counts[run] * self._precision
         return log_mass - self.cells.misfit(belief.readings[run], precision) if precision.any() else log_mass
+
+    def _heavy_cells(self, belief: PointMassBelief, run: int) -> tuple[IntArray, Array]:
+        """The cells of one run that are not negligible, and their log weights, not normalised."""
+        row = run if len(belief.log_mass) > 1 else 0
+        mass = CellMass(belief.log_mass[row], belief.top_mass[row])
+        return self.cells.heavy(belief.readings[run], belief.counts[run] * self._precision, mass)
 
     @property
     def _sizes(self) -> ArrayLike:

@@ -19,6 +19,7 @@ from ...compiled import in_threads
 from ..models.noise import Gaussian
 from ..models.rangefinder import Rangefinder
 from ..problem import Sensor
+from ..sampling import heaviest
 from ..space import StateSpace
 from .grid import Grid
 from .mode_shape import add_lattice_errors
@@ -100,6 +101,10 @@ class RangesByDirection:
         if correct:
             add_lattice_errors(self.grid, sums, readings, self.ranges, mass.logs)
         return sums
+
+    def heavy(self, reading: Array, precision: Array, mass: CellMass) -> tuple[IntArray, Array]:
+        """See `RangesByCell`; all cells are looked at."""
+        return heaviest(mass.logs.ravel() - self.misfit(reading, precision))
 
     def misfit(self, reading: Array, precision: Array) -> Array:
         """See `RangesByCell`."""
