@@ -208,12 +208,10 @@ def _looks_from_inside(
     first = across == ranges
     slopes = [np.where(np.abs(v) > EDGE_ON, -i, 0.0) for v, i in zip(vectors, inverses, strict=True)]
     turns = (vectors[1] * slopes[0], -vectors[0] * slopes[1])
-    normals, gradients = np.zeros((2, *ranges.shape)), np.zeros((3, *ranges.shape))
-    for axis, met in enumerate((first, ~first)):
-        np.copyto(normals[axis], -np.sign(vectors[axis]), where=met)
-        np.copyto(gradients[axis], slopes[axis], where=met)
-        np.copyto(gradients[2], turns[axis], where=met)
-    gradients[2] *= ranges
+    normals, gradients = np.empty((2, *ranges.shape)), np.empty((3, *ranges.shape))
+    for each, values in ((normals, [-np.sign(v) for v in vectors]), (gradients, slopes)):
+        each[0], each[1] = np.where(first, values[0], 0.0), np.where(first, 0.0, values[1])
+    np.multiply(np.where(first, *turns), ranges, out=gradients[2])
     if many:
         return ranges.T, normals.transpose(2, 1, 0), gradients.transpose(2, 1, 0)
     return ranges, normals.transpose(1, 2, 0), gradients.transpose(1, 2, 0)

@@ -27,6 +27,8 @@ from .no_returns import with_missing_returns
 
 WORK_BYTES = 128e6  # of what is worked out between a belief and the next
 WORK_PER_RANGE = 80.0  # bytes, for each beam and component of the state
+KEPT_BYTES = 24 << 20
+np.empty(KEPT_BYTES, np.uint8)  # and freed: glibc then keeps so much, which else it clears for each update
 
 
 def runs_at_once(beams: int, size: int) -> int:
@@ -112,10 +114,24 @@ def cholesky(matrices: Array) -> tuple[Array, BoolArray]:
         for before in range(j):
             column -= root[j, before] * root[j:, before]
         fine = column[0] > 0
-        positive &= fine
-        root[j:, j] = column / np.sqrt(np.where(fine, column[0], 1.0))
-        root[j, j, ~fine] = 1.0
+        if fine.all():
+            root[j:, j] = column / np.sqrt(column[0])
+        else:
+            positive &= fine
+            root[j:, j] = column / np.sqrt(np.where(fine, column[0], 1.0))
+            root[j, j, ~fine] = 1.0
     return root, positive
+
+
+def are_definite(matrices: Array) -> BoolArray:
+    """Which symmetric matrices (k, k, M) are positive definite, by elimination; not if a number is NaN."""
+    rest = matrices
+    positive = rest[0, 0] > 0
+    while len(rest) > 1:
+        pivot = rest[0, 0] if positive.all() else np.where(positive, rest[0, 0], 1.0)
+        rest = rest[1:, 1:] - rest[1:, :1] * (rest[0, 1:] / pivot)
+        positive &= rest[0, 0] > 0
+    return np.asarray(positive)
 
 
 def look(sensor: Sensor, states: Array) -> tuple[Array, Array]:
@@ -145,9 +161,11 @@ def condition(
     for h, y, r, measured in zip(slopes, innovation, noise, used, strict=True):
         cross = sum_terms(row * slope for row, slope in zip(covariance, h, strict=True))
         spread = sum_terms(h * cross) + r
-        gain = np.where(measured, 1.0 / spread, 0.0)
+        gain, level = 1.0 / spread, np.log(spread) + LOG_TWO_PI
+        if not measured.all():
+            gain, level = np.where(measured, gain, 0.0), np.where(measured, level, 0.0)
         rest = y - sum_terms(h * step)
-        log_density -= 0.5 * (rest * rest * gain + np.where(measured, np.log(spread) + LOG_TWO_PI, 0.0))
+        log_density -= 0.5 * (rest * rest * gain + level)
         step += cross * (gain * rest)
         covariance -= cross[:, None] * (cross * gain)
     return step, covariance, log_density
@@ -164,7 +182,7 @@ def accept_definite(
 ) -> GaussianBelief:
     """The new belief; a run whose new covariance is not positive definite keeps the old one, flagged."""
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    _, fine = cholesky(np.moveaxis(covariance, 0, -1))
+    fine = are_definite(np.moveaxis(covariance, 0, -1))
     fine &= np.isfinite(log_density) & np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1))
     if not fine.all():
         mean = np.where(fine[:, None], mean, belief.mean)

@@ -45,11 +45,14 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
                 point = np.where(np.isfinite(point).all(-1, keepdims=True), point, belief.mean)
             expected, slope = look(sensor, point)
             used = np.isfinite(measurement) & np.isfinite(expected)
-            expected = np.where(used, expected, 0.0)
-            innovation = np.where(used, measurement - reading_bias(sensor.noise), 0.0) - expected
+            readings = measurement - reading_bias(sensor.noise)
+            if not used.all():
+                expected, readings = np.where(used, expected, 0.0), np.where(used, readings, 0.0)
+            innovation = (readings - expected).T
             slope = np.ascontiguousarray(np.moveaxis(slope, 0, -1))
-            ahead = space.difference(belief.mean, point).T
-            innovation = innovation.T - sum_terms((slope * ahead).swapaxes(0, 1))
+            if iteration:
+                ahead = space.difference(belief.mean, point).T
+                innovation = innovation - sum_terms((slope * ahead).swapaxes(0, 1))
             noise = sensor.noise.variance(expected).T
             step, covariance, log_density = condition(
                 np.moveaxis(belief.covariance, 0, -1), slope, innovation, noise, used.T
