@@ -40,8 +40,10 @@ def is_counted(sensor: Sensor, measurement: Array) -> BoolArray:
 
     Without a maximum range no return means that there is no wall: of that a Gaussian filter knows nothing.
     """
-    counted = np.isneginf(measurement) & (sensor.min_range > 0)
-    return np.asarray(counted | (np.isposinf(measurement) & bool(np.isfinite(sensor.max_range))))
+    near, far = sensor.min_range > 0, bool(np.isfinite(sensor.max_range))
+    if not near and not far:
+        return np.zeros(measurement.shape, dtype=np.bool_)
+    return np.asarray((np.isneginf(measurement) & near) | (np.isposinf(measurement) & far))
 
 
 def _log_probability(sensor: Sensor, measurement: Array, expected: Array, variance: Array) -> Array:
