@@ -18,6 +18,8 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 TWO_PI = 2.0 * math.pi
 LOG_TWO_PI = math.log(TWO_PI)
 LONGEST_SHOWN = 8  # numbers of an array
+KEPT_BYTES = 24 << 20
+np.empty(KEPT_BYTES, np.uint8)  # and freed: glibc then keeps what is freed later, and need not clear it
 
 
 def wrap(angle: Array) -> Array:

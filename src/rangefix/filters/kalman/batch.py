@@ -27,8 +27,6 @@ from .no_returns import with_missing_returns
 
 WORK_BYTES = 128e6  # of what is worked out between a belief and the next
 WORK_PER_RANGE = 80.0  # bytes, for each beam and component of the state
-KEPT_BYTES = 24 << 20
-np.empty(KEPT_BYTES, np.uint8)  # and freed: glibc then keeps so much, which else it clears for each update
 
 
 def runs_at_once(beams: int, size: int) -> int:
