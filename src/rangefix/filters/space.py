@@ -142,12 +142,13 @@ def deviations_apart(
     return np.where(np.isnan(apart), np.inf, apart)
 
 
-def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
+def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST_VARIANCE) -> BoolArray:
     """Which covariances are finite and positive definite by more than rounding leaves.
 
     Args:
         covariance: (..., n, n).
         rounding: A variance given the other components that is no more than this share of the whole is zero.
+        least: And one that is no more than this.
 
     Returns:
         (...). Worked out for all at once, or in plain numbers where there are few.
@@ -155,27 +156,29 @@ def is_definite(covariance: Array, rounding: float = 1e-14) -> BoolArray:
     size = covariance.shape[-1]
     if covariance.size <= FEW_NUMBERS:
         few = covariance.reshape(-1, size, size).tolist()
-        return np.array([_is_definite(each, rounding) for each in few], bool).reshape(covariance.shape[:-2])
+        fine = np.array([_is_definite(each, rounding, least) for each in few], bool)
+        return fine.reshape(covariance.shape[:-2])
     rows = np.moveaxis(covariance, (-2, -1), (0, 1)).copy()
     fine = np.asarray(np.isfinite(rows).all((0, 1)))
-    rows[..., ~fine] = 0.0
+    if not fine.all():
+        rows[..., ~fine] = 0.0
     for j in range(size):
         left = rows[j, j]  # what is left of the variance, given the components before
-        fine &= (left > LEAST_VARIANCE) & (left > rounding * covariance[..., j, j])
+        fine &= (left > least) & (left > rounding * covariance[..., j, j])
         if j + 1 < size:
             slope = rows[j + 1 :, j] / np.where(fine, left, 1.0)
             rows[j + 1 :, j + 1 :] -= slope[:, None] * rows[j, j + 1 :]
     return fine
 
 
-def _is_definite(rows: list[list[float]], rounding: float) -> bool:
+def _is_definite(rows: list[list[float]], rounding: float, least: float) -> bool:
     """The same for one covariance (n, n), step by step as for many; it is changed."""
     if not all(isfinite(value) for row in rows for value in row):
         return False
-    least = [max(LEAST_VARIANCE, rounding * row[place]) for place, row in enumerate(rows)]
+    bars = [max(least, rounding * row[place]) for place, row in enumerate(rows)]
     for j, pivot in enumerate(rows):
         left = pivot[j]  # what is left of the variance, given the components before
-        if not left > least[j]:
+        if not left > bars[j]:
             return False
         for row in rows[j + 1 :]:
             slope = row[j] / left

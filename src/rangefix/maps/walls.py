@@ -178,15 +178,15 @@ class Walls:
 
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
         """Ranges (N, B); what was met goes to `met`, as rows of `_lines`."""
-        ranges = np.empty((len(poses), len(bearings)))
-        if not ranges.size:
-            return ranges
+        shape = len(poses), len(bearings)
+        if not all(shape):
+            return np.empty(shape)
         headings = poses[:, 2]
         if (headings == headings[0]).all():
             headings, bearings = np.zeros(1), headings[0] + bearings
         if self._one_heading and len(headings) == 1 and len(bearings) <= MOST_DIRECTIONS:
             return self._cast_along(poses, bearings, met)
-        positions = poses[:, :2] - self.centre
+        ranges, positions = np.empty(shape), poses[:, :2] - self.centre
         few = len(self.segments) <= FEW_WALLS
         common = None if few else self._met_by_all(positions, headings, bearings)
         if common is not None:

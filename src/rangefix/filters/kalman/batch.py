@@ -22,6 +22,7 @@ from ..models.noise_of_beams import noise_of_beams
 from ..models.rangefinder import Rangefinder
 from ..problem import Prior, Problem, Sensor
 from ..sampling import gaussian_draws
+from ..space import is_definite
 from .belief import GaussianBelief
 from .no_returns import with_missing_returns
 
@@ -103,33 +104,17 @@ class GaussianFilter(ABC):
         return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
 
 
-def cholesky(matrices: Array) -> tuple[Array, BoolArray]:
-    """Lower roots (k, k, M) of symmetric matrices (k, k, M), and which runs are positive definite."""
+def cholesky(matrices: Array) -> Array:
+    """Lower roots (k, k, M) of symmetric matrices (k, k, M); without meaning where one is not definite."""
     root = np.zeros_like(matrices)
-    positive = np.ones(matrices.shape[-1], dtype=np.bool_)
     for j in range(len(matrices)):
         column = matrices[j:, j].copy()
         for before in range(j):
             column -= root[j, before] * root[j:, before]
         fine = column[0] > 0
-        if fine.all():
-            root[j:, j] = column / np.sqrt(column[0])
-        else:
-            positive &= fine
-            root[j:, j] = column / np.sqrt(np.where(fine, column[0], 1.0))
-            root[j, j, ~fine] = 1.0
-    return root, positive
-
-
-def are_definite(matrices: Array) -> BoolArray:
-    """Which symmetric matrices (k, k, M) are positive definite, by elimination; not if a number is NaN."""
-    rest = matrices
-    positive = rest[0, 0] > 0
-    while len(rest) > 1:
-        pivot = rest[0, 0] if positive.all() else np.where(positive, rest[0, 0], 1.0)
-        rest = rest[1:, 1:] - rest[1:, :1] * (rest[0, 1:] / pivot)
-        positive &= rest[0, 0] > 0
-    return np.asarray(positive)
+        root[j:, j] = column / np.sqrt(column[0] if fine.all() else np.where(fine, column[0], 1.0))
+        root[j, j, ~fine] = 1.0
+    return root
 
 
 def look(sensor: Sensor, states: Array) -> tuple[Array, Array]:
@@ -180,8 +165,8 @@ def accept_definite(
 ) -> GaussianBelief:
     """The new belief; a run whose new covariance is not positive definite keeps the old one, flagged."""
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    fine = are_definite(np.moveaxis(covariance, 0, -1))
-    fine &= np.isfinite(log_density) & np.isfinite(mean).all(-1) & np.isfinite(covariance).all((-2, -1))
+    fine = is_definite(covariance, rounding=0.0, least=0.0)
+    fine &= np.isfinite(log_density) & np.isfinite(mean).all(-1)
     if not fine.all():
         mean = np.where(fine[:, None], mean, belief.mean)
         covariance = np.where(fine[:, None, None], covariance, belief.covariance)

@@ -100,7 +100,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
 
     def _arms(self, belief: GaussianBelief) -> Array:
         """The sigma points but the central one, as seen from the mean: (2 n, M, n)."""
-        root, _ = cholesky(np.moveaxis(belief.covariance, 0, -1))
+        root = cholesky(np.moveaxis(belief.covariance, 0, -1))
         arms = np.sqrt(self._reach) * root.transpose(1, 2, 0)
         return np.concatenate([arms, -arms])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -88,21 +89,15 @@ def _gaussian(stds: Array, measured: BoolArray, reading: Array, expected: Array)
     if reading.shape[-1] > MAX_BEAMS_UNROLLED:
         deviates = (expected - reading) * weight
         return np.asarray(-0.5 * np.einsum("...b,...b->...", deviates, deviates) - level)
-    squares = np.zeros(np.broadcast_shapes(reading.shape, expected.shape)[:-1])
+    rows: Iterable[Array]
     if reading.ndim == 1 and expected.ndim == 2 and expected.flags.f_contiguous:  # long rows
-        deviates = expected.T - reading[:, None]
-        deviates *= weight[:, None]
-        deviates *= deviates
-        for row in deviates:
-            squares += row
-        squares *= -0.5
-        squares -= level
-        return squares
-    for beam in range(reading.shape[-1]):  # numpy is slow on short rows: beam by beam
-        deviate = np.asarray(expected[..., beam] - reading[..., beam])
-        deviate *= weight[..., beam]
-        deviate *= deviate
-        squares += deviate
+        rows = (expected.T - reading[:, None]) * weight[:, None]
+    else:  # numpy is slow on short rows: beam by beam
+        beams = range(reading.shape[-1])
+        rows = ((expected[..., beam] - reading[..., beam]) * weight[..., beam] for beam in beams)
+    squares = np.zeros(np.broadcast_shapes(reading.shape, expected.shape)[:-1])
+    for deviate in rows:
+        squares += deviate * deviate
     squares *= -0.5
     squares -= level
     return squares
