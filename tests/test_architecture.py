@@ -14,7 +14,7 @@ import rangefix
 
 ROOT = Path(rangefix.__file__).parent
 ON_TOP = {"cli", "__main__"}
-GROUND = {"arrays", "compiled", "errors", "extensions", "raster"}
+GROUND = {"arrays", "compiled", "errors", "extensions", "numba_options", "raster"}
 MAY_IMPORT = {
     "maps": {"maps"} | GROUND,
     "filters": {"filters"} | GROUND,

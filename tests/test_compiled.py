@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import gc
+import itertools
 import os
 import subprocess
 import sys
@@ -15,9 +16,12 @@ import numba
 import numpy as np
 import pytest
 from numba.core import event
+from numba.core.compiler import Flags
+from numba.core.cpu_options import FastMathOptions
 from numba.core.errors import TypingError
+from numba.core.targetconfig import TargetConfig
 
-from rangefix import compiled
+from rangefix import compiled, numba_options
 from rangefix.arrays import Array
 from rangefix.compiled import exp_below_zero, njit
 from rangefix.maps import FloorPlan, segment_kernels
@@ -139,6 +143,54 @@ def test_our_loops_alone_are_optimised_at_a_lower_level(
         assert njit()(twice)(1.0) == 2.0
     assert seen == [int(before) if level is None else level]
     assert before == numba.config.OPT
+
+
+def test_numbas_options_are_compared_as_by_numba_itself() -> None:
+    """All pairs of options that are set to their defaults, to other values, and not at all."""
+    ways: list[dict[str, object]] = [
+        {}, {"error_model": "python"}, {"error_model": "numpy"},
+        {"release_gil": True}, {"release_gil": False},
+        {"error_model": "numpy", "release_gil": True, "fastmath": FastMathOptions({"contract"})},
+        {"error_model": "numpy", "release_gil": True, "fastmath": FastMathOptions({"reassoc"})},
+    ]  # fmt: skip
+    every = [Flags() for _ in ways] + [Flags() for _ in ways] + [TargetConfig()]
+    for options, way in zip(every, [*ways, *ways, {}], strict=True):
+        for name, value in way.items():
+            setattr(options, name, value)
+    assert numba_options.IS_KNOWN
+
+    def compared() -> list[tuple[object, ...]]:
+        pairs = itertools.product(every, every)
+        return [(one == other, one != other, hash(one), one == 3) for one, other in pairs]
+
+    before = compared()
+    numba_options.compare_quickly(True)
+    try:
+        assert TargetConfig.__eq__ is not numba_options.WHOLE[0]
+        assert compared() == before
+    finally:
+        numba_options.compare_quickly(False)
+    assert (TargetConfig.__eq__, TargetConfig.__hash__) == numba_options.WHOLE
+
+
+def test_numbas_options_are_compared_quickly_only_while_loops_are_compiled() -> None:
+    seen = []
+
+    class Looks(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: object) -> None:
+            seen.append(TargetConfig.__eq__ is not numba_options.WHOLE[0])
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    @njit()
+    def thrice(value: float) -> float:
+        return 3.0 * value
+
+    with event.install_listener("numba:compile", Looks()):  # type: ignore[no-untyped-call]
+        assert thrice(1.0) == 3.0
+    assert seen == [True]
+    assert TargetConfig.__eq__ is numba_options.WHOLE[0]
 
 
 def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:

@@ -25,6 +25,8 @@ import numba
 import numpy as np
 from numba.core import event
 
+from .numba_options import compare_quickly
+
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
 setattr(numba.config, "THREADING_LAYER_PRIORITY", ["omp", "workqueue", "tbb"])  # noqa: B010 (it has no stub)
 __all__ = ["exp_below_zero", "in_threads", "njit"]
@@ -87,7 +89,7 @@ class _TakesLess(event.Listener):
     """What is dear while a loop of ours is compiled, and gives nothing.
 
     Millions of objects are made, which mostly stay: one looks for garbage seldom. LLVM optimises at a lower
-    level, unless `NUMBA_OPT` says at which.
+    level, unless `NUMBA_OPT` says at which. Options are compared quickly.
     """
 
     depth, threshold, level = 0, gc.get_threshold(), getattr(numba.config, "OPT", OPTIMISATION)
@@ -99,6 +101,7 @@ class _TakesLess(event.Listener):
             return
         self.threshold, self.level = gc.get_threshold(), getattr(numba.config, "OPT", OPTIMISATION)
         gc.set_threshold(OBJECTS)
+        compare_quickly(True)
         if _is_ours(event) and "NUMBA_OPT" not in os.environ:
             setattr(numba.config, "OPT", type(self.level)(OPTIMISATION))  # noqa: B010 (it has no stub)
 
@@ -107,6 +110,7 @@ class _TakesLess(event.Listener):
         self.depth -= 1
         if self.depth == 0:
             gc.set_threshold(*self.threshold)
+            compare_quickly(False)
             setattr(numba.config, "OPT", self.level)  # noqa: B010 (it has no stub)
 
 
@@ -130,7 +134,7 @@ def exp_below_zero(power: float) -> float:
     2^k e^r with |r| <= log(2) / 2, by Taylor's series up to r^13 / 13!. The library's own is called one by
     one from compiled loops, and takes three times as long.
     """
-    kept = max(power, -700.0)
+    kept = -700.0 if power < -700.0 else power
     whole = np.int32(kept * PER_LOG_2 - 0.5)
     rest = kept - whole * LOG_2 - whole * LOG_2_REST
     series = 1.0 / 6227020800.0
