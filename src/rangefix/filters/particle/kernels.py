@@ -46,10 +46,13 @@ def weigh(log_weights: Array, log_density: Array, power: float, logs: Array, wei
     return peak + log_total
 
 
-@njit(inner=True, **SUMS)
-def effective_after(log_weights: Array, log_density: Array, power: float) -> float:
-    """The effective number of particles once a density, (N,), to a power has come to log weights, (N,)."""
-    peak = -math.inf
+@njit(inline="always", **SUMS)
+def loss_after(log_weights: Array, log_density: Array, log_power: float) -> float:
+    """log(N / effective - 1) once a density, (N,), to a power has come to log weights, (N,).
+
+    Over the log of a small power it is a line of slope 2.
+    """
+    power, peak = math.exp(log_power), -math.inf
     for place in range(len(log_weights)):
         total = log_weights[place] + power * log_density[place]
         peak = total if total > peak else peak
@@ -58,40 +61,32 @@ def effective_after(log_weights: Array, log_density: Array, power: float) -> flo
         weight = exp_below_zero(log_weights[place] + power * log_density[place] - peak)
         weights += weight
         squares += weight * weight
-    return weights * weights / squares
+    effective = weights * weights / squares
+    loss = len(log_weights) / effective - 1.0
+    return math.log(loss if loss > LEAST_LOSS else LEAST_LOSS)
 
 
-@njit(inner=True, **LOOP)
-def loss_after(log_weights: Array, log_density: Array, log_power: float) -> float:
-    """log(N / effective - 1) after that, which over the log of a small power is a line of slope 2."""
-    effective = effective_after(log_weights, log_density, math.exp(log_power))
-    return math.log(max(len(log_weights) / effective - 1.0, LEAST_LOSS))
-
-
-@njit(**LOOP)
+@njit(**SUMS)
 def longest_power(log_weights: Array, log_density: Array, most: float, enough: float) -> float:
     """The largest power of a density that leaves so many effective particles: see `longest_stage`."""
     if enough <= 0.0:
         return most
-    allowed = math.log(max(len(log_weights) / enough - 1.0, LEAST_LOSS))
-    low, high = math.log(LEAST_POWER), math.log(most)
-    here, there = high, loss_after(log_weights, log_density, high) - allowed
-    if there <= 0.0:
-        return most
-    guess, slope, value = low, 2.0, there
-    for _ in range(MOST_TRIES):
-        guess = here - there / slope if slope > 0.0 else low
-        if not low < guess < high:
-            guess = 0.5 * (low + high)
+    lost = len(log_weights) / enough - 1.0
+    allowed = math.log(lost if lost > LEAST_LOSS else LEAST_LOSS)
+    low, high, slope = math.log(LEAST_POWER), math.log(most), 2.0
+    here, there, guess, value = high, math.nan, high, math.nan
+    for tries in range(MOST_TRIES + 1):
         value = loss_after(log_weights, log_density, guess) - allowed
-        if value <= 0.0:
-            low = guess
-        else:
-            high = guess
-        if abs(value) < POWER_ROUNDING or high - low < POWER_ROUNDING:
-            break
-        slope = (value - there) / (guess - here)
+        if tries == 0 and value <= 0.0:
+            return most
+        if tries > 0:
+            low, high = (guess, high) if value <= 0.0 else (low, guess)
+            if abs(value) < POWER_ROUNDING or high - low < POWER_ROUNDING:
+                break
+            slope = (value - there) / (guess - here)
         here, there = guess, value
+        guess = here - there / slope if slope > 0.0 else low
+        guess = guess if low < guess < high else 0.5 * (low + high)
     return math.exp(guess if abs(value) < POWER_ROUNDING else low)
 
 
@@ -112,7 +107,7 @@ def step_rows(
         rows: Gets the table, (N + S, n).
     """
     count, size = states.shape
-    share, away, root = even / count, np.empty((size, count)), np.zeros((size, size))
+    share, away, root = even / count, np.empty((size, count)), np.empty((size, size))
     for column in range(size):
         if is_angle is not None and is_angle[column]:
             sine, cosine = 0.0, 0.0
@@ -140,8 +135,8 @@ def step_rows(
                 total -= root[row, before] * root[column, before]
             if column == row:
                 root[row, row] = math.sqrt(total) if total > least else 0.0
-            elif root[column, column] > 0.0:
-                root[row, column] = total / root[column, column]
+            else:
+                root[row, column] = total / root[column, column] if root[column, column] > 0.0 else 0.0
     for place in range(count):
         for column in range(size):
             rows[place, column] = copies[place, column]
@@ -178,7 +173,7 @@ def comb_along(weights: Array, shift: float, ancestors: IntArray) -> None:
         ancestors[tooth] = chosen
 
 
-@njit(**LOOP)
+@njit(inline="always", **LOOP)
 def step_from(
     here: Array, uniform: Array, rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float],
     is_angle: BoolArray | None, proposal: Array,
@@ -224,7 +219,7 @@ def step_from(
                 proposal[place, column] = (proposal[place, column] + math.pi) % TWO_PI - math.pi
 
 
-@njit(**LOOP)
+@njit(inline="always", **LOOP)
 def take_steps(
     states: Array, known: Array, fresh: Array, proposal: Array, known_there: Array, fresh_there: Array,
     power: float, draws: Array, moved: BoolArray,

@@ -51,9 +51,10 @@ def _bound_blocks(readings: Readings, run: int, table: CellTable, bounds: Array)
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, inline="always")
 def _weigh_block(
-    readings: Readings, run: int, table: CellTable, log_mass: Array, row: int, first: int, weighed: Array
-) -> float:
-    """Log weights of a block's cells, written in place; gives the greatest."""
+    readings: Readings, run: int, table: CellTable, log_mass: Array, row: int, first: int, weighed: Array,
+    tops: Array,
+) -> float:  # fmt: skip
+    """Log weights of a block's cells and the greatest of each eight, written in place; gives the greatest."""
     count = min(CELLS_PER_BLOCK, log_mass.shape[1] - first)
     for cell in range(count):
         weighed[cell] = log_mass[row, first + cell]
@@ -69,13 +70,16 @@ def _weigh_block(
                 weighed[cell] -= weight * off * off
     for cell in range(count, CELLS_PER_BLOCK):
         weighed[cell] = -math.inf
-    one, two, three, four = -math.inf, -math.inf, -math.inf, -math.inf  # four chains, none waits for another
-    for cell in range(0, CELLS_PER_BLOCK, 4):
-        one = weighed[cell] if weighed[cell] > one else one
-        two = weighed[cell + 1] if weighed[cell + 1] > two else two
-        three = weighed[cell + 2] if weighed[cell + 2] > three else three
-        four = weighed[cell + 3] if weighed[cell + 3] > four else four
-    return float(max(max(one, two), max(three, four)))
+    most = -math.inf
+    for eight in range(0, CELLS_PER_BLOCK, 8):
+        one = max(weighed[eight], weighed[eight + 1])
+        two = max(weighed[eight + 2], weighed[eight + 3])
+        three = max(weighed[eight + 4], weighed[eight + 5])
+        four = max(weighed[eight + 6], weighed[eight + 7])
+        top = max(max(one, two), max(three, four))
+        tops[eight // 8] = top
+        most = top if top > most else most
+    return most
 
 
 @njit(error_model="numpy", fastmath=FUSED, inner=True)  # kept with those that call it
@@ -87,7 +91,7 @@ def _select(
     There is room for eight more than there are cells.
     """
     row, blocks = run % mass.logs.shape[0], table.low.shape[1]
-    bounds, weighed = np.empty(blocks), np.empty(CELLS_PER_BLOCK)
+    bounds, weighed, tops = np.empty(blocks), np.empty(CELLS_PER_BLOCK), np.empty(CELLS_PER_BLOCK // 8)
     for block in range(blocks):
         bounds[block] = mass.tops[row, block]
     start = _bound_blocks(readings, run, table, bounds)
@@ -97,17 +101,13 @@ def _select(
         block = block if block > 0 else 0  # known not to be negative, it is swept faster
         if bounds[block] > best - NEGLIGIBLE_NATS:
             first = block * CELLS_PER_BLOCK
-            most = _weigh_block(readings, run, table, mass.logs, row, first, weighed)
+            most = _weigh_block(readings, run, table, mass.logs, row, first, weighed, tops)
             best = most if most > best else best
             bar = best - NEGLIGIBLE_NATS
             if most > bar and turn >= 0:
-                for eight in range(0, CELLS_PER_BLOCK, 8):  # most hold nothing
-                    one = max(weighed[eight], weighed[eight + 1])
-                    two = max(weighed[eight + 2], weighed[eight + 3])
-                    three = max(weighed[eight + 4], weighed[eight + 5])
-                    four = max(weighed[eight + 6], weighed[eight + 7])
-                    if max(max(one, two), max(three, four)) > bar:
-                        for cell in range(eight, eight + 8):  # each is written, and kept or not
+                for eight in range(CELLS_PER_BLOCK // 8):  # most hold nothing
+                    if tops[eight] > bar:
+                        for cell in range(8 * eight, 8 * eight + 8):  # each is written, and kept or not
                             chosen[count], logs[count] = first + cell, weighed[cell]
                             count += 1 if weighed[cell] > bar else 0
     return count, best

@@ -294,18 +294,15 @@ class PointMassFilter(BriefRepr):
 
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""
-        if np.isfinite(measurement).all() and not belief.counts.any():  # the usual case: nothing to join
-            counts, readings = np.ones_like(belief.counts), measurement.copy()
-            common = np.zeros_like(measurement) + self._log_peaks
+        measurements = np.concatenate([belief.measurements, measurement[:, None]], axis=1)
+        if not belief.measurements.size and np.isfinite(measurement).all():  # the usual case: nothing to join
+            counts, readings = np.ones(measurement.shape), measurement.copy()
+            log_scale = belief.log_scale + self._log_peaks.sum()
         else:
             counts, readings, common = self._joined(belief, measurement)
-        return replace(
-            belief,
-            counts=counts,
-            readings=readings,
-            log_scale=belief.log_scale + common.sum(1),
-            measurements=np.concatenate([belief.measurements, measurement[:, None]], axis=1),
-        )
+            log_scale = belief.log_scale + common.sum(1)
+        told = {"counts": counts, "readings": readings, "log_scale": log_scale, "measurements": measurements}
+        return replace(belief, **told)
 
     def _joined(self, belief: PointMassBelief, measurement: Array) -> tuple[Array, Array, Array]:
         """Counts and means of the readings with those of a measurement, and the log of the factor, (M, B)."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +18,25 @@ from ..space import StateSpace
 CELLS_PER_TILE_SIDE = 8  # cells are stored tile by tile, so that neighbours lie together
 PLACES_PER_TILE_SIDE = 4  # the same for places, where all headings of a place are stored together
 CELLS_AT_ONCE = 1 << 18  # whose prior is asked for
+
+
+class Box(NamedTuple):
+    """Where a grid's cells and their neighbours lie in its box.
+
+    Attributes:
+        place_of, cell_at, shape, goes_round: `index` and so on of `Grid`.
+        strides: How many places on along each axis the next cell is, (n,).
+        offsets: What `stencil` gives, (S, n).
+        jumps: How many places on each of these is, (S,).
+    """
+
+    place_of: IntArray
+    cell_at: NDArray[np.int32]
+    shape: IntArray
+    goes_round: bool
+    strides: IntArray
+    offsets: IntArray
+    jumps: IntArray
 
 
 @dataclass(frozen=True)
@@ -60,6 +82,24 @@ class Grid:
     def goes_round(self) -> bool:
         """Whether the last axis is a whole circle of headings."""
         return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TWO_PI) < 1e-9
+
+    @cached_property
+    def box(self) -> Box:
+        """What tells compiled loops where a cell's neighbours are."""
+        strides = np.array([math.prod(self.shape[axis + 1 :]) for axis in range(len(self.shape))])
+        offsets, shape = stencil(len(self.shape)), np.array(self.shape)
+        return Box(self.index, self.cell_at, shape, self.goes_round, strides, offsets, offsets @ strides)
+
+
+def stencil(size: int) -> IntArray:
+    """A cell, its neighbours +-e_i, and for each i < j its neighbours +-e_i +-e_j, (S, n)."""
+    axes = np.eye(size, dtype=np.int64)
+    offsets = [0 * axes[0]]
+    for axis in axes:
+        offsets += [axis, -axis]
+    for first, second in itertools.combinations(axes, 2):
+        offsets += [first + second, first - second, second - first, -first - second]
+    return np.array(offsets)
 
 
 def count_cells(prior: Prior, space: StateSpace, cell: ArrayLike, most: int) -> Array:

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from functools import cache
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray, IntArray, sum_terms
 from ...compiled import in_threads, njit
 from .cell_error import MIN_CURVATURE, add_unresolved, unresolved_covariance
-from .grid import Grid
+from .grid import Box, Grid
 from .records import Moments, Readings, SharedRanges
 
 RESOLVED_CURVATURE = 3.5  # 1 / cells^2; up to it nothing is missed: 3e-4 of the variance
@@ -26,27 +23,6 @@ WIDE_SHARE, NARROW_SHARE = 0.03, 0.1  # of the belief about a cell: ranges jump 
 MIN_PIVOT_SHARE, SHRINK_FACTOR = 0.02, 0.9  # see `_make_definite`
 MOST_SHRINKING = 256  # times; the factor is 2e-12 then
 LONE_CELL_CURVATURE = 1e6  # 1 / cells^2, where a cell has no neighbour on either side that is possible
-
-
-class Box(NamedTuple):
-    """Where a grid's cells lie in its box: `index`, `cell_at`, `shape` and `goes_round` of `Grid`."""
-
-    place_of: IntArray
-    cell_at: NDArray[np.int32]
-    shape: IntArray
-    goes_round: bool
-
-
-@cache
-def stencil(size: int) -> IntArray:
-    """A cell, its neighbours +-e_i, and for each i < j its neighbours +-e_i +-e_j, (S, n)."""
-    axes = np.eye(size, dtype=np.int64)
-    offsets = [0 * axes[0]]
-    for axis in axes:
-        offsets += [axis, -axis]
-    for first, second in itertools.combinations(axes, 2):
-        offsets += [first + second, first - second, second - first, -first - second]
-    return np.array(offsets)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -84,7 +60,7 @@ def _bend(centre: float, above: float, below: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _weigh_stencils(
     first_run: int, last_run: int, sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array,
-    box: Box, offsets: IntArray, logs: Array, times: IntArray,
+    box: Box, logs: Array, times: IntArray,
 ) -> None:  # fmt: skip
     """Log weights of each probe cell and its neighbours where the posterior is steep, written in place.
 
@@ -95,19 +71,15 @@ def _weigh_stencils(
         readings: What cells are weighed by.
         ranges: The ranges that the cells expect.
         log_mass: Log weights before the readings, (1 or M, G).
-        box: Where cells lie.
-        offsets: What `stencil` gives, (S, n).
+        box: Where cells and their neighbours lie.
         logs: The log weights, (M, K, S).
         times: How often a cell is asked that is steep, (M, K): 0 where it was the one before, too.
     """
     values, precisions, probe_cells = readings.values, readings.precisions, sums.probe_cells
     table, kinds, shifts = ranges.ranges, ranges.kind, ranges.shift
     period, headings = ranges.period, ranges.headings
-    place_of, cell_at, shape, last = box.place_of, box.cell_at, box.shape, box.shape.size - 1
-    numbers, jumps = np.empty(shape.size, np.int64), np.zeros(offsets.shape[0], np.int64)
-    for s in range(offsets.shape[0]):
-        for axis in range(last + 1):
-            jumps[s] = jumps[s] * shape[axis] + offsets[s, axis]
+    cell_at, shape, strides, last = box.cell_at, box.shape, box.strides, box.shape.size - 1
+    offsets, jumps = box.offsets, box.jumps
     for run in range(first_run, last_run):
         kept = 0
         for k in range(probe_cells.shape[1]):
@@ -119,20 +91,20 @@ def _weigh_stencils(
                     times[run, kept] += 1
                 continue
             kept = k
-            left, inside = place_of[cell], True
-            for axis in range(last, -1, -1):
-                numbers[axis] = left % shape[axis]
-                left //= shape[axis]
-                inside = inside and 0 < numbers[axis] < shape[axis] - 1
+            home, inside = box.place_of[cell], True
+            for axis in range(last + 1):
+                number = home // strides[axis] % shape[axis]
+                inside = inside and 0 < number < shape[axis] - 1
             steep = 0.0  # the trace of the curvature: no eigenvalue is greater
             for s in range(offsets.shape[0]):
                 if s == 3 + 2 * last and steep <= RESOLVED_CURVATURE:
                     break
-                place = place_of[cell] + jumps[s]
+                place = home + jumps[s]
                 if not inside:
                     place = 0
                     for axis in range(last + 1):
-                        number, count = numbers[axis] + offsets[s, axis], shape[axis]
+                        count = shape[axis]
+                        number = home // strides[axis] % count + offsets[s, axis]
                         if box.goes_round and axis == last:
                             number = (number + count) % count
                         if number < 0 or number >= count:
@@ -242,10 +214,9 @@ def _errors(
     grid: Grid, sums: Moments, readings: Readings, ranges: SharedRanges, log_mass: Array
 ) -> tuple[IntArray, Array]:
     """Runs whose means err, (R,), and their mean squared errors, in cells, (R, n, n)."""
-    size, (runs, probes), offsets = len(grid.shape), sums.probe_cells.shape, stencil(len(grid.shape))
+    size, (runs, probes), offsets = len(grid.shape), sums.probe_cells.shape, grid.box.offsets
     logs, times = np.empty((runs, probes, len(offsets))), np.zeros((runs, probes), np.int64)
-    box = Box(grid.index, grid.cell_at, np.array(grid.shape), grid.goes_round)
-    told = sums, readings, ranges, log_mass, box, offsets, logs, times
+    told = sums, readings, ranges, log_mass, grid.box, logs, times
     in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind), *told)
     run, probe = np.nonzero(times)
     if not run.size:
