@@ -158,16 +158,16 @@ def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST
         few = covariance.reshape(-1, size, size).tolist()
         fine = np.array([_is_definite(each, rounding, least) for each in few], bool)
         return fine.reshape(covariance.shape[:-2])
-    rows = np.moveaxis(covariance, (-2, -1), (0, 1)).copy()
+    rows = np.moveaxis(covariance, (-2, -1), (0, 1))
     fine = np.asarray(np.isfinite(rows).all((0, 1)))
     if not fine.all():
-        rows[..., ~fine] = 0.0
+        rows = np.where(fine, rows, 0.0)
     for j in range(size):
-        left = rows[j, j]  # what is left of the variance, given the components before
+        left = rows[0, 0]  # what is left of the variance, given the components before
         fine &= (left > least) & (left > rounding * covariance[..., j, j])
         if j + 1 < size:
-            slope = rows[j + 1 :, j] / np.where(fine, left, 1.0)
-            rows[j + 1 :, j + 1 :] -= slope[:, None] * rows[j, j + 1 :]
+            slope = rows[1:, 0] / (left if fine.all() else np.where(fine, left, 1.0))
+            rows = rows[1:, 1:] - slope[:, None] * rows[0, 1:]
     return fine
 
 

@@ -141,13 +141,13 @@ def condition(
     covariance = covariance.copy()
     step = np.zeros(covariance.shape[1:])
     log_density = np.zeros(covariance.shape[2])
-    for h, y, r, measured in zip(slopes, innovation, noise, used, strict=True):
+    for beam, (h, y, r, measured) in enumerate(zip(slopes, innovation, noise, used, strict=True)):
         cross = sum_terms(row * slope for row, slope in zip(covariance, h, strict=True))
         spread = sum_terms(h * cross) + r
         gain, level = 1.0 / spread, np.log(spread) + LOG_TWO_PI
         if not measured.all():
             gain, level = np.where(measured, gain, 0.0), np.where(measured, level, 0.0)
-        rest = y - sum_terms(h * step)
+        rest = y - sum_terms(h * step) if beam else y
         log_density -= 0.5 * (rest * rest * gain + level)
         step += cross * (gain * rest)
         covariance -= cross[:, None] * (cross * gain)
