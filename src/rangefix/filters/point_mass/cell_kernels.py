@@ -72,11 +72,9 @@ def _weigh_block(
         weighed[cell] = -math.inf
     most = -math.inf
     for eight in range(0, CELLS_PER_BLOCK, 8):
-        one = max(weighed[eight], weighed[eight + 1])
-        two = max(weighed[eight + 2], weighed[eight + 3])
-        three = max(weighed[eight + 4], weighed[eight + 5])
-        four = max(weighed[eight + 6], weighed[eight + 7])
-        top = max(max(one, two), max(three, four))
+        top = -math.inf
+        for cell in range(eight, eight + 8):
+            top = weighed[cell] if weighed[cell] > top else top
         tops[eight // 8] = top
         most = top if top > most else most
     return most

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arrays import TWO_PI, Array, IntArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ..problem import Prior
 from ..space import StateSpace
 
@@ -25,6 +25,7 @@ class Box(NamedTuple):
 
     Attributes:
         place_of, cell_at, shape, goes_round: `index` and so on of `Grid`.
+        inside: Whether each cell has neighbours on all sides in the box, (G,).
         strides: How many places on along each axis the next cell is, (n,).
         offsets: What `stencil` gives, (S, n).
         jumps: How many places on each of these is, (S,).
@@ -34,6 +35,7 @@ class Box(NamedTuple):
     cell_at: NDArray[np.int32]
     shape: IntArray
     goes_round: bool
+    inside: BoolArray
     strides: IntArray
     offsets: IntArray
     jumps: IntArray
@@ -87,8 +89,11 @@ class Grid:
     def box(self) -> Box:
         """What tells compiled loops where a cell's neighbours are."""
         strides = np.array([math.prod(self.shape[axis + 1 :]) for axis in range(len(self.shape))])
-        offsets, shape = stencil(len(self.shape)), np.array(self.shape)
-        return Box(self.index, self.cell_at, shape, self.goes_round, strides, offsets, offsets @ strides)
+        inside = np.zeros(self.shape, dtype=np.bool_)
+        inside[(slice(1, -1),) * len(self.shape)] = True
+        offsets, places = stencil(len(self.shape)), inside.ravel().take(self.index)
+        neighbours = places, strides, offsets, offsets @ strides
+        return Box(self.index, self.cell_at, np.array(self.shape), self.goes_round, *neighbours)
 
 
 def stencil(size: int) -> IntArray:

@@ -91,10 +91,7 @@ def _weigh_stencils(
                     times[run, kept] += 1
                 continue
             kept = k
-            home, inside = box.place_of[cell], True
-            for axis in range(last + 1):
-                number = home // strides[axis] % shape[axis]
-                inside = inside and 0 < number < shape[axis] - 1
+            home, inside = box.place_of[cell], box.inside[cell]
             steep = 0.0  # the trace of the curvature: no eigenvalue is greater
             for s in range(offsets.shape[0]):
                 if s == 3 + 2 * last and steep <= RESOLVED_CURVATURE:
@@ -218,23 +215,25 @@ def _errors(
     logs, times = np.empty((runs, probes, len(offsets))), np.zeros((runs, probes), np.int64)
     told = sums, readings, ranges, log_mass, grid.box, logs, times
     in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind), *told)
-    run, probe = np.nonzero(times)
-    if not run.size:
-        return run, np.empty((0, size, size))
-    steep = np.ascontiguousarray(logs[run, probe].T)
+    asked = np.flatnonzero(times)
+    if not asked.size:
+        return asked, np.empty((0, size, size))
+    run = asked // probes
+    steep = np.ascontiguousarray(logs.reshape(-1, len(offsets)).take(asked, axis=0).T)
     top = steep.max(axis=0)
     weights = np.exp(steep - top)
     held = sum_terms(weights) * np.exp(top - sums.log_sums[run])
     narrow = (held - WIDE_SHARE) / (NARROW_SHARE - WIDE_SHARE)
-    information = _curvature(steep, size)
+    kept = np.flatnonzero(narrow > 0.0)
+    information = _curvature(steep.take(kept, axis=1), size)
     steepest = np.abs(information).sum(axis=0).max(axis=0)  # at least the greatest eigenvalue
-    kept = np.flatnonzero((narrow > 0.0) & (steepest > RESOLVED_CURVATURE))
+    sharp = np.flatnonzero(steepest > RESOLVED_CURVATURE)
+    kept, information = kept[sharp], information.take(sharp, axis=2)
     if not kept.size:
         return kept, np.empty((0, size, size))
-    information = information[:, :, kept]
     _make_definite(information)
-    error = unresolved_covariance(information, _spread(weights[:, kept], offsets))
-    error *= np.minimum(narrow[kept], 1.0) * times[run, probe][kept] / probes
+    error = unresolved_covariance(information, _spread(weights.take(kept, axis=1), offsets))
+    error *= np.minimum(narrow[kept], 1.0) * times.ravel()[asked[kept]] / probes
     first = np.flatnonzero(np.diff(run[kept], prepend=-1))  # of each run
     return run[kept][first], np.moveaxis(np.add.reduceat(error, first, axis=-1), -1, 0)
 
