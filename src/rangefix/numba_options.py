@@ -2,7 +2,7 @@
 
 For each call in a loop numba looks up what it was compiled to before, and compares the loop's options with
 those of others, thousands of times; its own comparison works out all of some twenty options, set or not. A
-numba that keeps its options in another way than versions 0.60 to 0.68 do is left as it is.
+numba that keeps its options in another way than versions 0.63 to 0.68 do is left as it is.
 """
 
 from __future__ import annotations
