@@ -10,11 +10,14 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from numba.core import targetconfig
+Options: Any
+try:
+    from numba.core.targetconfig import TargetConfig as Options
+except ImportError:
+    Options = None
 
 __all__ = ["compare_quickly"]
 
-Options: Any = getattr(targetconfig, "TargetConfig", None)
 IS_KNOWN = all(hasattr(Options, name) for name in ("_values", "values"))
 WHOLE: Any = (Options.__eq__, Options.__hash__) if IS_KNOWN else None
 

@@ -301,8 +301,9 @@ class PointMassFilter(BriefRepr):
         else:
             counts, readings, common = self._joined(belief, measurement)
             log_scale = belief.log_scale + common.sum(1)
-        told = {"counts": counts, "readings": readings, "log_scale": log_scale, "measurements": measurements}
-        return replace(belief, **told)
+        return replace(
+            belief, counts=counts, readings=readings, log_scale=log_scale, measurements=measurements
+        )
 
     def _joined(self, belief: PointMassBelief, measurement: Array) -> tuple[Array, Array, Array]:
         """Counts and means of the readings with those of a measurement, and the log of the factor, (M, B)."""

@@ -91,9 +91,17 @@ class Grid:
         strides = np.array([math.prod(self.shape[axis + 1 :]) for axis in range(len(self.shape))])
         inside = np.zeros(self.shape, dtype=np.bool_)
         inside[(slice(1, -1),) * len(self.shape)] = True
-        offsets, places = stencil(len(self.shape)), inside.ravel().take(self.index)
-        neighbours = places, strides, offsets, offsets @ strides
-        return Box(self.index, self.cell_at, np.array(self.shape), self.goes_round, *neighbours)
+        offsets = stencil(len(self.shape))
+        return Box(
+            place_of=self.index,
+            cell_at=self.cell_at,
+            shape=np.array(self.shape),
+            goes_round=self.goes_round,
+            inside=inside.ravel().take(self.index),
+            strides=strides,
+            offsets=offsets,
+            jumps=offsets @ strides,
+        )
 
 
 def stencil(size: int) -> IntArray:
