@@ -126,10 +126,10 @@ maps.describe
 maps.mesh
 maps.floor_plan maps.rectangle maps.occupancy
 maps.free_space
-maps.walls maps.grid_walls maps.centre_lines
+maps.casting maps.centre_lines
 maps.mesh_formats
 maps.polygon
-maps._open3d maps.grid_kernels maps.segment_kernels maps.strips
+maps._open3d maps.grid_kernels maps.polygon_kernels
 maps.base
 raster extensions compiled
 arrays errors rangefix

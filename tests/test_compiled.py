@@ -24,7 +24,8 @@ from numba.core.targetconfig import TargetConfig
 from rangefix import compiled, numba_options
 from rangefix.arrays import Array
 from rangefix.compiled import exp_below_zero, njit
-from rangefix.maps import FloorPlan, segment_kernels
+from rangefix.maps import FloorPlan, polygon_kernels
+from rangefix.maps.casting import segment_kernels
 from rangefix.maps.polygon import locate
 
 SOURCE, TESTS = Path(compiled.__file__).parent, Path(__file__).parent
@@ -202,7 +203,7 @@ def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:
     corners = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 6.0], [0.0, 6.0]])
     points = np.array([[1.0, 1.0], [5.0, 5.0], [4.0, 3.0]])
     walls = FloorPlan(corners)._walls
-    loops, counts = (segment_kernels.locate_in_polygon, segment_kernels.see_past_segments), set()
+    loops, counts = (polygon_kernels.locate_in_polygon, segment_kernels.see_past_segments), set()
     for given in (points, np.asfortranarray(points), np.repeat(points, 2, axis=0)[::2]):
         assert [*locate(given, corners)] == [1, -1, 0]
         assert [*locate(given[:1], corners)] == [1]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rangefix import compiled
-from rangefix.maps import FloorPlan, MapError, walls
-from rangefix.maps.walls import FEW_WALLS, Walls
+from rangefix.maps import FloorPlan, MapError
+from rangefix.maps.casting import walls
+from rangefix.maps.casting.walls import FEW_WALLS, Walls
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
 PILLAR = [(4, 4), (6, 4), (6, 6), (4, 6)]

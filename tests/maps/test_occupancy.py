@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.maps import FloorPlan, MapError, OccupancyMap
-from rangefix.maps.walls import Walls
+from rangefix.maps.casting.walls import Walls
 
 ALL_ROUND = np.deg2rad(np.arange(0.0, 360.0, 1.0))
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rangefix.filters import Gaussian, Rangefinder, pose_space, position_space
-from rangefix.maps import FloorPlan, walls
-from rangefix.maps.strips import MOST_SLABS, MOST_STRIPS, strips_along
-from rangefix.maps.walls import FEW_WALLS, MOST_DIRECTIONS, Walls
+from rangefix.maps import FloorPlan
+from rangefix.maps.casting import walls
+from rangefix.maps.casting.strips import MOST_SLABS, MOST_STRIPS, strips_along
+from rangefix.maps.casting.walls import FEW_WALLS, MOST_DIRECTIONS, Walls
 
 ANGLES = np.deg2rad([0.0, 90.0, 180.0, -90.0, 45.0, 1e-7, 17.3, -100.1])
 

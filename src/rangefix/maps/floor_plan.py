@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, BoolArray
 from .base import MapError, check_points
+from .casting.caster import InWalls
+from .casting.walls import Walls
 from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting
-from .walls import InWalls, Walls
 
 Corners = tuple[tuple[float, float], ...]
 Wall = tuple[float, float, float, float]

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array, BoolArray, IntArray, counted_from, read_only
 from ..raster import Raster
 from .base import MapError
-from .walls import Walls
+from .casting.walls import Walls
 
 BLOCKED, FREE, MIXED = 0, 1, 2
 STEP = 0.25  # m that the floor may differ from its level: thresholds and carpets are floor, furniture is not

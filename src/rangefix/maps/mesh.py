@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, BoolArray, IntArray
 from ..raster import Raster
 from .base import MapError, check_points
+from .casting.caster import InWalls
+from .casting.walls import Walls
 from .floor_plan import FloorPlan
 from .free_space import FreeSpace, Outline, find_free_space
-from .walls import InWalls, Walls
 
 SHORT = 1e-9  # m; a shorter piece of the cut is rounding
 

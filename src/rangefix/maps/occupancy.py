@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, BoolArray
 from .base import MapError, check_points
+from .casting.caster import InWalls
+from .casting.grid_walls import GridWalls
+from .casting.walls import Walls
 from .centre_lines import centre_lines
-from .grid_walls import GridWalls
-from .walls import InWalls, Walls
 
 FREE, WALL, UNKNOWN = 0, 1, 2
 SHORTEST_CELL, LONGEST = 1e-6, 1e6  # m

@@ -85,7 +85,7 @@ def _side(a: Array, b: Array, p: Array) -> Array:
 
 def locate(points: Array, corners: Array) -> NDArray[np.int8]:
     """1 inside the polygon, 0 on its border, -1 outside (also for a point not finite): (N, 2) -> (N,)."""
-    from .segment_kernels import locate_in_polygon  # numba takes a quarter of a second
+    from .polygon_kernels import locate_in_polygon  # numba takes a quarter of a second
 
     where = np.empty(len(points))
     points, corners = (np.ascontiguousarray(given, dtype=np.float64) for given in (points.T, corners))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
-from ...compiled import in_threads, njit
+from ...compiled import exp_below_zero, in_threads, njit
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
@@ -17,7 +18,8 @@ OCTANTS = "000 001 011 010 110 111 101 100"  # clockwise: to the left?, back?, m
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
 
 
-class Gaussians(NamedTuple):
+@dataclass(frozen=True)
+class Gaussians:
     """Terms exp(log_scale_k - d' precision_k d / 2) of a sum, d = state - centre_k.
 
     Attributes:
@@ -31,6 +33,27 @@ class Gaussians(NamedTuple):
     precision: Array
     log_scale: Array
     is_angle: BoolArray
+
+    @cached_property
+    def middle(self) -> Array:
+        """The centre of the greatest scale, (n,): about it little cancels in the squares multiplied out."""
+        return np.asarray(self.centres[self.log_scale.argmax()])
+
+    @cached_property
+    def weights(self) -> Array:
+        """What powers of a state count in the exponents: 1, components and their products, (t, K)."""
+        offset = _short_way(self.centres - self.middle, self.is_angle)
+        pull = np.einsum("kij,kj->ki", self.precision, offset)
+        level = self.log_scale - 0.5 * (pull * offset).sum(axis=1)
+        rows, columns = np.tril_indices(len(self.is_angle))
+        squares = self.precision[:, rows, columns] * np.where(rows == columns, -0.5, -1.0)
+        return np.ascontiguousarray(np.column_stack([level, pull, squares]).T)
+
+    @cached_property
+    def reach(self) -> Array:
+        """How far the angles of centres lie from the middle's at most, each."""
+        offset = _short_way(self.centres - self.middle, self.is_angle)
+        return np.asarray(np.abs(offset[:, self.is_angle]).max(axis=0, initial=0.0))
 
 
 class Around(NamedTuple):
@@ -57,12 +80,13 @@ class Around(NamedTuple):
 
 def log_sum(states: Array, gaussians: Gaussians) -> Array:
     """Log of the sum of all Gaussians at each state, (N, n) -> (N,)."""
-    result = np.empty(len(states))
-    for part, logs in _exponents(states, gaussians):
-        top = logs.max(axis=1)
-        logs -= top[:, None]
-        np.maximum(logs, UNDERFLOW, out=logs)
-        result[part] = top + np.log(np.exp(logs, out=logs).sum(axis=1))
+    result, exponents = np.empty(len(states)), _Exponents.of(states, gaussians)
+
+    def sum_up(first: int, last: int) -> None:
+        for part in exponents.parts[first:last]:
+            _log_sums(exponents.at(part), result[part])
+
+    in_threads(sum_up, len(exponents.parts), len(states) * len(gaussians.centres))
     return result
 
 
@@ -78,8 +102,9 @@ def log_reached(states: Array, gaussians: Gaussians, ends: Array, around: Around
     Returns:
         (N,); -inf where nothing reaches.
     """
-    result = np.empty(len(states))
-    for part, logs in _exponents(states, gaussians):
+    result, exponents = np.empty(len(states)), _Exponents.of(states, gaussians)
+    for part in exponents.parts:
+        logs = exponents.at(part)
         greatest = logs.argmax(axis=1)
         in_threads(_sum_reached, len(logs), logs.size, logs, greatest, ends[part], around, result[part])
     return result
@@ -92,30 +117,43 @@ def reached(ends: Array, free: BoolArray, around: Around) -> BoolArray:
     return result
 
 
-def _exponents(states: Array, gaussians: Gaussians) -> Iterator[tuple[slice, Array]]:
-    """log_scale_k - d' precision_k d / 2 for some states and all k: which states, and (k, K) for them.
+class _Exponents(NamedTuple):
+    """log_scale_k - d' precision_k d / 2 for all states and k, a part of the states at a time.
 
-    The squares multiplied out are one product of matrices; about the centres' middle little cancels.
+    Attributes:
+        states: (N, n).
+        gaussians: The terms.
+        powers: Of the states, (N, t): one product of matrices with their weights is all.
+        round_about: Which states may be nearer to some centres the other way round, (N,).
+        parts: Of the states; the same for any number of threads, as sums of a product may hang on its size.
     """
-    centres, precision, log_scale, is_angle = gaussians
-    rows, columns = np.tril_indices(states.shape[1])
-    middle = centres[log_scale.argmax()]
-    away, offset = _short_way(states - middle, is_angle), _short_way(centres - middle, is_angle)
-    pull = (precision @ offset[..., None])[..., 0]
-    level = log_scale - 0.5 * (pull * offset).sum(axis=1)
-    squares = precision[:, rows, columns] * np.where(rows == columns, -0.5, -1.0)
-    weights = np.column_stack([level, pull, squares]).T
-    powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
-    reach = np.abs(offset[:, is_angle]).max(axis=0, initial=0.0)
-    round_about = (np.abs(away[:, is_angle]) + reach > TWO_PI / 2).any(axis=1)
-    step = max(1, TERMS_AT_ONCE // len(centres))
-    for first in range(0, len(states), step):
-        part = slice(first, first + step)
-        logs = powers[part] @ weights
-        for place in np.flatnonzero(round_about[part]):
-            short = _short_way(states[first + place] - centres, is_angle)
-            logs[place] = log_scale - 0.5 * np.einsum("ki,kij,kj->k", short, precision, short)
-        yield part, logs
+
+    states: Array
+    gaussians: Gaussians
+    powers: Array
+    round_about: BoolArray
+    parts: list[slice]
+
+    @staticmethod
+    def of(states: Array, gaussians: Gaussians) -> _Exponents:
+        """Those of some Gaussians at states, (N, n)."""
+        is_angle = gaussians.is_angle
+        away = _short_way(states - gaussians.middle, is_angle)
+        rows, columns = np.tril_indices(len(is_angle))
+        powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
+        far_off = np.abs(away[:, is_angle]) + gaussians.reach > TWO_PI / 2
+        step = max(1, TERMS_AT_ONCE // len(gaussians.centres))
+        parts = [slice(first, first + step) for first in range(0, len(states), step)]
+        return _Exponents(states, gaussians, powers, np.asarray(far_off.any(axis=1)), parts)
+
+    def at(self, part: slice) -> Array:
+        """Those of a part of the states, (k, K)."""
+        logs = self.powers[part] @ self.gaussians.weights
+        for place in np.flatnonzero(self.round_about[part]):
+            one = self.gaussians
+            short = _short_way(self.states[part][place] - one.centres, one.is_angle)
+            logs[place] = one.log_scale - 0.5 * np.einsum("ki,kij,kj->k", short, one.precision, short)
+        return np.asarray(logs)
 
 
 def _in_octants(closeness: Array) -> Array:
@@ -134,6 +172,18 @@ def _short_way(offset: Array, is_angle: BoolArray) -> Array:
     """Offsets (N, n), in place, whose angles go the short way round."""
     offset[:, is_angle] -= TWO_PI * np.rint(offset[:, is_angle] / TWO_PI)
     return offset
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _log_sums(logs: Array, result: Array) -> None:
+    """Logs of the sums of exp(logs) along rows, (N, K) -> (N,), written in place."""
+    for place in range(len(logs)):
+        row, top, total = logs[place], -math.inf, 0.0
+        for k in range(len(row)):
+            top = row[k] if row[k] > top else top
+        for k in range(len(row)):
+            total += exp_below_zero(row[k] - top)
+        result[place] = top + math.log(total)
 
 
 @njit(cache=True, nogil=True, inline="always")

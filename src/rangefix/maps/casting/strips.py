@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, IntArray, counted_from
-from .base import EDGE_ON, TOUCHING
+from ...arrays import Array, IntArray, counted_from
+from ..base import EDGE_ON, TOUCHING
 
 WALLS_TO_A_STRIP, LEAST_STRIPS, MOST_STRIPS = 4, 64, 1024
 WALLS_TO_A_SLAB, LEAST_SLABS, MOST_SLABS = 16, 16, 256

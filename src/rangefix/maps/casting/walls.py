@@ -3,9 +3,9 @@
 Of many, Open3D's RaycastingScene (Embree: Wald et al., 2014) finds the wall that a beam meets. It works in
 float32. The walls are extruded about the plane of the beams and moved to their centre, so that large map
 coordinates cost nothing. What it answers decides which wall is met; the distance then follows from that
-wall's line in float64. Where many poses lie close together, most beams meet one wall from all of them, and
-it need not be asked again; no bit of an answer tells that this was done. Where one heading is asked for again
-and again, walls are sorted along its beams (strips.py), which takes no Open3D.
+wall's line in float64. Where many poses lie close together, beams meet one of a few walls, which are compared
+instead (clouds.py); no bit of an answer tells that this was done. Where one heading is asked for again and
+again, walls are sorted along its beams (strips.py), which takes no Open3D.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import product
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray, IntArray, counted_from, in_groups, wrap
-from ._open3d import open3d
-from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+from ...arrays import Array, BoolArray, IntArray, counted_from, in_groups
+from .._open3d import open3d
+from ..base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+from .clouds import Cloud, cloud_of
 from .strips import Strips, strips_along
 
 FEW_WALLS = 48  # with more, Open3D's tree of them takes less time than all of them
@@ -30,11 +31,6 @@ OVERLAP = 2e-5  # m by which a wall runs on where it ends so near to another, so
 RAY_WORK = 16  # values that a beam along strips reads, about
 PAIRS = 1 << 20  # of ends and walls that are compared at a time
 AHEAD = np.zeros(1)
-CASTS = ("ranges", "cast", "gradients")  # what maps answer of beams
-MANY_POSES, WALLS_TO_A_POSE = 32, 16  # from so many poses it pays to ask which walls all of them meet,
-CLOSE_M, CLOSE_RAD = 0.5, 0.1  # if they lie no further from their middle,
-LEAST_SHARE = 0.25  # and if so many of the beams meet one wall
-ROUNDING_RAD = 1e-9  # of headings
 MOST_SORTED, MOST_DIRECTIONS = 20_000, 32  # walls that are sorted along a beam; beams that they are kept for
 TRUSTED = 0.05  # m from float32's distance; further off, the beam runs along the wall and meets its end
 
@@ -188,9 +184,9 @@ class Walls:
             return self._cast_along(poses, bearings, met)
         ranges, positions = np.empty(shape), poses[:, :2] - self.centre
         few = len(self.segments) <= FEW_WALLS
-        common = None if few else self._met_by_all(positions, headings, bearings)
-        if common is not None:
-            self._cast_from_one_place(positions, headings, bearings, common, ranges, met)
+        cloud = None if few else cloud_of(self.rows, positions, headings, bearings)
+        if cloud is not None:
+            self._cast_from_one_place(positions, headings, bearings, cloud, ranges, met)
         elif few:
             self._cast_at_each(positions, headings, bearings, ranges, met)
         else:
@@ -199,7 +195,7 @@ class Walls:
 
     def _cast_along(self, poses: Array, directions: Array, met: IntArray | None) -> Array:
         """Ranges (N, B), beam by beam, of poses along directions, (B,), that walls are sorted along."""
-        from ..compiled import in_threads
+        from ...compiled import in_threads
         from .segment_kernels import meet_along
 
         ranges = np.empty((len(directions), len(poses)))
@@ -217,56 +213,35 @@ class Walls:
         return ranges.T
 
     def _cast_from_one_place(
-        self, positions: Array, headings: Array, bearings: Array, common: IntArray, ranges: Array,
+        self, positions: Array, headings: Array, bearings: Array, cloud: Cloud, ranges: Array,
         met: IntArray | None,
     ) -> None:  # fmt: skip
-        """Ranges (N, B) of poses that are close together, most of whose beams meet one wall, `common`."""
-        from ..compiled import in_threads
-        from .segment_kernels import ranges_to_lines
-
-        rest, known = np.flatnonzero(common < 0), np.flatnonzero(common >= 0)
-        turns, beams = unit_vectors(headings), unit_vectors(bearings[known])
-        arrays = self.rows[common[known], 4:], positions, *turns, *beams, known, ranges
-        in_threads(ranges_to_lines, len(positions), len(positions) * len(known), *arrays)
+        """Ranges (N, B) of poses that are close together; Open3D is asked for what stays unclear."""
+        turns, beams = unit_vectors(headings), unit_vectors(bearings)
+        unclear = cloud.cast(self.rows, positions, turns, beams, ranges, met)
         if met is not None:
-            met[:, known] = 2 * common[known]
-        if len(rest):
-            others = np.empty((len(positions), len(rest)))
-            which = np.empty((0, 0) if met is None else others.shape, dtype=np.int64)
-            self._cast_into_scene(positions, headings, bearings[rest], others, None if met is None else which)
-            ranges[:, rest] = others
+            met *= 2
+        places, which = np.nonzero(unclear)
+        for first in range(0, len(places), RAYS):
+            place, beam = places[first : first + RAYS], which[first : first + RAYS]
+            turn = place if len(headings) > 1 else np.zeros_like(place)
+            outs: list[Any] = [np.empty((1, len(place)))]
+            outs += [] if met is None else [np.empty((1, len(place)), dtype=np.int64)]
+            parts = [
+                [each[None] for each in pair]
+                for pair in (positions[place].T, [v[turn] for v in turns], [v[beam] for v in beams])
+            ]
+            with np.errstate(all="ignore"):
+                self._fill(parts[0], parts[1], parts[2], outs, np.zeros((1, len(place), 6), dtype=np.float32))
+            ranges[place, beam] = outs[0][0]
             if met is not None:
-                met[:, rest] = which
-
-    def _met_by_all(self, positions: Array, headings: Array, bearings: Array) -> IntArray | None:
-        """The wall that each beam meets from all poses, (B,), -1 where there may be several.
-
-        None where that takes longer than to cast: the poses are few, or too far apart.
-        """
-        count = len(positions)
-        if count < MANY_POSES or count < len(self.segments) / WALLS_TO_A_POSE:
-            return None
-        turns = wrap(headings - headings[0])
-        lower = np.array([column.min() for column in (*positions.T, turns)])
-        upper = np.array([column.max() for column in (*positions.T, turns)])
-        halves = 0.5 * (upper - lower)
-        if halves[:2].max() > CLOSE_M or halves[2] > CLOSE_RAD:
-            return None
-        from ..compiled import in_threads
-        from .segment_kernels import walls_met_by_all
-
-        middle = 0.5 * (upper + lower)
-        directions = np.stack(unit_vectors(headings[0] + middle[2] + bearings), axis=1)
-        met = np.empty(len(bearings), dtype=np.int64)
-        arrays = self.rows, middle[:2], halves[:2], halves[2] + ROUNDING_RAD, directions, met
-        in_threads(walls_met_by_all, len(met), len(met) * len(self.segments), *arrays)
-        return met if np.count_nonzero(met >= 0) > LEAST_SHARE * len(met) else None
+                met[place, beam] = outs[1][0]
 
     def _cast_at_each(
         self, positions: Array, headings: Array, bearings: Array, ranges: Array, met: IntArray | None
     ) -> None:
         """Ranges (N, B), every beam against every wall; places are from the centre, headings (N,) or (1,)."""
-        from ..compiled import in_threads
+        from ...compiled import in_threads
         from .segment_kernels import cast_at_segments
 
         arrays = (
@@ -344,69 +319,6 @@ def _abutting(ends: Array, own: IntArray, a: Array, b: Array) -> BoolArray:
         near = np.abs(away - reach[:, None] * span).max(axis=1) <= OVERLAP
         found[end[near & (own[end] != wall)]] = True
     return found
-
-
-class Caster(Protocol):
-    """Walls that say what beams meet: arguments and answers as for `Walls`."""
-
-    @property
-    def segments(self) -> Array:
-        """All walls as x1a, x2a, x1b, x2b, m, (S, 4)."""
-
-    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """Distance to the first wall along each beam."""
-
-    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
-        """Ranges, normals of the walls met and gradients of one cast."""
-
-    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """Derivatives of the ranges by x1, x2 and heading."""
-
-    def at_one_heading(self) -> Caster:
-        """The same for poses of one heading, which come again and again."""
-
-
-class InWalls:
-    """A map whose walls are segments: what beams meet is asked of its walls."""
-
-    _walls: Caster
-
-    @property
-    def segments(self) -> Array:
-        """All walls as x1a, x2a, x1b, x2b, m, (S, 4)."""
-        return self._walls.segments
-
-    def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """Distance from each pose to the first wall along each beam.
-
-        Args:
-            poses: x1, x2 (m) and heading (rad, clockwise from +x2); shape (..., 3).
-            bearings: Beam directions relative to the heading (rad, clockwise); shape (B,).
-
-        Returns:
-            Distances in metres, (..., B); inf where a beam meets no wall: from outside, or through an open
-            window. A pose within float32's error of a wall (1e-5 m) may be on either side of it.
-
-        Raises:
-            ValueError: If a pose or bearing is not finite, or a shape is wrong.
-        """
-        return self._walls.ranges(poses, bearings)
-
-    def at_one_heading(self) -> Caster:
-        """What says ranges, and casts, to poses of one heading, which come again and again.
-
-        The map itself, if it is of a kind that has ranges, casts or gradients of its own.
-        """
-        own = [getattr(type(self), name) is not getattr(InWalls, name) for name in CASTS]
-        return self if any(own) else self._walls.at_one_heading()
-
-    def cast(self, poses: ArrayLike, bearings: ArrayLike) -> Hits:
-        """Ranges, normals of the walls met and gradients of one cast; arguments as for `ranges`."""
-        return self._walls.cast(poses, bearings)
-
-    def gradients(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
-        """Derivatives of the ranges by x1, x2 and heading, (..., B, 3); arguments as for `ranges`."""
-        return self.cast(poses, bearings).gradients
 
 
 def _blocks(shape: tuple[int, ...], height: int, width: int) -> Iterator[tuple[slice, slice]]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, BoolArray
-from .base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+from ...arrays import Array, BoolArray
+from ..base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 
 FARTHEST_LEAP = 1000  # cells
 
@@ -103,7 +103,7 @@ class GridWalls:
 
     def _cast(self, poses: Array, bearings: Array, axes: NDArray[np.int8]) -> Array:
         """Ranges (N, B); what edges were met goes to `axes`."""
-        from .grid_kernels import cast_into_cells  # numba takes a quarter of a second
+        from ..grid_kernels import cast_into_cells  # numba takes a quarter of a second
 
         ranges = np.empty((len(poses), len(bearings)))
         if not ranges.size:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import Array
-from rangefix.maps.segment_kernels import MARGIN_M, walls_met_by_all
-from rangefix.maps.walls import FEW_WALLS, Walls
+from rangefix.maps.casting.cloud_kernels import MARGIN_M, walls_met_by_all
+from rangefix.maps.casting.clouds import cloud_of
+from rangefix.maps.casting.walls import FEW_WALLS, Walls
 
 AROUND = np.deg2rad(np.arange(-180.0, 180.0, 5.0))
 
@@ -23,11 +24,16 @@ def jagged(corners: int, rng: np.random.Generator) -> Array:
     ])  # fmt: skip
 
 
+def asked(walls: Array, halves: tuple[float, float], turn: float) -> tuple[int, list[int]]:
+    """What a beam along +x2 meets from all of a box about the origin, and what it may meet, in order."""
+    met, choices = np.empty(1, dtype=np.int64), np.empty((1, 4), dtype=np.int64)
+    walls_met_by_all(0, 1, walls, np.zeros(2), np.array(halves), turn, np.array([[0.0, 1.0]]), met, choices)
+    return int(met[0]), sorted(choices[choices >= 0].tolist())
+
+
 def met_by(walls: Array, halves: tuple[float, float], turn: float) -> int:
     """What a beam along +x2 meets from all of a box about the origin."""
-    met = np.empty(1, dtype=np.int64)
-    walls_met_by_all(0, 1, walls, np.zeros(2), np.array(halves), turn, np.array([[0.0, 1.0]]), met)
-    return int(met[0])
+    return asked(walls, halves, turn)[0]
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-6, 1e-3, 0.02, 0.1, 0.4])
@@ -42,7 +48,7 @@ def test_the_bits_are_those_of_casting(spread: float, turn: float) -> None:
         positions, headings, bearings = poses[:, :2] - walls.centre, poses[:, 2], AROUND
         if turn == 0:
             headings, bearings = np.zeros(1), headings[0] + bearings
-        shares.append(walls._met_by_all(positions, headings, bearings) is not None)
+        shares.append(cloud_of(walls.rows, positions, headings, bearings) is not None)
         ranges = np.empty((len(poses), len(AROUND)))
         met = np.empty(ranges.shape, dtype=np.int64)
         walls._cast_into_scene(positions, headings, bearings, ranges, met)
@@ -53,6 +59,43 @@ def test_the_bits_are_those_of_casting(spread: float, turn: float) -> None:
         assert np.array_equal(np.abs(hits.normals), np.abs(normals))
     if spread < 0.01 and turn < 0.01:
         assert np.mean(shares) > 0.9
+
+
+def hostile(rng: np.random.Generator) -> Array:
+    """A room of many short walls, (S, 4): gaps of up to a millimetre, poles, walls twice over."""
+    angles = np.sort(rng.uniform(-np.pi, np.pi, int(rng.integers(60, 900))))
+    radii = (5.0 + 0.3 * np.sin(7 * angles) + rng.normal(0.0, 0.02, len(angles)))[:, None]
+    ring = radii * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    gap = float(rng.choice([-1.0, 1.0]) * rng.choice([0.0, 1e-6, 5e-5, 1e-4, 2e-4, 1e-3]))
+    along = np.roll(ring, -1, axis=0) - ring
+    length = np.hypot(*along.T)[:, None]
+    walls = np.hstack([ring + along / length * gap, ring + along * (1 - gap / length)])
+    walls = walls[length[:, 0] > 1e-3 + 4 * abs(gap)]
+    poles = rng.uniform(-4.0, 4.0, (40, 2))
+    poles = np.hstack([poles, poles + rng.normal(0.0, rng.choice([0.02, 0.3, 2.0]), poles.shape)])
+    again = walls[::3] + rng.choice([0.0, 1e-6, 5e-5, 3e-4, 5e-3]) * rng.normal(size=(1, 4))
+    return np.concatenate([walls, poles, again])
+
+
+def test_the_bits_are_those_of_casting_where_it_is_close() -> None:
+    """60 clouds in rooms of walls that nearly touch: ranges and normals; Open3D casts few beams."""
+    rng, left = np.random.default_rng(3), []
+    for turn in rng.choice([0.0, 1e-4, 1e-3, 0.02, 0.09], 60):
+        walls, spread = Walls(hostile(rng)), rng.choice([1e-5, 1e-4, 1e-3, 0.01, 0.05, 0.2])
+        middle = np.append(walls.centre + rng.uniform(-2.0, 2.0, 2), 0.0)
+        poses = middle + rng.uniform(-1.0, 1.0, (300, 3)) * (spread, spread, turn)
+        headings = poses[:, 2] if turn else np.zeros(1)
+        cloud = cloud_of(walls.rows, poses[:, :2] - walls.centre, headings, AROUND)
+        left.append(1.0 if cloud is None else ((cloud.met < 0) & (cloud.choices[:, 0] < 0)).mean())
+        ranges = np.empty((len(poses), len(AROUND)))
+        met = np.empty(ranges.shape, dtype=np.int64)
+        walls._cast_into_scene(poses[:, :2] - walls.centre, headings, AROUND, ranges, met)
+        hits = walls.cast(poses, AROUND)
+        assert np.array_equal(walls.ranges(poses, AROUND), ranges)
+        assert np.array_equal(hits.ranges, ranges)
+        normals = np.stack([v.take(met, mode="clip") for v in walls._lines[:2]], axis=-1)
+        assert np.array_equal(np.abs(hits.normals), np.abs(normals))
+    assert np.mean(left) < 0.1
 
 
 @pytest.mark.parametrize(("halves", "turn"), [((0.1, 0.1), 0.0), ((0.0, 0.0), 0.05), ((0.05, 0.2), 0.01)])
@@ -91,10 +134,38 @@ def test_a_beam_along_a_wall_is_left_to_others() -> None:
         assert met_by(wall, (0.01, 0.01), 0.0) == met
 
 
+def test_what_is_behind_a_chain_of_walls_is_no_choice() -> None:
+    """Two walls that meet in the wedge hide a third; not if there is a gap, or one ends in it."""
+    halves, behind = (0.1, 0.1), [-3.0, 5.0, 3.0, 5.0]
+    left, right = [-3.0, 4.0, 0.02, 4.1], [0.02, 4.1, 3.0, 4.0]
+    assert asked(np.array([left, right, behind]), halves, 0.0) == (-1, [0, 1])
+    assert asked(np.array([behind, right, left]), halves, 0.02) == (-1, [1, 2])
+    apart = [0.03, 4.1, 3.0, 4.0]
+    assert asked(np.array([left, apart, behind]), halves, 0.0) == (-1, [0, 1, 2])
+    short = [0.02, 4.1, 0.09, 4.0]
+    assert asked(np.array([left, short, behind]), halves, 0.0) == (-1, [0, 1, 2])
+    overlapping = [-0.01, 4.5, 3.0, 4.5]  # no line passes both, if none is steep
+    assert asked(np.array([left, overlapping, behind]), halves, 0.0) == (-1, [0, 1])
+    assert asked(np.array([left, overlapping, behind]), halves, 0.2) == (-1, [0, 1, 2])
+
+
+def test_of_more_walls_than_can_be_kept_none_is_said() -> None:
+    """Five short walls in the wedge, where four have room."""
+    poles = np.array([[0.01 * k, 2.0 + k, 0.01 * k + 0.005, 2.0 + k] for k in range(5)])
+    assert asked(poles[:4], (0.1, 0.1), 0.0) == (-1, [0, 1, 2, 3])
+    assert asked(poles, (0.1, 0.1), 0.0) == (-1, [])
+
+
+def test_a_corner_that_leans_back_is_no_end_of_the_wedge() -> None:
+    """A wall of which the lower end lies inside, and the upper beyond the lower edge: it widens."""
+    wall, behind = [-0.5, 10.0, -0.35, 1.0], [-9.0, 12.0, 9.0, 12.0]
+    assert asked(np.array([wall, behind]), (0.1, 0.1), 0.1) == (-1, [0, 1])
+
+
 def test_poses_that_are_few_or_far_apart_are_not_asked_about() -> None:
     """It would take longer than to cast."""
     rng = np.random.default_rng(0)
     walls = Walls(jagged(100, rng))
     for count, spread in ((4, 0.01), (400, 2.0)):
         places = rng.uniform(-spread, spread, (count, 2))
-        assert walls._met_by_all(places, np.zeros(1), AROUND) is None
+        assert cloud_of(walls.rows, places, np.zeros(1), AROUND) is None
