@@ -22,6 +22,7 @@ RESOLVED_CURVATURE = 3.5  # 1 / cells^2; up to it nothing is missed: 3e-4 of the
 WIDE_SHARE, NARROW_SHARE = 0.03, 0.1  # of the belief about a cell: ranges jump in wide posteriors, too
 MIN_PIVOT_SHARE, SHRINK_FACTOR = 0.02, 0.9  # see `_make_definite`
 MOST_SHRINKING = 256  # times; the factor is 2e-12 then
+VALUES_TO_A_BEAM = 4  # that are read where a cell is weighed: the range, the reading and what they are
 LONE_CELL_CURVATURE = 1e6  # 1 / cells^2, where a cell has no neighbour on either side that is possible
 
 
@@ -187,12 +188,25 @@ def _make_definite(information: Array) -> None:
         less[diagonal, diagonal] = kept
         return less
 
-    few, enough = np.zeros(wrong.size, np.int64), np.full(wrong.size, MOST_SHRINKING)
+    enough = _least_shrinking(off)
+    definite = _is_definite(shrunk(enough))
+    few, enough = np.where(definite, enough - 1, enough), np.where(definite, enough, MOST_SHRINKING)
     while (enough - few > 1).any():
         middle = (few + enough) // 2
         definite = _is_definite(shrunk(middle))
         few, enough = np.where(definite, few, middle), np.where(definite, middle, enough)
     information[:, :, wrong] = shrunk(enough)
+
+
+def _least_shrinking(information: Array) -> IntArray:
+    """How often each, (n, n, K), has to be shrunk for any two of its components alone: for n = 2 that is all."""
+    least = np.zeros(information.shape[2], np.int64)
+    for i, j in itertools.combinations(range(len(information)), 2):
+        with np.errstate(divide="ignore"):  # no product of the two
+            share = (1 - MIN_PIVOT_SHARE) * information[i, i] * information[j, j] / information[i, j] ** 2
+        times = np.floor(0.5 * np.log(np.minimum(share, 1.0)) / math.log(SHRINK_FACTOR)) + (share <= 1.0)
+        np.maximum(least, times.astype(np.int64), out=least)
+    return np.minimum(least, MOST_SHRINKING)
 
 
 def _is_definite(information: Array) -> BoolArray:
@@ -214,7 +228,7 @@ def _errors(
     size, (runs, probes), offsets = len(grid.shape), sums.probe_cells.shape, grid.box.offsets
     logs, times = np.empty((runs, probes, len(offsets))), np.zeros((runs, probes), np.int64)
     told = sums, readings, ranges, log_mass, grid.box, logs, times
-    in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind), *told)
+    in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind) * VALUES_TO_A_BEAM, *told)
     asked = np.flatnonzero(times)
     if not asked.size:
         return asked, np.empty((0, size, size))
