@@ -29,8 +29,9 @@ from .numba_options import compare_quickly
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
 setattr(numba.config, "THREADING_LAYER_PRIORITY", ["omp", "workqueue", "tbb"])  # noqa: B010 (it has no stub)
-__all__ = ["exp_below_zero", "in_threads", "njit"]
+__all__ = ["FUSED", "exp_below_zero", "in_threads", "njit"]
 
+FUSED = {"contract"}  # a product and a sum may be rounded once, where the machine does both at once
 SHARES_PER_THREAD = 4  # of a loop, for shares take unlike times
 LEAST_WORK = 1_000_000  # values that a loop reads: with fewer, waking a thread takes longer than it saves
 

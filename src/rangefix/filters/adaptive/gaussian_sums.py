@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
-from ...compiled import exp_below_zero, in_threads, njit
+from ...compiled import FUSED, exp_below_zero, in_threads, njit
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
@@ -174,7 +174,7 @@ def _short_way(offset: Array, is_angle: BoolArray) -> Array:
     return offset
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED | {"reassoc"})
 def _log_sums(logs: Array, result: Array) -> None:
     """Logs of the sums of exp(logs) along rows, (N, K) -> (N,), written in place."""
     for place in range(len(logs)):

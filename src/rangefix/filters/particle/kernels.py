@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
-from ...compiled import exp_below_zero, njit
+from ...compiled import FUSED, exp_below_zero, njit
 
-LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+LOOP: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FUSED}
 HASH = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
-SUMS = LOOP | {"fastmath": {"reassoc"}}  # sums of several at once
+SUMS = LOOP | {"fastmath": FUSED | {"reassoc"}}  # sums of several at once
 MOST_TRIES = 40  # for the power of a density; 5 as a rule
 POWER_ROUNDING = 1e-3  # of its log, and of what is lost
 LEAST_POWER, LEAST_LOSS = 1e-12, 1e-30

@@ -13,12 +13,11 @@ import math
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ...compiled import exp_below_zero, njit
+from ...compiled import FUSED, exp_below_zero, njit
 from .mode_shape import choose_probe_cells
 from .records import NEGLIGIBLE_NATS, CellMass, CellTable, Moments, Readings
 
 CELLS_PER_BLOCK = 64
-FUSED = {"contract"}  # a product and a sum may be rounded once, where the machine does both at once
 
 
 def block_bounds(values: Array) -> tuple[Array, Array]:

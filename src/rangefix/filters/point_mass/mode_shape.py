@@ -199,7 +199,7 @@ def _make_definite(information: Array) -> None:
 
 
 def _least_shrinking(information: Array) -> IntArray:
-    """How often each, (n, n, K), has to be shrunk for any two of its components alone: for n = 2 that is all."""
+    """How often each, (n, n, K), has to be shrunk for any two components alone; for two that is all."""
     least = np.zeros(information.shape[2], np.int64)
     for i, j in itertools.combinations(range(len(information)), 2):
         with np.errstate(divide="ignore"):  # no product of the two
