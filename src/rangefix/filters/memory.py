@@ -20,7 +20,7 @@ from .registry import BUILT_IN, resolve
 
 FLOAT = 8.0  # bytes
 FREE_PROBES = 4096  # points at which a prior is asked how much of its box it allows
-MAX_BELIEF_BYTES = 128e6  # of the runs that are worked on at once
+MAX_BELIEF_BYTES = 16e6  # of the runs that are worked on at once: more would be taken from the system anew
 LEAST_RUNS = 2  # that are worked on at once to see how much a run takes
 
 

@@ -181,7 +181,7 @@ def test_several_steps():
 def test_batches_fit_the_memory():
     class Big(PriorOnly):
         def init(self, prior, rngs):
-            return [np.zeros((len(rngs), 1_000_000)), {"shared": np.zeros(5_000_000)}]
+            return [np.zeros((len(rngs), 125_000)), {"shared": np.zeros(5_000_000)}]
 
     trial = Trial(make_problem(), np.zeros((0, 0)), seed=3)
     assert batch_size(trial, Big(make_problem()), MEASUREMENT[:2]) == 16

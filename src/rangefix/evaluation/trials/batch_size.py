@@ -11,10 +11,10 @@ import numpy as np
 from ...arrays import Array
 from ...filters import Estimator
 from ...filters.estimator import filtered
+from ...filters.memory import MAX_BELIEF_BYTES
 from ..seeds import Streams
 from .trial import Trial
 
-MAX_BELIEF_BYTES = 128e6  # held at once
 MAX_DEPTH = 4  # how deep a belief is searched for arrays
 
 
