@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import Array
-from rangefix.maps.casting.cloud_kernels import MARGIN_M, walls_met_by_all
+from rangefix.maps.casting.cloud_kernels import MARGIN_M, walls_in_sight
 from rangefix.maps.casting.clouds import cloud_of
 from rangefix.maps.casting.walls import FEW_WALLS, Walls
 
@@ -27,7 +27,7 @@ def jagged(corners: int, rng: np.random.Generator) -> Array:
 def asked(walls: Array, halves: tuple[float, float], turn: float) -> tuple[int, list[int]]:
     """What a beam along +x2 meets from all of a box about the origin, and what it may meet, in order."""
     met, choices = np.empty(1, dtype=np.int64), np.empty((1, 4), dtype=np.int64)
-    walls_met_by_all(0, 1, walls, np.zeros(2), np.array(halves), turn, np.array([[0.0, 1.0]]), met, choices)
+    walls_in_sight(0, 1, walls, np.zeros(2), np.array(halves), turn, np.array([[0.0, 1.0]]), met, choices)
     return int(met[0]), sorted(choices[choices >= 0].tolist())
 
 

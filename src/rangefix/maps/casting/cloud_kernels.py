@@ -17,7 +17,7 @@ MOST_WALLS = 256  # that beams may pass; with more it is left undecided which th
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walls_met_by_all(
+def walls_in_sight(
     first: int, last: int, walls: Array, middle: Array, halves: Array, turn: float, directions: Array,
     met: IntArray, choices: IntArray,
 ) -> None:  # fmt: skip
@@ -107,7 +107,7 @@ def _within(a: float, b: float, begin: float, end: float) -> tuple[float, float]
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _is_behind(ends: Array, other: int, nearest: int) -> bool:
-    """Whether a wall lies behind another, as seen from the origin; ends as in `walls_met_by_all`."""
+    """Whether a wall lies behind another, as seen from the origin; ends as in `walls_in_sight`."""
     u, v = ends[nearest, 0], ends[nearest, 1]
     along_u, along_v = ends[nearest, 2] - u, ends[nearest, 3] - v
     margin = MARGIN_M * math.hypot(along_u, along_v)
@@ -126,7 +126,7 @@ def _end_of_sight(ends: Array, reach: float, level: float, widening: float) -> f
 
     Args:
         ends: Of the walls in the wedge, u and v of the lower end, then of the upper, (N, 4).
-        reach, level, widening: Of the wedge, as in `walls_met_by_all`.
+        reach, level, widening: Of the wedge, as in `walls_in_sight`.
     """
     nearest = math.inf
     while True:

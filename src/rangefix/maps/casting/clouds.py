@@ -85,13 +85,13 @@ def cloud_of(walls: Array, positions: Array, headings: Array, bearings: Array) -
     if halves[:2].max() > CLOSE_M or halves[2] > CLOSE_RAD:
         return None
     from ...compiled import in_threads
-    from .cloud_kernels import walls_met_by_all
+    from .cloud_kernels import walls_in_sight
 
     middle = 0.5 * (upper + lower)
     directions = np.stack(unit_vectors(headings[0] + middle[2] + bearings), axis=1)
     met = np.empty(len(bearings), dtype=np.int64)
     choices = np.empty((len(bearings), MOST_CHOICES), dtype=np.int64)
     arrays = walls, middle[:2], halves[:2], halves[2] + ROUNDING_RAD, directions, met, choices
-    in_threads(walls_met_by_all, len(met), len(met) * len(walls), *arrays)
+    in_threads(walls_in_sight, len(met), len(met) * len(walls), *arrays)
     left = np.count_nonzero((met < 0) & (choices[:, 0] < 0))
     return Cloud(met, choices) if left < MOST_LEFT * len(met) else None
