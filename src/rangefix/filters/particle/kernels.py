@@ -93,7 +93,7 @@ def longest_power(log_weights: Array, log_density: Array, most: float, enough: f
 @njit(**LOOP)
 def step_rows(
     states: Array, weights: Array, even: float, copies: Array, normals: Array, is_angle: BoolArray | None,
-    rows: Array,
+    rows: Array, away: Array, root: Array,
 ) -> None:  # fmt: skip
     """The table of `step_from`: resampled states, then random points of half the states' covariance.
 
@@ -105,9 +105,10 @@ def step_rows(
         normals: Standard normal numbers, (S, n).
         is_angle: Which components are angles, (n,); None = none of them, and nothing is compiled for them.
         rows: Gets the table, (N + S, n).
+        away, root: Work arrays, (n, N) and (n, n): to make them here takes longer to compile.
     """
     count, size = states.shape
-    share, away, root = even / count, np.empty((size, count)), np.empty((size, size))
+    share = even / count
     for column in range(size):
         if is_angle is not None and is_angle[column]:
             sine, cosine = 0.0, 0.0
@@ -195,7 +196,7 @@ def step_from(
         proposal: Gets the points moved, angles in [-pi, pi), (N, n).
     """
     count, others = len(here), len(rows) - cloud
-    ends, starts = np.empty(count, np.int32), np.empty(count, np.int32)
+    ends, starts = np.empty(count, np.int64), np.empty(count, np.int64)
     scales = np.empty(count)
     for place in range(count):
         rest = 4.0 * uniform[place] if thorough else uniform[place]
@@ -253,14 +254,15 @@ def take_steps(
 @njit(**LOOP)
 def steps_in_box(
     states: Array, known: Array, fresh: Array, moved: BoolArray, power: float, draws: Array, uniform: Array,
-    rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float], box: Array, prior: float,
-    walls: Array, scans: Array, stds: Array, levels: Array,
+    rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float], there: Array, box: Array,
+    prior: float, walls: Array, scans: Array, stds: Array, levels: Array,
 ) -> int:  # fmt: skip
     """One Metropolis step of each state in a box of free space: `step_from`, densities and `take_steps`.
 
     Args:
         states, known, fresh, moved, power, draws: As for `take_steps`; states are places, (N, 2).
         uniform, rows, cloud, thorough, sizes: As for `step_from`.
+        there: Gets where steps lead, (N, 2), column by column: loops take several places at once.
         box: Lower and upper corner, m, (2, 2).
         prior: Log density of the prior in the box.
         walls, stds: As for `log_density_by_walls`.
@@ -268,7 +270,6 @@ def steps_in_box(
         levels: Of each, (K + 1,): as for `log_density_by_walls`.
     """
     size, last = len(states), len(scans) - 1
-    there = np.empty((2, size)).T  # column by column, for loops that take several places at once
     known_there, fresh_there = np.empty(size), np.empty(size)
     step_from(states, uniform, rows, cloud, thorough, sizes, None, there)
     for place in range(size):

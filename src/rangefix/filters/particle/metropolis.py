@@ -182,7 +182,7 @@ def metropolis(
         uniform, draws = rng.random(len(here)), rng.standard_exponential(len(here))
         return steps_in_box(
             here, known, fresh, moved, float(power), draws, uniform, rows, count, thorough, sizes,
-            *in_box,
+            np.empty((2, len(here))).T, *in_box,
         )  # fmt: skip
 
     step = _step_by(posterior, walk, power, rng) if in_box is None else step_in_box
@@ -215,7 +215,8 @@ def step_table(
 
     normals = rng.standard_normal((points, space.size))
     rows = np.empty((len(copies) + points, space.size))
-    step_rows(np.ascontiguousarray(states), weights, even, copies, normals, _angles(space), rows)
+    away, root = np.empty(states.shape[::-1]), np.empty((space.size, space.size))
+    step_rows(np.ascontiguousarray(states), weights, even, copies, normals, _angles(space), rows, away, root)
     return rows
 
 
