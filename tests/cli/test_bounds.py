@@ -146,6 +146,18 @@ def test_bounds_are_saved_only_where_they_belong(rangefix: Callable[..., Said], 
     assert (said.code, "needs --bounds" in said.err) == (2, True)
 
 
+def test_a_folder_of_another_map_is_refused(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """It was run with --map, of which the folder does not tell: not even what is not saved is computed."""
+    study, folder = _write(tmp_path), tmp_path / "hall"
+    assert rangefix("run", study, "--map", "room:5x7", "--out", folder).code == 0
+    for arguments in ((), ("--only", "known-walls"), ("--curve", tmp_path / "curve.png")):
+        said = rangefix("bounds", folder, *arguments)
+        assert said.code == 2
+        assert "the same map" in " ".join(said.err.split())
+    assert rangefix("bounds", study, "--map", "room:5x7", "--only", "known-walls", "--out", folder).code == 2
+    assert rangefix("bounds", study, "--map", "room:5x7", "--only", "known-walls").code == 0
+
+
 def test_truths_at_one_state_have_no_efficiency(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     """Bounds are averages over the prior, and not about the G of one place."""
     study, folder = _write(tmp_path, "[truth]\nat_m = [1.0, 2.0]\n"), tmp_path / "hall"

@@ -77,20 +77,22 @@ def bounds(
     """
     from ..evaluation.bounds.catalogue import bounds_of
     from ..evaluation.bounds.document import row_as_json
-    from ..evaluation.monte_carlo.save_bounds import save_bounds
+    from ..evaluation.monte_carlo.save_bounds import is_of, save_bounds
 
     if curve is not None and (only is not None or out is not None):
         raise ValueError("--curve goes without --only and --out")
     asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
     described, folder = _study_and_folder(study, out, map_path, not no_plugins, unit=unit, up=up)
+    if asked and out is not None:
+        raise ValueError("--only goes without --out: what is saved is all there is")
+    if folder == Path(study) or (out is not None and curve is None):
+        _refuse_other(folder, described)
     if curve is not None:
         _draw_curve(described, curve, as_json)
         return
     experiment = described.experiment()
-    if asked and out is not None:
-        raise ValueError("--only goes without --out: what is saved is all there is")
-    saves = not asked and _may_save(folder, described, required=out is not None or folder == Path(study))
+    saves = not asked and is_of(folder, experiment)
     rows = list(bounds_of(experiment, chosen, doing))
     doing("")
     refused = [row for row in rows if row.bound is None]
@@ -183,27 +185,19 @@ def _draw_curve(study: Study, path: Path, as_json: bool) -> None:
     say(path)
 
 
-def _may_save(folder: Path, study: Study, required: bool) -> bool:
-    """Whether a folder holds results of a study, beside which its bounds belong.
-
-    Args:
-        folder: The folder.
-        study: The study.
-        required: Whether it is a mistake if it does not.
+def _refuse_other(folder: Path, study: Study) -> None:
+    """A folder says nothing of where its map was, or that another was named.
 
     Raises:
-        ValueError: If it does not, and must.
+        ValueError: If a folder does not hold results of a study with the map that it finds now.
     """
     from ..evaluation.monte_carlo.save_bounds import is_of
 
-    if is_of(folder, study.experiment()):
-        return True
-    if required:
+    if not is_of(folder, study.experiment()):
         raise ValueError(
             f"{folder} holds no finished results of this study as it is now, of this version and the same "
             f"map: run it with --bounds, or name the study that was run and --out {folder}"
         )
-    return False
 
 
 def _notes(rows: list[Row]) -> list[str]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
+import trimesh
 from pydantic import Field
+from trimesh.exchange.gltf import export_gltf
 
 from rangefix.evaluation import Experiment, NamedEstimator, Study, parse_study
 from rangefix.evaluation.monte_carlo import keys
@@ -121,6 +125,48 @@ def test_the_file_of_a_floor_plan_is_in_the_keys(tmp_path: Path) -> None:
 
     assert of(6.0) == of(6.0)
     assert not of(6.0) & of(7.0)
+
+
+def keys_of_map(folder: Path, table: str) -> set[str]:
+    text = f'[map]\n{table}[sensor]\nbearings_deg = [0]\nstd_m = 0.1\n[[estimators]]\nname = "ekf"\n'
+    return all_keys(parse_study(text, folder=folder).experiment())
+
+
+def test_the_buffers_of_a_gltf_are_in_the_keys(tmp_path: Path) -> None:
+    """Boxes of which the .gltf is the same, and the numbers beside it are others."""
+
+    def of(length: float) -> set[str]:
+        box = trimesh.creation.box(bounds=[[0, 0, -length], [4, 2, 0]])  # glTF is y-up
+        box.metadata.clear()
+        for name, content in export_gltf(box.scene()).items():
+            (tmp_path / name).write_bytes(content)
+        told = json.loads((tmp_path / "model.gltf").read_text())
+        for accessor in told["accessors"]:
+            accessor.pop("min", None), accessor.pop("max", None)
+        (tmp_path / "model.gltf").write_text(json.dumps(told))
+        contents.append((tmp_path / "model.gltf").read_text())
+        return keys_of_map(tmp_path, 'path = "model.gltf"\n')
+
+    contents: list[str] = []
+    assert of(6.0) == of(6.0)
+    assert not of(6.0) & of(7.0)
+    assert len(set(contents)) == 1
+
+
+def test_the_image_of_an_outline_is_in_the_keys(tmp_path: Path) -> None:
+    """Of a mesh whose free space is that of a robot's map."""
+    trimesh.creation.box(bounds=[[0, 0, 0], [4, 6, 2]]).export(tmp_path / "room.ply")
+    yaml = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\n"
+    (tmp_path / "map.yaml").write_text(f"{yaml}free_thresh: 0.196\n")
+
+    def of(columns: int) -> set[str]:
+        image = np.zeros((60, 40), np.uint8)
+        image[1:-1, 1:columns] = 254
+        (tmp_path / "map.pgm").write_bytes(b"P5 40 60 255\n" + image.tobytes())
+        return keys_of_map(tmp_path, 'path = "room.ply"\noutline_path = "map.yaml"\n')
+
+    assert of(39) == of(39)
+    assert not of(39) & of(20)
 
 
 def test_the_source_of_a_motion_from_elsewhere_is_in_the_keys(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -49,6 +50,20 @@ def _read_gltf(path: str) -> tuple[Array, IntArray, str, float]:
     if not meshes:
         raise ValueError("there is no mesh in it")
     return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), "y", 1.0
+
+
+def buffers_named(path: Path) -> list[str]:
+    """The files beside it that hold the numbers of a .gltf or .glb, as it names them.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is broken.
+    """
+    try:
+        named = [buffer.get("uri", "data:") for buffer in _told(path).get("buffers", [])]
+        return [unquote(uri) for uri in named if not uri.startswith("data:")]
+    except (AttributeError, TypeError) as error:
+        raise ValueError(f"{path}: no list of buffers") from error
 
 
 def _told(path: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +13,11 @@ from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh import MeshRoom
 from ..mesh_formats.read_mesh import MESHES, PathLike, existing
+from ..mesh_formats.scenes import buffers_named
 from ..occupancy import OccupancyMap
 from ..rectangle import RectangularRoom
 from .plan_files import DRAWN, plan_of, read_plan
-from .ros_map import YAMLS, read_ros_map
+from .ros_map import YAMLS, read_ros_map, read_yaml
 
 AnyRoom = RectangularRoom | FloorPlan | MeshRoom | OccupancyMap
 PATHS = ("path", "outline_path")
@@ -103,6 +105,22 @@ def load(path: PathLike, **options: Any) -> AnyRoom:
     """
     room: AnyRoom = open_map({"path": path}, **options)
     return room
+
+
+def files_of(path: Path, folder: Path = Path()) -> tuple[Path, ...]:
+    """What a map is read from: its file, and those that it names; of a broken one the file alone.
+
+    Args:
+        path: Of the map, from the folder, from which the others count, too.
+        folder: See above.
+    """
+    named: list[str] = []
+    with suppress(OSError, ValueError, RecursionError):  # to open the map tells it
+        if path.suffix.lower() in YAMLS:
+            named = [read_yaml(folder / path).image]
+        elif path.suffix.lower() in (".gltf", ".glb"):
+            named = buffers_named(folder / path)
+    return path, *(path.parent / each for each in named)
 
 
 def map_table(name: PathLike) -> dict[str, Any]:

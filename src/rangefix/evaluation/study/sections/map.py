@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ....filters import RangeMap
 from ....maps import open_map
-from ....maps.readers.ros_map import read_yaml
+from ....maps.readers import files_of
 from .base import Misfit, Point, Positive, Section, Size, WithExtensions
 
 CORNERS = "corners of the outline, for example [[0, 0], [4, 0], [4, 6]]"
@@ -29,6 +29,10 @@ class MapSection(Section):
         """The map; paths count from the folder."""
         built: RangeMap = open_map(self.model_dump(exclude_none=True), folder)
         return built
+
+    def files(self, folder: Path) -> tuple[Path, ...]:
+        """What `path` keys name, and what these files name: the image of a .yaml, the buffers of a .gltf."""
+        return tuple(file for path in super().files(folder) for file in files_of(path, folder))
 
 
 class RectangleMap(MapSection):
@@ -107,14 +111,6 @@ class OccupancyMapFile(MapSection):
     reachable_from_m: Point | None = None
     memory_gb: Positive = 2.0
     image_anywhere: bool = False
-
-    def files(self, folder: Path) -> tuple[Path, ...]:
-        """The .yaml and its image."""
-        path = Path(self.path)
-        try:
-            return path, path.parent / read_yaml(folder / path).image
-        except (OSError, ValueError):  # building the map tells it
-            return (path,)
 
 
 Ours = RectangleMap | FloorPlanMap | MeshMap | OccupancyMapFile
