@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from rangefix.cli.app import app
 from rangefix.cli.main import overview
 from rangefix.cli.maps import gather_bearings
 from rangefix.evaluation import load
+from rangefix.evaluation.report.worst import repeat_command
 
 from .conftest import Said
 
@@ -212,6 +214,29 @@ def test_compare_the_estimators_of_one_study(rangefix: Callable[..., Said], tmp_
     assert pairs
     assert all(pair["rmse"] >= pair["best_rmse"] for pair in pairs)
     assert "Who is more accurate on the same truths" in rangefix("compare", "a").out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("s.toml", "-mroom:5x7", "-oresults/s"),
+        ("--runs", "5", "s.toml", "--map=room:5x7", "--out", "results/s"),
+        ("-n5", "-m", "room:5x7", "--no-plugins", "-o", "results/s", "s.toml"),
+    ],
+)
+def test_the_command_of_a_report_repeats_its_run(
+    words: tuple[str, ...], rangefix: Callable[..., Said], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However options are written: the same map, the same folder, which is named as the study is."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "s.toml", STUDY)
+    assert rangefix("run", *words).code == 0
+    results = load(tmp_path / "results/s")
+    command = shlex.split(repeat_command(results.manifest))
+    said = rangefix(*command[1:], "2", "--json")
+    assert (command[0], said.code) == ("rangefix", 0)
+    assert json.loads(said.out)["truth"] == results.truth[2].tolist()
+    assert (tmp_path / "results/s/figures/run-2.svg").is_file()
 
 
 def test_only_run(rangefix: Callable[..., Said], tmp_path: Path) -> None:

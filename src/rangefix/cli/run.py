@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -174,7 +173,7 @@ def run(
             cluster_tls=tls,
             plugins=not no_plugins,
             progress=True,
-            command_line=["rangefix", *sys.argv[1:]],
+            command_line=_words(study, out, map_path, unit, up, no_plugins),
             resume=resume,
             force=force,
             bounds=bounds,
@@ -251,3 +250,12 @@ def _tls(
             "give both --cluster-tls-ca and --cluster-tls-cert, or neither: dask has settings, too"
         )
     return ClusterTls(ca, certificate, key)
+
+
+def _words(
+    study: str, out: Path | None, map_path: str | None, unit: str | None, up: str | None, no_plugins: bool
+) -> list[str]:
+    """The words of a command that runs the same world into the same folder."""
+    given = {"--map": map_path, "--unit": unit, "--up": up, "--out": None if out is None else str(out)}
+    options = [word for name, value in given.items() if value is not None for word in (name, value)]
+    return ["rangefix", "run", study, *options, *["--no-plugins"] * no_plugins]

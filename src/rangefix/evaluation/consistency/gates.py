@@ -169,12 +169,16 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
     for gate in gates:
         _need_there(gate, labels, known)
         its_rows = [row for row in rows if gate.estimator in (None, row.estimator)]
-        lines += [_verdict_line(gate, row) if gate.figure is None else _line(gate, row) for row in its_rows]
+        if gate.figure is None:
+            lines += [_verdict_line(gate, row, len(its_rows)) for row in its_rows]
+        else:
+            lines += [_line(gate, row) for row in its_rows]
     return lines
 
 
-def _verdict_line(gate: Gate, row: Row) -> GateLine:
-    verdict = decide(row)
+def _verdict_line(gate: Gate, row: Row, family: int) -> GateLine:
+    """The verdict on a row of so many among which false alarms are as rare as for one: see `decide`."""
+    verdict = decide(row, family)
     passed = bool(row.ok) and not verdict.overconfident
     text = f"{'pass' if passed else 'FAIL'}  {row.where}: {verdict.words}"
     return GateLine(gate, row, passed, verdict.kind != "unsure", text)

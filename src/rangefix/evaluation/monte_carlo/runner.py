@@ -113,7 +113,7 @@ def run(
         plugins: Whether estimators that are known by name may be others than the built-in ones.
         progress: Called with how far each estimator, and each pass beside the trials, has come. True: bars on
             a terminal or in a notebook; None: bars in a notebook; False: none.
-        command_line: For the manifest.
+        command_line: Words of the command that runs it, without --runs and --seed, for the manifest.
         resume: Whether parts that are there may be taken.
         timing: Whether to time the updates, in a serial pass of its own with one thread.
         bounds: Whether to work out how good anybody could be, beside which the tables then set the

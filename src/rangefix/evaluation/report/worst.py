@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +20,6 @@ from .tables import Cell, Line, Spot, Table
 MAP_ID = "worst-map"  # the id of the figure
 MAX_READINGS_SHOWN = 6  # of a scan with more only the ends are
 RARE_SHARE = 0.05  # how rarely an honest estimator has a run beyond what the page names
-# Options of `rangefix run` with a value that a repeated run needs, too, but for --runs and --seed.
-KEPT_OPTIONS = ("--map", "--out", "-o")
 Key = tuple[str, str, int]  # estimator, beams, run
 
 
@@ -178,13 +175,5 @@ def repeat_command(manifest: Mapping[str, Any]) -> str:
     words = list(manifest.get("command_line") or ())
     if words[:2] != ["rangefix", "run"]:
         return ""
-    study = next((word for word in words[2:] if Path(word).stem == manifest.get("name")), "")
-    if not study or study.startswith("-"):
-        study = words[2] if len(words) > 2 and not words[2].startswith("-") else "STUDY"
-    kept = ["--no-plugins"] if "--no-plugins" in words else []
-    for word, value in zip(words[2:], [*words[3:], ""], strict=True):
-        name, equals, _ = word.partition("=")
-        if name in KEPT_OPTIONS:
-            kept += [word] if equals else [word, value]
     runs = ["--runs", str(manifest["runs"]), "--seed", str(manifest["seed"])]
-    return f"{shlex.join([*words[:2], study, *kept, *runs])} --only-run"
+    return f"{shlex.join([*words, *runs])} --only-run"
