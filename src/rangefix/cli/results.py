@@ -253,6 +253,8 @@ def _compare_estimators(folder: Path, as_json: bool) -> None:
     pairs = compare_estimators(results)
     if as_json:
         print_json({"folder": str(folder), "pairs": [vars(pair) | {"words": pair.words} for pair in pairs]})
+    elif len(results.estimators) < 2:
+        say(f"{results.estimators[0]} is alone in {folder}: there is no other estimator to compare it with")
     elif pairs or not results.interruption:
         from .screen import console
         from .tables import accuracy, accuracy_in_words

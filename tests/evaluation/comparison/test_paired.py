@@ -68,6 +68,29 @@ def test_only_runs_in_which_both_answered_count():
     assert sorted([pair.rmse, pair.best_rmse]) == pytest.approx(sorted(both))
 
 
+def test_one_that_fails_where_it_is_hard_is_not_the_best():
+    """By its own runs e0 is better; where both answer e1 is, four times."""
+    rng, hard = np.random.default_rng(4), np.arange(400) >= 200
+    errors = rng.normal(size=(2, 400, 2)) * 0.2
+    errors[0, hard] = np.nan
+    errors[1] *= np.where(hard, 10.0, 0.25)[:, None]
+    (pair,) = compare_estimators(results_of(errors))
+    assert (pair.best, pair.estimator, pair.runs) == ("e1", "e0", 200)
+    assert pair.rmse > 3 * pair.best_rmse
+    assert pair.words.startswith("less accurate than e1: its error is")
+
+
+def test_one_that_answers_seldom_is_not_the_best_but_may_be_more_accurate_where_it_does():
+    rng = np.random.default_rng(5)
+    errors = rng.normal(size=(3, 400, 2))
+    errors[0, 100:] = np.nan
+    errors[0] *= 0.1
+    seldom, other = compare_estimators(results_of(errors))
+    assert {seldom.best, other.best} < {"e1", "e2"}
+    assert (seldom.estimator, seldom.runs) == ("e0", 100)
+    assert seldom.words.startswith(f"more accurate than {seldom.best}: its error is 0.")
+
+
 def test_one_that_never_answered_is_told_so():
     errors = np.stack([np.ones((9, 2)), np.full((9, 2), np.nan)])
     (pair,) = compare_estimators(results_of(errors))
