@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.artist import Artist
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
-from rangefix.evaluation import Results, ResultsError, figures
+from rangefix.evaluation import Results, ResultsError, figures, parse_study, run
 from rangefix.evaluation.figures.catalogue import FIGURES
 
 PLOTS = {kind.name: getattr(figures, f"plot_{kind.name}") for kind in FIGURES}
@@ -55,6 +58,21 @@ def test_panels_share_the_place_of_one_axes(standing: Results) -> None:
     panels = {artist.axes for artist in artists}
     assert len(panels) == 3
     assert all(panel.get_tightbbox().x0 > edge for panel in panels)
+
+
+def test_a_belief_is_drawn_beside_the_claim_of_its_own_beams(tmp_path: Path) -> None:
+    """Densities are kept of the last set of beams: of others the ellipse is drawn alone."""
+    study = parse_study(
+        "runs = 2\nbeam_sets = [[1], [1, 2]]\n[map]\nkind = 'rectangle'\nwidth_m = 4.0\nlength_m = 6.0\n"
+        "[state]\nheading = 'unknown'\n[prior]\nkind = 'uniform'\nheading_deg = [-20.0, 20.0]\n"
+        "[sensor]\nbearings_deg = [0, 90]\nstd_m = 0.1\n"
+        "[[estimators]]\nname = 'particle'\noptions = { particles = 500 }\n"
+    )
+    results = run(study, tmp_path / "r", timing=False)
+    dense, alone = (figures.plot_posterior(results, beams=beams) for beams in reversed(results.beam_sets))
+    images = [sum(isinstance(each, QuadMesh | AxesImage) for each in found) for found in (dense, alone)]
+    assert images == [1, 0]
+    assert len(alone) > 0
 
 
 def test_what_is_left_out_is_told(standing: Results) -> None:

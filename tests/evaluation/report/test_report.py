@@ -18,10 +18,12 @@ from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.figures import FigureData, FigureKind
 from rangefix.evaluation.figures.catalogue import figure_kinds
 from rangefix.evaluation.report.calibration import calibration_of
+from rangefix.evaluation.report.data import collect
 from rangefix.evaluation.report.page import environment
 from rangefix.evaluation.report.report import render
-from rangefix.evaluation.results import write_json
+from rangefix.evaluation.results import InMemory, Results, Trials, write_json
 from rangefix.evaluation.results.files import read_json
+from rangefix.filters import position_space
 
 from .browser import LOW_CONTRAST, OVERFLOWING, SIZES, Browser
 from .conftest import LABEL, NASTY, read
@@ -148,6 +150,24 @@ def test_steps_and_sampled_beliefs(drive: Path) -> None:
     assert "Coverage, % (of the sampled belief)" in shown
     assert "share of the main mode" in shown
     assert "ranks, p" in shown
+
+
+def test_failures_of_many_runs_are_all_counted() -> None:
+    """15 000 runs, every third failed for one reason: beyond those that are held at once, too."""
+    runs, rng = 15_000, np.random.default_rng(0)
+    failed = np.arange(runs) % 3 == 0
+    mean = np.where(failed[:, None], np.nan, 0.1 * rng.standard_normal((runs, 2)))[:, None]
+    covariance = np.tile(0.01 * np.eye(2), (runs, 1, 1, 1))
+    evidence, reasons = np.zeros((runs, 1)), dict.fromkeys(np.flatnonzero(failed).tolist(), "no idea")
+    status = np.where(failed, 4, 0).astype(np.int8)
+    trials = Trials("A", "all", mean, covariance, evidence, evidence - 9, status, reasons)
+    world = InMemory(np.zeros((runs, 1, 2)), np.zeros((runs, 1, 1)), (trials,))
+    manifest = {"name": "x", "state": "complete", "runs": runs, "seed": 1}
+    results = Results(manifest, position_space(), ("A",), ("all",), runs, world)
+    (setting,) = collect(results).estimators[0].settings
+    assert setting.failures == {"no idea": 5000}
+    shown = " ".join("".join(read(render(results)).data).split())
+    assert "reliability are of the first 10000 runs" in shown
 
 
 def test_scores_of_claim_and_belief_stand_together(page: str) -> None:

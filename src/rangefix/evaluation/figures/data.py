@@ -64,9 +64,14 @@ class FigureData:
         sets = self.results.beam_sets
         return sorted((row for row in self.rows if row.step == end), key=lambda row: sets.index(row.beams))
 
-    @cached_property
+    @property
     def pictures(self) -> dict[str, Picture]:
-        """Estimator -> picture of its belief in the first run, where there is one."""
+        """Estimator -> picture of its belief in the first run, where there is one of these beams."""
+        return self._pictures if self.beams == self.results.beam_sets[-1] else {}
+
+    @cached_property
+    def _pictures(self) -> dict[str, Picture]:
+        """The same of the last set of beams, of which they are kept."""
         folder = self.results.folder
         saved = load_pictures(folder) if folder and self.images is None else self.images or ()
         return {picture.estimator: picture for picture in saved}
@@ -151,7 +156,7 @@ class FigureData:
 
     def has_pictures(self) -> bool:
         """Whether there are pictures of beliefs, and a map to draw them in."""
-        return self.has_map() and bool(self.pictures) and self.has_answers()
+        return self.has_map() and bool(self._pictures) and self.has_answers()
 
     def has_steps(self) -> bool:
         """Whether a run has several measurements, and went well."""

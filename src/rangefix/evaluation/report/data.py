@@ -74,6 +74,7 @@ class Setting:
         row: Its row.
         verdict: The verdict on that row alone.
         calibration: Coverage, PIT or ranks, reliability of the runs that went well; none if none did.
+        calibrated: Of how many runs, the first ones, that is.
         course: ANEES / n after each measurement; None where there is one.
         figures: Label -> figure with its interval.
         failures: Why trials failed -> how many did.
@@ -83,6 +84,7 @@ class Setting:
     row: Row
     verdict: Verdict
     calibration: Sequence[Strip]
+    calibrated: int
     course: Strip | None
     figures: dict[str, str]
     failures: Counter[str]
@@ -178,17 +180,23 @@ def _estimator(
 def _setting(results: Results, rows: Sequence[Row], worst: Sequence[WorstRun]) -> Setting:
     """One estimator on one set of beams, from its rows by step."""
     row = rows[-1]
-    trials = results.source.trials(row.estimator, row.beams, 0, min(results.runs, MAX_RUNS_IN_MEMORY))
+    runs = min(results.runs, MAX_RUNS_IN_MEMORY)
+    trials = results.source.trials(row.estimator, row.beams, 0, runs)
+    reasons = Counter(trials.reasons.values())
+    for first, last in results.blocks() if row.ok < row.made else ():
+        if first >= runs:
+            reasons.update(results.source.trials(row.estimator, row.beams, first, last).reasons.values())
     verdicts = [(step.anees, colour(decide(step))) for step in rows]
     return Setting(
         row,
         decide(row),
-        calibration_of(run_blocks(results, trials, 0, trials.ok)[-1]) if row.ok else [],
+        calibration_of(run_blocks(results, trials, 0, trials.ok)[-1]) if trials.ok.any() else [],
+        runs,
         course(verdicts) if row.ok and len(rows) > 1 else None,
         {
             metric.full_label(name): format_interval(metric.in_shown_unit(interval, name))
             for metric, name, interval in row.shown("report")
         },
-        Counter(trials.reasons.values()),
+        reasons,
         [run for run in worst if (run.estimator, run.beams) == (row.estimator, row.beams)],
     )
