@@ -202,6 +202,39 @@ def test_a_track_that_begins_anew() -> None:
     assert [float(track.at(time)[0]) for time in (10.5, 11.5, 1.5, 2.5)] == [10.5, 11.5, 1.5, 2.5]  # type: ignore[index]
 
 
+def test_a_track_that_begins_anew_soon() -> None:
+    """A clock that goes back by 3 s: the new part is used where both know the time, and to its end.
+
+    So it is whether or not the track has read the new part's first pose when it is asked.
+    """
+    first = [(time, np.array([time, 0.0, 0.0])) for time in np.arange(0.0, 10.01, 0.5)]
+    second = [(time, np.array([100 + time, 0.0, 0.0])) for time in np.arange(7.0, 17.01, 0.5)]
+    for last in (9.5, 10.0, 10.25):
+        track = Track(iter(first + second))
+        before, after = np.arange(0.0, last, 0.5), np.arange(7.0, 17.01, 0.5)
+        known = [track.at(time) for time in [*before, last, *after]][-len(after) :]
+        np.testing.assert_allclose([np.nan if pose is None else pose[0] for pose in known], 100 + after)
+
+
+def test_a_stamp_that_runs_ahead() -> None:
+    """One time far ahead, then times as before: the poses do not go back, or only long after it.
+
+    Ends of scans are no such times: they may lie ahead for as long as scans take.
+    """
+    longer = [(time, np.array([time, 0.0, 0.0])) for time in np.arange(0.0, 100.01, 0.5)]
+    for poses in (longer, [*longer, (2.0, np.zeros(3)), (51.0, np.zeros(3))]):
+        for ahead in (8.0, 1e9):
+            track = Track(iter(poses))
+            known = [track.at(time) for time in (5.0, ahead, 5.5, 6.0, 9.0, 99.0)]
+            assert [None if pose is None else float(pose[0]) for pose in known] == [
+                5.0, None if ahead > 100 else ahead, 5.5, 6.0, 9.0, 99.0
+            ]  # fmt: skip
+    track = Track(iter(poses_at(*np.arange(0.0, 5.1, 0.5), 2.0, 3.0)))
+    for time in np.arange(0.0, 3.1, 0.5):
+        ends = track.at(time), track.at(time, 2.0)
+        assert [float(pose[0]) for pose in ends] == [time, time + 2]  # type: ignore[index]
+
+
 def test_controls_lead_from_pose_to_pose() -> None:
     """`Odometry` moved by the control of two poses is at the second."""
     _, poses = drive(9)

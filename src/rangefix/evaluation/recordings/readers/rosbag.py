@@ -204,7 +204,7 @@ class RosbagLog(FileLog):
                 tally["scans whose beams are not the first scan's (the nearest were taken)"] += 1
                 ranges = onto_beams(self._bearings(message), ranges, wanted)
             pose = odometry.at(stamp) if odometry else None
-            end = odometry.at(stamp + duration) if odometry and duration else None
+            end = odometry.at(stamp, duration) if odometry and duration else None
             tally["scans without odometry at their time"] += bool(odometry) and pose is None
             yield Scan(stamp, ranges, pose, end)
 

@@ -12,6 +12,7 @@ from ....arrays import Array, wrap
 
 KEPT_S = 5.0  # of poses before the last time that was asked for
 RESET_S = 1.0  # a clock that goes back by more has begun anew
+SOON_S = 60.0  # of poses in which the stream's clock goes back, too, if it has
 HELD_S = 0.2  # that the first and the last pose stand for more than themselves
 
 
@@ -19,7 +20,8 @@ class Track:
     """Poses at times that are asked for in about the order of the stream, interpolated between two of them.
 
     Where the clock of the stream goes back by more than a second it has begun anew; times that are asked for
-    go on in the new part as soon as they have gone back likewise. Smaller steps back are left out.
+    go on in the new part as soon as they have gone back likewise. Smaller steps back are left out. Times that
+    go back although the stream does not, as by one wrong stamp, are looked for among the poses that are kept.
 
     Args:
         poses: Times (s) and poses x1, x2 (m), heading (rad), as they come.
@@ -31,19 +33,26 @@ class Track:
         self._times: deque[float] = deque()
         self._known: deque[Array] = deque()
         self._next_part: tuple[float, Array] | None = None
-        self._asked = -np.inf
+        self._asked = -np.inf  # the last time that this part knew
 
-    def at(self, time: float) -> Array | None:
-        """The pose at a time, (3,); None where there is none, or the poses about it are too far apart."""
-        if time < self._asked - RESET_S and (not self._times or time < self._times[0]):
-            self._skip_to_next_part()
-        self._asked = time
-        while (not self._times or self._times[-1] < time) and self._read():
+    def at(self, time: float, ahead_s: float = 0.0) -> Array | None:
+        """The pose at a time, (3,); None where there is none, or the poses about it are too far apart.
+
+        Args:
+            time: By the clock of the stream, s.
+            ahead_s: How long after it; that the next time lies before this says nothing of the clock.
+        """
+        if time < self._asked - RESET_S:
+            self._begin_anew(time)
+        while (not self._times or self._times[-1] < time + ahead_s) and self._read():
             pass
-        while len(self._times) > 1 and self._times[1] < min(time, self._times[-1]) - KEPT_S:
-            self._times.popleft()
-            self._known.popleft()
-        return self._interpolated(time)
+        found = self._interpolated(time + ahead_s)
+        if found is not None:
+            self._asked = time
+            while len(self._times) > 1 and self._times[1] < time - KEPT_S:
+                self._times.popleft()
+                self._known.popleft()
+        return found
 
     def _read(self) -> bool:
         """Take the next pose; whether there is one in this part."""
@@ -59,13 +68,14 @@ class Track:
                 return True
         return False
 
-    def _skip_to_next_part(self) -> None:
-        while self._read():
-            self._times = deque([self._times[-1]])
-            self._known = deque([self._known[-1]])
+    def _begin_anew(self, time: float) -> None:
+        """Go on in the next part; in this one if none comes, or none soon and this one knows the time."""
+        known = bool(self._times) and time >= self._times[0]
+        while not (known and self._times[-1] > self._asked + SOON_S) and self._read():
+            pass
         if self._next_part is not None:
             self._times, self._known = deque([self._next_part[0]]), deque([self._next_part[1]])
-            self._next_part = None
+            self._next_part, self._asked = None, -np.inf
 
     def _interpolated(self, time: float) -> Array | None:
         if not self._times:
