@@ -156,6 +156,57 @@ def test_files_are_read_by_evo(recording: Path, capsys: pytest.CaptureFixture[st
     assert not [path for path in recording.parent.iterdir() if path.name.endswith(".part")]
 
 
+PLUGIN = """
+from rangefix.filters import build
+
+def One(problem):
+    return build("ekf", problem)
+
+def Two(problem):
+    return build("ukf", problem)
+"""
+
+
+def test_estimators_of_long_names_have_files_of_their_own(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names that are the same for over 100 letters, or but for signs that no file name has."""
+    folder = recording.parent / ("f" * 60) / ("g" * 60)
+    folder.mkdir(parents=True)
+    (folder / "f.py").write_text(PLUGIN)
+    out = recording.parent / "out"
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth", "odometry"]
+    names = [f"{folder}/f.py:One", f"{folder}/f.py:Two", f"{folder}//f.py:Two"]
+    code, _, _ = call([*given, "-e", ",".join(names), "--least-move-m", "1.5", "--out", out], capsys)
+    assert code == 0
+    tables = [path.read_text() for path in out.glob("*.csv")]
+    assert len(tables) == 3
+    assert len({tuple(row["x1_m"] for row in csv.DictReader(text.splitlines())) for text in tables}) == 2
+    assert len([*out.glob("*.tum")]) == len([*out.glob("*_errors.png")]) == 3
+
+
+def test_a_second_replay_into_a_folder(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the first wrote goes, with its bags; what is of others stays, whatever a table names."""
+    pytest.importorskip("rosbags", reason="no rosbags")
+    out = recording.parent / "out"
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--least-move-m", "1.5"]
+    given += ["--out", out, "-e"]
+    assert call([*given, "ekf,ukf", "--truth", "odometry", "--bag", "mcap"], capsys)[0] == 0
+    (out / "ukf_notes.txt").write_text("mine")
+    (out / "mine").mkdir()
+    (recording.parent / "beside.csv").write_text("mine")
+    told = json.loads((out / "replay.json").read_text())
+    assert {"ukf.csv", "ukf_mcap", "ekf_errors.png", "paths.svg"} <= set(told["files"])
+    told["files"] += ["mine", "../beside.csv", "..", ".", "", 3]
+    (out / "replay.json").write_text(json.dumps(told))
+    assert call([*given, "ekf", "--start", "3,1.6,90"], capsys)[0] == 0
+    assert {path.name for path in out.iterdir()} == {
+        "ukf_notes.txt", "mine", "replay.json", "ekf.csv", "ekf.tum", "paths.png", "paths.svg", "fit.png",
+        "fit.svg", "ekf_beliefs.png", "ekf_beliefs.svg",
+    }  # fmt: skip
+    assert (recording.parent / "beside.csv").read_text() == "mine"
+
+
 def test_covariances_in_ros() -> None:
     """The heading grows to the right, the yaw to the left: place and yaw covary with the other sign."""
     root = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.05, -0.04, 0.1]])

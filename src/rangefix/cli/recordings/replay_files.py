@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ...evaluation.figures.data import drawable_labels
 from ...evaluation.figures.files import write_figure
 from ...evaluation.figures.recordings.errors import draw_errors, draw_fit
 from ...evaluation.figures.recordings.paths import draw_beliefs, draw_paths
 from ...evaluation.figures.style import styled
-from ...evaluation.recordings.replays import Contestant
+from ...evaluation.recordings.replays import TABLE, Contestant
 from ...evaluation.recordings.trace import Trace
 from ...filters import Problem
 from ..app import doing
@@ -28,20 +29,22 @@ def finish(
     animation: str | None,
     told: dict[str, Any],
 ) -> None:
-    """Figures, animations and the table, beside the poses."""
+    """Figures, animations and the table, which names all files, beside the poses."""
     if traces:
         doing("drawing")
         room = problem.sensor.room
-        figures = {"paths": partial(draw_paths, traces, room), "fit": partial(draw_fit, traces)}
+        labels = drawable_labels(contestant.label for contestant in contestants)
+        drawn = {labels[label]: trace for label, trace in traces.items()}
+        figures = {"paths": partial(draw_paths, drawn, room), "fit": partial(draw_fit, drawn)}
         for contestant in contestants:
             trace = traces.get(contestant.label)
             if trace is None:
                 continue
-            name = contestant.file_name
+            name, label = contestant.file_name, labels[contestant.label]
             if np.isfinite(trace.truths).any():
-                figures[f"{name}_errors"] = partial(draw_errors, contestant.label, trace)
+                figures[f"{name}_errors"] = partial(draw_errors, label, trace)
             if trace.images:
-                figures[f"{name}_beliefs"] = partial(draw_beliefs, contestant.label, trace, room)
+                figures[f"{name}_beliefs"] = partial(draw_beliefs, label, trace, room)
         for name, draw in figures.items():
             write_figure(draw, folder / f"{name}.png", folder / f"{name}.svg")
         if animation is not None:
@@ -52,8 +55,9 @@ def finish(
                     doing(f"animating {contestant.label}")
                     path = folder / f"{contestant.file_name}.{animation}"
                     with styled():
-                        animate(contestant.label, traces[contestant.label], problem, path)
-    (folder / "replay.json").write_text(json.dumps(_plain(told), indent=2) + "\n", encoding="utf-8")
+                        animate(labels[contestant.label], traces[contestant.label], problem, path)
+    told = told | {"files": sorted(path.name for path in folder.iterdir())}
+    (folder / TABLE).write_text(json.dumps(_plain(told), indent=2) + "\n", encoding="utf-8")
 
 
 def _plain(value: Any) -> Any:

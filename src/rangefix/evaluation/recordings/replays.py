@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +18,8 @@ from ...filters import Problem, RangeMap
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.registry import build
 from ..consistency.lost import FALSE_ALARMS, LostTest
+from ..results.files import ResultsError, read_json
+from ..results.folder import file_name
 from ..seeds import stream as random_stream
 from .log import Log, RecordingError
 from .pose_files import PoseFiles
@@ -37,6 +38,8 @@ TRUTH_IS_ODOMETRY = "odometry"
 TOPIC = "topic:"
 PARTICLES, PARTICLES_ANYWHERE = 2000, 20_000  # at first: from a start that is known, or anywhere
 LEAST_PARTICLES = 1000  # once the belief needs no more
+LONGEST_NAME = 100  # letters of an estimator's label in the names of its files
+TABLE = "replay.json"  # of a folder: it names the files beside it
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,8 @@ class Contestant:
 
     @property
     def file_name(self) -> str:
-        """A name for its files."""
-        return re.sub(r"[^\w.-]+", "_", self.label).strip("_")[:100] or "estimator"
+        """A name for its files, of no other estimator."""
+        return file_name(self.label, LONGEST_NAME)
 
 
 @dataclass(frozen=True)
@@ -189,7 +192,10 @@ class Replays:
 
 @contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
-    """A folder to write into, whose files come to another as they are whole; nothing comes if it fails."""
+    """A folder to write into, whose files come to another as they are whole; nothing comes if it fails.
+
+    The files that an earlier replay wrote there, by its table, go; all others stay.
+    """
     part = out.with_name(f".{out.name}.{getpid()}.part")
     with ExitStack() as stack:
         try:
@@ -197,6 +203,11 @@ def whole_folder(out: Path) -> Iterator[Path]:
             stack.callback(rmtree, part, ignore_errors=True)
             yield part
             out.mkdir(parents=True, exist_ok=True)
+            for older in _written_before(out):
+                if older.is_symlink() or not older.is_dir():
+                    older.unlink()
+                elif (older / "metadata.yaml").is_file():  # a bag
+                    rmtree(older)
             for path in sorted(part.iterdir()):
                 goal = out / path.name
                 if goal.is_dir():
@@ -204,6 +215,16 @@ def whole_folder(out: Path) -> Iterator[Path]:
                 path.replace(goal)
         except OSError as error:
             raise RecordingError(f"cannot write {out}: {error.strerror or error}") from None
+
+
+def _written_before(out: Path) -> list[Path]:
+    """What lies in a folder and is named by the table of an earlier replay there."""
+    try:
+        told = read_json(out / TABLE)
+    except ResultsError:
+        return []
+    names = told.get("files") if isinstance(told, dict) else None
+    return [path for path in out.iterdir() if isinstance(names, list) and path.name in names]
 
 
 def start_of(text: str, position_std_m: float, heading_std_rad: float) -> Start:

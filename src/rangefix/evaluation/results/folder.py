@@ -130,10 +130,15 @@ def world_path(folder: Path, first: int, end: int) -> Path:
 def trials_path(folder: Path, estimator: str, beams: str, first: int, end: int) -> Path:
     """Where the trials of one estimator on one set of beams over a block are."""
     name = f"{first:08d}-{end:08d}.npz"
-    return folder / PARTS / _file_name(estimator) / _file_name(beams) / name
+    return folder / PARTS / file_name(estimator) / file_name(beams) / name
 
 
-def _file_name(label: str) -> str:
-    """A label as a file name that every system takes; never "world"."""
-    safe = re.sub(r"[^A-Za-z0-9+.-]+", "_", label)[:40].strip(".")
+def file_name(label: str, longest: int = 40) -> str:
+    """A label as a file name that every system takes, another for every label; never "world".
+
+    Args:
+        label: The label.
+        longest: Letters of it that are kept.
+    """
+    safe = re.sub(r"[^A-Za-z0-9+.-]+", "_", label)[:longest].strip(".")
     return safe if safe == label and safe != "world" else f"{safe}_{crc32(label.encode()):08x}"
