@@ -261,6 +261,20 @@ def test_only_run(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     )
 
 
+def test_only_run_without_an_answer(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """An estimator that fails has no figures in the table, and why nothing is drawn is told."""
+    (tmp_path / "bad.py").write_text(BROKEN)
+    study = write(
+        tmp_path / "s.toml", STUDY.split("[[estimators]]")[0] + '[[estimators]]\nname = "bad.py:build"\n'
+    )
+    said = rangefix("run", study, "--only-run", "1", "--out", "a")
+    assert said.code == 1
+    rows = [line.split() for line in said.out.splitlines() if line.split()[:1] == ["bad.py:build"]]
+    assert rows == [["bad.py:build", "error", "-", "-", "-"]] * 2
+    assert "RuntimeError: no answer" in said.out
+    assert "no figure: no estimator gave an answer with" in said.out
+
+
 def test_check(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     """How many checks ran; a fault is named with its fix; an expected one needs its reason."""
     said = rangefix("check", "ekf")

@@ -32,9 +32,16 @@ def show_run(study: Study, number: int, folder: Path, as_json: bool) -> bool:
             for reason in trials.reasons.values():
                 where = f"{trials.estimator}, {beams_in_words(trials.beams)}"
                 screen.say(f"{where}: {reason}")
-        for line in figures or ["no figure: the map does not tell its walls"]:
+        for line in figures or [f"no figure: {_why_none(run)}"]:
             screen.say(line)
     return all(bool(trials.ok.all()) for trials in run.results.trials)
+
+
+def _why_none(run: OneRun) -> str:
+    """Why `draw_run` has drawn nothing."""
+    if not run.results.scene:
+        return "the map does not tell its walls"
+    return f"no estimator gave an answer with {beams_in_words(run.results.beam_sets[-1])}"
 
 
 def _table(title: str, run: OneRun) -> Table:
@@ -49,15 +56,21 @@ def _table(title: str, run: OneRun) -> Table:
     for beams in results.beam_sets:
         table.add_row(beams_in_words(beams), style="bold")
         for trials in (results.get(estimator, beams) for estimator in results.estimators):
-            stds = np.sqrt(np.maximum(trials.covariance[0, -1].diagonal(), 0.0))
-            cells = [
-                f"{format_number(by * value)} ± {format_number(by * std)}"
-                for by, value, std in zip(scale, trials.mean[0, -1], stds, strict=True)
-            ]
-            ratio = format_number(_ratios(run, trials)[-1])
-            table.add_row(f"  {trials.estimator}", STATUSES[trials.status[0]], *cells, ratio)
+            answer = _answer(run, trials) if trials.ok[0] else ["-"] * (len(headings) + 1)
+            table.add_row(f"  {trials.estimator}", STATUSES[trials.status[0]], *answer)
         table.add_section()
     return table
+
+
+def _answer(run: OneRun, trials: Trials) -> list[str]:
+    """The estimate after the last measurement with its deviations, and NEES over n."""
+    stds = np.sqrt(np.maximum(trials.covariance[0, -1].diagonal(), 0.0))
+    scale = [factor(name) for name in run.results.space.names]
+    cells = [
+        f"{format_number(by * value)} ± {format_number(by * std)}"
+        for by, value, std in zip(scale, trials.mean[0, -1], stds, strict=True)
+    ]
+    return [*cells, format_number(_ratios(run, trials)[-1])]
 
 
 def _ratios(run: OneRun, trials: Trials) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rangefix.evaluation import parse_study, repeat_run, run
+from rangefix.evaluation import comparison_table, parse_study, repeat_run, run
 from rangefix.evaluation.drawing import draw_run
 
 STUDY = """
@@ -64,3 +64,8 @@ def test_its_figure_is_that_of_the_run(study, tmp_path):
     paths = draw_run(repeat_run(study, 2), tmp_path)
     assert [path.name for path in paths] == ["run-2.png", "run-2.svg"]
     assert "What is believed in run 2" in paths[1].read_text(encoding="utf-8")
+
+
+def test_it_is_finished(study):
+    """Tables of the run say what it is of, and of no interruption."""
+    assert ": 1 runs, after the last of 3 measurements" in comparison_table(repeat_run(study, 1).results)

@@ -54,7 +54,12 @@ def repeat_run(study: Experiment | Describes, number: int, *, plugins: bool = Tr
             for beams in range(len(experiment.beam_sets))
         )
     results = Results(
-        manifest={"name": experiment.name, "title": experiment.title, "seed": experiment.seed},
+        manifest={
+            "name": experiment.name,
+            "title": experiment.title,
+            "seed": experiment.seed,
+            "state": "complete",
+        },
         space=experiment.truth.space,
         estimators=tuple(experiment.estimators),
         beam_sets=experiment.beam_labels,
