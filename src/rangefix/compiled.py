@@ -74,7 +74,7 @@ class _SaysSo(event.Listener):
         self.depth += 1
         if self.depth == 1 and sys.stderr.isatty():
             self.told = _is_ours(event)
-            sys.stderr.write(NOTICE if self.told else "")
+            sys.stderr.write(f"{CLEARED}{NOTICE}" if self.told else "")
             sys.stderr.flush()
 
     def on_end(self, event: Any) -> None:

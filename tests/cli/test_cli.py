@@ -16,7 +16,7 @@ import pytest
 
 from rangefix import __version__
 from rangefix.cli import main
-from rangefix.cli.app import app
+from rangefix.cli.app import app, doing
 from rangefix.cli.main import overview
 from rangefix.cli.maps import gather_bearings
 from rangefix.evaluation import load
@@ -448,6 +448,31 @@ def test_errors_of_ours_keep_their_traceback(
     monkeypatch.setattr("rangefix.evaluation.paper.solve", broken)
     with pytest.raises(ZeroDivisionError):
         main(["paper"])
+
+
+def test_what_is_being_done_goes_before_anything_else_is_told(
+    rangefix: Callable[..., Said], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """On a terminal a mistake, a stop and an error of ours take the place of the line of progress."""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)  # which `main` changes
+
+    def broken(wrong: type[BaseException]) -> Callable[..., None]:
+        def solve(*arguments: object, **options: object) -> None:
+            doing("fitting")
+            raise wrong("no more")
+
+        return solve
+
+    line = "\r\033[Kfitting\r\033[Krangefix: "
+    for wrong, said in ((ValueError, "no more"), (KeyboardInterrupt, "stopped")):
+        monkeypatch.setattr("rangefix.evaluation.paper.solve", broken(wrong))
+        assert rangefix("paper").err == f"{line}{said}\n"
+    monkeypatch.setattr("rangefix.evaluation.paper.solve", broken(ZeroDivisionError))
+    with pytest.raises(ZeroDivisionError) as ended:
+        main(["paper"])
+    sys.excepthook(ended.type, ended.value, None)
+    assert capfd.readouterr().err == "\r\033[Kfitting\r\033[KZeroDivisionError: no more\n"
 
 
 def test_the_overview_shows_what_the_whole_application_would(capsys: pytest.CaptureFixture[str]) -> None:

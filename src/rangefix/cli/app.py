@@ -27,6 +27,7 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
+CLEARED = "\r\033[K"  # a line of a terminal
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 app = typer.Typer(
     name="rangefix",
@@ -135,14 +136,14 @@ def say(text: object) -> None:
 
 
 def warn(text: str) -> None:
-    """A line on standard error, that begins with the name of the command."""
-    print(printable(f"rangefix: {text}"), file=sys.stderr)
+    """A line on standard error, that begins with the name of the command, instead of what is being done."""
+    print(f"{CLEARED * sys.stderr.isatty()}{printable(f'rangefix: {text}')}", file=sys.stderr)
 
 
 def doing(text: str) -> None:
     """What is being done, on one line of the terminal that the next call writes over; "" takes it away."""
     if sys.stderr.isatty():
-        print(f"\r\033[K{printable(text)}", end="", file=sys.stderr, flush=True)
+        print(f"{CLEARED}{printable(text)}", end="", file=sys.stderr, flush=True)
 
 
 def print_json(document: Any) -> None:

@@ -18,7 +18,7 @@ import typer
 
 from .. import __version__
 from ..errors import printable
-from .app import Command, ExitCode, Stopped, app, say, warn
+from .app import Command, ExitCode, Stopped, app, doing, say, warn
 from .bounds import bounds
 from .check import check
 from .estimators import estimators
@@ -121,6 +121,7 @@ def overview() -> typer.Typer:
 def _print_traceback(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
     """An error of ours as Python shows it, but for what a terminal would obey."""
     text = "".join(traceback.format_exception(kind, error, where))
+    doing("")
     print(printable(text, keep="\n"), end="", file=sys.stderr)
 
 

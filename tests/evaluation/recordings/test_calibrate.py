@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -154,20 +155,25 @@ def write_log(path: Path, residuals: Residuals) -> Path:
     return path
 
 
-def test_the_command_writes_a_sensor_of_a_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_a_sensor_of_a_study(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The sections are read back: shared errors for truths, weights for filters; a picture lies beside them.
 
-    Without a truth or a start the command says what it needs.
+    On a terminal the line of progress goes. Without a truth or a start the command says what it needs.
     """
     from rangefix.cli.main import main
 
     log = write_log(tmp_path / "log.npz", recording(40, SHARED, step=0.05))
     out = tmp_path / "calibrated.toml"
     words = ["calibrate", "--map", "room:6x9", "--log", str(log), "--out", str(out)]
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with pytest.raises(SystemExit) as ended:
         main([*words, "--truth", "odometry", "--json"])
     assert ended.value.code == 0
-    told = json.loads(capsys.readouterr().out)
+    shown = capsys.readouterr()
+    assert shown.err.endswith("fitting\r\033[K")
+    told = json.loads(shown.out)
     assert any("nothing says where the laser stands" in note for note in told["notes"])
     low, high = told["intervals"]["bias_m"]
     assert low < told["fitted"]["bias_m"] < high

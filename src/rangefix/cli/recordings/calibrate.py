@@ -85,6 +85,7 @@ def calibrate(
     files = [out, out.with_suffix(".png")]
     write_figure(lambda: draw_residuals(found), files[1])
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
+    doing("")
     fitted = found.fitted
     if as_json:
         print_json(
