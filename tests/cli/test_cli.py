@@ -430,6 +430,20 @@ def test_all_mistakes_of_a_study_at_once(rangefix: Callable[..., Said], tmp_path
     assert not (tmp_path / "r").exists()
 
 
+def test_paths_without_a_name(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """Empty ones are no folder that one is in; a study to write is no folder at all."""
+    calibrate = "calibrate", "--map", "room:4x6"
+    for given in (("new",), (*calibrate, "--log"), (*calibrate, "--log", "a.npz", "--out"),
+                  ("replay", "-m", "room:4x6", "-l", "a.npz", "--sensor")):  # fmt: skip
+        said = rangefix(*given, "")
+        assert (said.code, said.err.count("\n")) == (2, 1)
+        assert said.err.endswith(": it is empty: name a file or folder\n")
+    for folder in (".", "..", "/"):
+        assert rangefix("new", folder).err == f"rangefix: {folder} is a folder: name a file to write\n"
+    assert "a.npz" in rangefix(*calibrate, "--log", "a.npz").err  # without --out
+    assert not [*tmp_path.iterdir()]
+
+
 def test_zero_beams(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     text = STUDY.replace("[326.3, 0.0, 33.7]", "[]").replace("beam_sets = [[1], [1, 2, 3]]", "")
     said = rangefix("run", write(tmp_path / "s.toml", text))

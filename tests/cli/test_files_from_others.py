@@ -149,6 +149,10 @@ def test_no_plugins_is_one_line_that_names_it(rangefix: Callable[..., Said], tou
         assert said.err.startswith("rangefix: s.toml:14: estimators[2].name: 'theirs.py:Thing' is a plug-in")
     ours = json.loads(rangefix("estimators", "--no-plugins", "--json").out)["estimators"]
     assert {"ekf", "particle"} <= {each["name"] for each in ours}
+    said = rangefix("estimators", f"{touched.parent}/from/theirs.py:Thing", "--no-plugins")
+    assert (said.code, said.out, said.err.count("\n")) == (2, "", 1)
+    assert "theirs.py:Thing' is a plug-in, which --no-plugins leaves out" in said.err
+    assert not touched.exists()
 
 
 # What is shown

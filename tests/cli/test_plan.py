@@ -58,6 +58,7 @@ def test_narrow_screens(
         (("--candidates-deg", "180"), "blind sector"),
         (("--candidates-deg", "0,10", "--beams", "3"), "1 to 2 beams"),
         (("--method", "exhaustive"), "choose by exchange"),
+        (("--method", "exhaustive", "--adaptive"), "--method has no effect with --adaptive"),
     ],
 )
 def test_mistakes_are_one_line(
@@ -68,6 +69,24 @@ def test_mistakes_are_one_line(
     told = capsys.readouterr().err
     assert words in told
     assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"),
+    [
+        ("foo", "--beams-deg needs numbers such as -90,0,90 or -90:90:15, got 'foo'"),
+        ("beams", "--beams-deg needs numbers such as -90,0,90 or -90:90:15, got 'beams'"),
+        ("0:90:0", "--beams-deg 0:90:0: the step must not be 0"),
+        ("0,360", "--beams-deg 0,360: a direction stands twice"),
+        ("nan", "--beams-deg nan: name 1 to 100000 finite directions"),
+    ],
+)
+def test_mistaken_beams_of_a_map_of_accuracy(
+    degrees: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are told by the option that was typed."""
+    assert call("map-accuracy", "paper", "--beams-deg", degrees) == 2
+    assert capsys.readouterr().err == f"rangefix: {words}\n"
 
 
 def test_a_map_of_accuracy(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -85,13 +85,13 @@ def _holds_results(path: Path) -> bool:
     return any((path / name).exists() for name in ("manifest.json", "table1.json", "parts"))
 
 
-def named(text: str) -> Path:
-    """A path that was given: an empty one would be the current folder.
+def named(text: str | Path) -> Path:
+    """A path that was given, or is taken unless one is: an empty one would be the current folder.
 
     Raises:
         typer.BadParameter: If it is empty.
     """
-    if not text.strip():
+    if not str(text).strip():
         raise typer.BadParameter("it is empty: name a file or folder")
     return Path(text)
 

@@ -52,6 +52,9 @@ def estimators(
     from ..filters.registry import BUILT_IN
     from .screen import console
 
+    for each in name or ():
+        if no_plugins and ":" in each:
+            raise ValueError(f"{each!r} is a plug-in, which --no-plugins leaves out: give one of the two")
     known = BUILT_IN if no_plugins else names()
     chosen = [each if ":" in each else one_of(each, known, "estimator") for each in name or known]
     described = {each: inspect_estimator(each) for each in chosen}

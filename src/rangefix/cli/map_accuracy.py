@@ -9,7 +9,7 @@ import typer
 
 from .app import Json, named, print_json
 from .map_options import Unit, Up
-from .plan import read_candidates
+from .plan import read_directions
 from .studies import Map, NoPlugins, StudyFile, read_study
 
 SCHEMA = 1
@@ -52,7 +52,7 @@ def map_accuracy(
     problem = world.assumed or world.truth
     sensor = check_plannable(problem)
     if beams_deg is not None:
-        sensor = turned(sensor, read_candidates(beams_deg, problem))
+        sensor = turned(sensor, read_directions(beams_deg, "--beams-deg"))
     found = accuracy_map(problem, sensor, step_m)
     std, (worst, direction) = found.position_std, found.worst()
     known = np.isfinite(std)

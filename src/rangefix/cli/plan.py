@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from ..filters import Problem
 
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
-MEASURED = "beams"  # a word for --candidates-deg: those of the study
+CANDIDATES = "--candidates-deg"
+MEASURED = "beams"  # a word for it: those of the study
 
 
 def criteria() -> tuple[str, ...]:
@@ -47,20 +48,21 @@ def plan(
         ),
     ] = "trace",
     method: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
             autocompletion=names_from(methods),
-            help="greedy; exchange, which goes on from there; or exhaustive, all sets of few candidates.",
+            help="greedy; exchange, which goes on from there; or exhaustive, all sets of few candidates. "
+            "Unless given: exchange.",
         ),
-    ] = "exchange",
+    ] = None,
     adaptive: Annotated[
         bool, typer.Option("--adaptive", help="Choose each beam after the readings before it are known.")
     ] = False,
     candidates_deg: Annotated[
         str | None,
         typer.Option(
-            "--candidates-deg",
+            CANDIDATES,
             metavar="DEGREES",
             help="Directions to choose from: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from the "
             f"heading; or {MEASURED!r}, the study's own. Every {RESOLUTION_DEG:g} deg outside the blind "
@@ -90,7 +92,9 @@ def plan(
 ) -> None:
     """Which beams to measure: the expected accuracy of a position before anything is measured."""
     criterion = one_of(criterion, criteria(), "criterion is called")
-    method = one_of(method, methods(), "method is called")
+    if adaptive and method is not None:
+        raise ValueError("--method has no effect with --adaptive, which chooses each beam by itself")
+    method = one_of(method or "exchange", methods(), "method is called")
     given = read_study(study, None, seed, map_path, not no_plugins, unit=unit, up=up)
     world = given.world()
 
@@ -117,7 +121,7 @@ def read_candidates(text: str | None, problem: Problem) -> Array:
     """Directions that may be chosen, rad, (D,).
 
     Raises:
-        ValueError: If they are no numbers, or none, or one stands twice.
+        ValueError: As `read_directions`; or if measurements cannot be planned for the problem.
     """
     import numpy as np
 
@@ -129,6 +133,22 @@ def read_candidates(text: str | None, problem: Problem) -> Array:
         return np.asarray(sensor.bearings[~sensor.blind])
     if text is None:
         return sweep(np.deg2rad(RESOLUTION_DEG), sensor.blind_sector)
+    return read_directions(text, CANDIDATES, f", or {MEASURED!r}")
+
+
+def read_directions(text: str, option: str, else_: str = "") -> Array:
+    """Directions as they are written, deg, -> rad, (D,).
+
+    Args:
+        text: -90,0,90 or -90:90:15 (from:to:step).
+        option: The option that they were given by.
+        else_: What else it may be, for the mistake.
+
+    Raises:
+        ValueError: If they are no numbers, or none, or one stands twice.
+    """
+    import numpy as np
+
     try:
         if ":" in text:
             low, high, step = map(float, text.split(":"))
@@ -136,15 +156,15 @@ def read_candidates(text: str | None, problem: Problem) -> Array:
         else:
             degrees = np.array([float(part) for part in text.replace(",", " ").split()])
     except ZeroDivisionError:
-        raise ValueError(f"--candidates-deg {text}: the step must not be 0") from None
+        raise ValueError(f"{option} {text}: the step must not be 0") from None
     except ValueError:
         raise ValueError(
-            f"--candidates-deg needs numbers such as -90,0,90 or -90:90:15, or {MEASURED!r}, got {text!r}"
+            f"{option} needs numbers such as -90,0,90 or -90:90:15{else_}, got {text!r}"
         ) from None
     if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > 100_000:
-        raise ValueError(f"--candidates-deg {text}: name 1 to 100000 finite directions")
+        raise ValueError(f"{option} {text}: name 1 to 100000 finite directions")
     if len(np.unique(np.round(degrees % 360, 9))) < len(degrees):
-        raise ValueError(f"--candidates-deg {text}: a direction stands twice")
+        raise ValueError(f"{option} {text}: a direction stands twice")
     return np.deg2rad(degrees)
 
 

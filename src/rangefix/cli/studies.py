@@ -130,9 +130,12 @@ def _text(name: str) -> str:
 
 
 def new(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The file to write.")], as_json: Json = False
+    study: Annotated[Path, typer.Argument(parser=named, metavar="STUDY", help="The file to write.")],
+    as_json: Json = False,
 ) -> None:
     """Write a commented study to begin with."""
+    if study.name in ("", ".."):
+        raise ValueError(f"{study} is a folder: name a file to write")
     path = study if study.suffix == ".toml" else study.with_name(f"{study.name}.toml")
     text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
     name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import Json, doing, print_json, say
+from ..app import Json, doing, named, print_json, say
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
@@ -22,7 +22,7 @@ DEFAULT_BEAMS = 24
 @takes_map_options
 def calibrate(
     map_name: Annotated[str, typer.Option("--map", metavar="MAP", help="A map file, or a room.")],
-    log_path: Annotated[Path, typer.Option("--log", metavar="LOG", help="A recording.")],
+    log_path: Annotated[Path, typer.Option("--log", parser=named, metavar="LOG", help="A recording.")],
     truth: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="True poses (TUM), or the word odometry where that is true."),
@@ -45,7 +45,10 @@ def calibrate(
     base_frame: BaseFrame = None,
     map_options: MapOptions = AS_FILES_SAY,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The sections; a picture goes beside it.")
+        Path,
+        typer.Option(
+            "--out", "-o", parser=named, metavar="FILE", help="The sections; a picture goes beside it."
+        ),
     ] = Path("calibrated.toml"),
     as_json: Json = False,
 ) -> None:

@@ -95,6 +95,7 @@ def replay(
     sensor: Annotated[
         Path | None,
         typer.Option(
+            parser=named,
             metavar="FILE",
             help="A file with a table [sensor], as in a study: noise and place of the laser.",
         ),
