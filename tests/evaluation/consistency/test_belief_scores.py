@@ -14,7 +14,7 @@ from rangefix.evaluation import Experiment, NamedEstimator, load, run, streams, 
 from rangefix.evaluation.consistency.belief_scores import (
     RANK_DRAWS,
     belief_arrays,
-    judge_belief,
+    draw_belief,
     main_mode,
     measure,
     rank_histogram,
@@ -26,7 +26,7 @@ from rangefix.evaluation.figures import FigureData, plot_ranks
 from rangefix.evaluation.figures.ranks import OUTSIDE
 from rangefix.evaluation.figures.style import CLAIMED
 from rangefix.evaluation.monte_carlo.simulate import simulate
-from rangefix.evaluation.results import FolderLayout, read_part, trials_path, write_part
+from rangefix.evaluation.results import BeliefScores, FolderLayout, read_part, trials_path, write_part
 from rangefix.filters import EachRun, build, pose_space, position_space
 from rangefix.filters.optional_methods import CanSample, sample_belief
 
@@ -62,6 +62,13 @@ def truth() -> np.ndarray:
 def measured(truth: np.ndarray, squeeze: float) -> Any:
     lifted = EachRun(Ring(squeeze))  # type: ignore[type-var]
     draws = sample_belief(lifted, [None] * len(truth), RANK_DRAWS, streams(1, "belief", range(len(truth))))
+    assert draws is not None
+    return measure(draws, truth, SPACE)
+
+
+def judged(estimator: Any, belief: Any, truth: np.ndarray, seed: int, runs: range) -> BeliefScores:
+    """Draws from the beliefs of some runs against their truths (M, n)."""
+    draws = draw_belief(estimator, belief, RANK_DRAWS, seed, runs, 0)
     assert draws is not None
     return measure(draws, truth, SPACE)
 
@@ -172,8 +179,7 @@ def test_beliefs_survive_in_parts(tmp_path):
     for first, end in plan.blocks():
         path = trials_path(tmp_path, "prior", "all", first, end)
         truth = results.truth[first:end, 0]
-        found = judge_belief(EachRun(Ring()), [None] * (end - first), truth, SPACE, 1, range(first, end), 0)  # type: ignore[type-var]
-        assert found is not None
+        found = judged(EachRun(Ring()), [None] * (end - first), truth, 1, range(first, end))  # type: ignore[type-var]
         write_part(path, read_part(path) | belief_arrays([found]), plan.key("prior", "all", first, end))
     again = load(tmp_path)
     found = again.trials[0].belief(0)
@@ -266,8 +272,7 @@ def test_ranks_acquit_exact_filters_where_pit_does_not(name, world):
     """
     truth = world[1]
     estimator, belief = updated(name, world, **BUILT_IN[name])
-    found = judge_belief(estimator, belief, truth, SPACE, 9, range(len(truth)), 0)
-    assert found is not None
+    found = judged(estimator, belief, truth, 9, range(len(truth)))
     for ranks in (*found.ranks.T, found.distance_rank):
         assert uniform_p_value(rank_histogram(ranks)) > 1e-3
     mean, covariance, _ = estimator.estimate(belief)
@@ -292,8 +297,7 @@ def test_scaled_covariances_bend_the_rank_histogram(scale, ends, world):
     """Half the covariance: a U, ends above the middle. Twice: a dome, ends below it. p < 1e-6 for both."""
     truth = world[1]
     exact, belief = updated("point-mass", world, cell=0.04)
-    found = judge_belief(Scaled(exact, scale), belief, truth, SPACE, 9, range(len(truth)), 0)
-    assert found is not None
+    found = judged(Scaled(exact, scale), belief, truth, 9, range(len(truth)))
     counts = sum(rank_histogram(ranks) for ranks in found.ranks.T)
     assert uniform_p_value(counts) < 1e-6
     ratio = counts[[0, -1]].mean() / counts[3:7].mean()
@@ -304,8 +308,7 @@ def test_a_gaussian_filter_s_belief_scores_as_its_claim_does(world):
     """What an EKF samples is what it claims: the scores agree within 4 standard errors; its ranks are a U."""
     truth = world[1]
     estimator, belief = updated("ekf", world)
-    found = judge_belief(estimator, belief, truth, SPACE, 9, range(len(truth)), 0)
-    assert found is not None
+    found = judged(estimator, belief, truth, 9, range(len(truth)))
     mean, covariance, _ = estimator.estimate(belief)
     gap = found.energy - energy_score(truth - mean, covariance)
     assert abs(gap.mean()) < 4 * gap.std() / np.sqrt(len(gap))
@@ -317,8 +320,7 @@ def test_better_beliefs_score_better(world):
     """The exact belief has lower energy and CRPS than its own Gaussian, by over 4 standard errors."""
     truth = world[1]
     estimator, belief = updated("point-mass", world, cell=0.04)
-    found = judge_belief(estimator, belief, truth, SPACE, 9, range(len(truth)), 0)
-    assert found is not None
+    found = judged(estimator, belief, truth, 9, range(len(truth)))
     mean, covariance, _ = estimator.estimate(belief)
     stds = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     gains = [

@@ -122,18 +122,6 @@ def rank_histogram(ranks: Array, draws: int = RANK_DRAWS, bins: int = BINS) -> A
     return np.bincount(np.asarray(ranks, dtype=int) * bins // (draws + 1), minlength=bins).astype(float)
 
 
-def judge_belief(
-    estimator: Any, belief: Any, truth: Array, space: StateSpace, seed: int, runs: Iterable[int], step: int
-) -> BeliefScores | None:
-    """Draws from the beliefs of some runs against their truths (M, n); None if the estimator cannot sample.
-
-    Raises:
-        ValueError: If `sample` gives draws of the wrong shape or not finite.
-    """
-    draws = draw_belief(estimator, belief, RANK_DRAWS, seed, runs, step)
-    return None if draws is None else measure(draws, truth, space)
-
-
 def draw_belief(
     estimator: Any, belief: Any, size: int, seed: int, runs: Iterable[int], step: int
 ) -> Array | None:

@@ -23,7 +23,6 @@ from .steps import Step
 PURPOSE = "replay"  # of the random numbers that an estimator draws
 LOOKOUT = "lost"  # of those that draw from what it believes, which must not change it
 DRAWS_OF_BELIEF = 100  # from a belief before a scan and after it, among which it is to fit somewhere
-LONGEST_GAP_S = 1.0  # between two true poses, across which no truth is interpolated
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import numpy as np
 from ....arrays import Array, BoolArray, IntArray
 from ....filters.exact import ExactPositionFilter
 
-MAX_BEAMS = 2
 REACH_STDS = 7.0  # of a reading about its expected range
 STEPS_PER_STD = {1: 4, 2: 1}
 MAX_NODES = 40_000
