@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.integrate import quad
+from scipy.integrate import quad, trapezoid
 
 from rangefix.filters import BeamMixture, Gaussian, Quantised, RangeProportional, StudentT
 from rangefix.filters.models.noise import CumulativeNoise
@@ -226,3 +226,16 @@ def test_equal_models_are_equal_and_can_be_pickled() -> None:
 def test_bad_parameters_are_refused(make: object, match: str) -> None:
     with pytest.raises(ValueError, match=match):
         make()  # type: ignore[operator]
+
+
+def test_a_mixture_whose_expected_range_lies_far_below_zero() -> None:
+    """As less a bias: the density sums to what returns, and draws have the mean of hits, std^2 / 0.5 m."""
+    mixture = BeamMixture(0.7, 0.1, 0.1, 0.1, 0.01, 1.0, 10.0)
+    expected = np.array([-0.5, -0.39, -0.2])
+    readings = np.concatenate([np.linspace(0.0, 0.02, 20_001), np.linspace(0.02, 10.0, 20_001)[1:]])
+    densities = np.exp(mixture.log_density(readings[:, None], expected))
+    np.testing.assert_allclose(trapezoid(densities, readings, axis=0), 0.9, rtol=1e-4)
+    drawn = mixture.sample(np.full(100_000, -0.5), np.random.default_rng(1))
+    hits = drawn[drawn < 0.01]
+    assert len(hits) / len(drawn) == pytest.approx(0.8, abs=0.01)
+    assert hits.mean() == pytest.approx(0.01**2 / 0.5, rel=0.05)

@@ -16,10 +16,14 @@ import pytest
 
 from rangefix.arrays import Array
 from rangefix.filters import (
+    BeamMixture,
+    Biased,
     Gaussian,
+    Noise,
     Problem,
     Rangefinder,
     Stationary,
+    StudentT,
     Uniform,
     build,
     pose_space,
@@ -38,6 +42,7 @@ from ..families import POSITION, draw
 
 CASES = Path(os.environ.get("RANGEFIX_CASES", Path(__file__).parents[3].parent / "shared" / "cases"))
 SCRIPTS = ("c01_ridge", "c02_grazing", "c03_three_beams", "c04_wrong_mode", "c11_pose")
+MIXTURE = BeamMixture(0.7, 0.1, 0.1, 0.1, 0.02, 1.0, 10.0)
 LEAST_ERROR = 1e-3  # deviations; what is stated below it is not compared
 MISS_MEAN, MISS_COVARIANCE = 0.05, 0.1  # deviations, and shares of variances
 
@@ -164,6 +169,26 @@ def test_log_evidence_and_two_measurements() -> None:
         means.append(mean[0])
     assert abs(logs[1] - logs[0]) < 0.005
     np.testing.assert_allclose(means[1], means[0], atol=0.02 * 0.03)
+
+
+@pytest.mark.parametrize("noise", [Gaussian(0.02), StudentT(0.02, 4.0), MIXTURE])
+@pytest.mark.parametrize("bias", [0.3, -0.1])
+def test_a_bias_of_the_noise_is_no_error(noise: Noise, bias: float) -> None:
+    """Against `exact` in the paper's room: 30 fixes to 0.05 deviations and nats; half were off by more."""
+    room, space = RectangularRoom(4.0, 6.0), position_space()
+    limit = 10.0 if noise is MIXTURE else np.inf
+    bearings = np.deg2rad([-60.0, 0.0, 40.0, 130.0])
+    sensor = Rangefinder(room, bearings, Biased(noise, bias), space, max_range=limit)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+    truths = problem.prior.sample(30, np.random.default_rng(3))
+    readings = sensor.sample(truths, np.random.default_rng(4))
+    exact, ours = (build(name, problem) for name in ("exact", "point-mass"))
+    one, other = (
+        each.estimate(each.update(each.init(problem.prior, rngs(30)), readings, rngs(30)))
+        for each in (exact, ours)
+    )
+    assert deviations_apart(space, one, other).max() < 0.05
+    np.testing.assert_allclose(other.log_evidence, one.log_evidence, atol=0.05)
 
 
 def test_an_unknown_heading() -> None:

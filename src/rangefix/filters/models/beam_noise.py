@@ -12,6 +12,7 @@ from ...arrays import LOG_TWO_PI, Array
 from .noise import CumulativeNoise, check_spread, deviate, log_normal_below
 
 SURELY_POSITIVE = 9.0  # deviations: a normal number is below -9 once in 10^19
+FAR_BELOW = -30.0  # deviations from 0 to an expected range: its share above 0 is told by its log
 ON_STEP = 1e-9  # of a quantisation step, by which a limit may fall short of a multiple through rounding
 
 
@@ -77,8 +78,8 @@ class BeamMixture:
 
     def _log_density_above_floor(self, reading: Array, expected: Array) -> Array:
         """The log of the sum itself, which the random readings keep above zero: three times as fast."""
-        scale = np.exp(-self._log_kept(expected)) / (self.std * np.sqrt(2 * np.pi))
-        hits = np.exp(-0.5 * deviate(reading, expected, self.std) ** 2) * scale
+        hits = np.exp(-0.5 * deviate(reading, expected, self.std) ** 2 - self._log_kept(expected))
+        hits *= 1.0 / (self.std * np.sqrt(2 * np.pi))
         reach = np.clip(expected, 0.0, self.max_range)
         room = reach > 0
         total = np.where(room, self.hit, self.hit + self.short) * hits + self.random / self.max_range
@@ -124,14 +125,17 @@ class BeamMixture:
 
     def sample(self, expected: Array, rng: Generator) -> Array:
         """One reading for each expected range, m; inf = no return."""
-        from scipy.special import ndtr, ndtri
+        from scipy.special import ndtr, ndtri, ndtri_exp
 
         expected = np.asarray(expected, dtype=float)
         part, place = rng.random((2, *expected.shape))
         wall = np.isfinite(expected)
         near = np.where(wall, expected, 0.0)
         reach = np.clip(expected, 0.0, self.max_range)
-        hit = np.where(wall, near - self.std * ndtri((1.0 - place) * ndtr(near / self.std)), np.inf)
+        off = ndtri((1.0 - place) * ndtr(near / self.std))
+        if (deep := near < FAR_BELOW * self.std).any():  # of an expected range less a bias
+            off = np.where(deep, ndtri_exp(np.log1p(-place) + log_normal_below(near / self.std)), off)
+        hit = np.where(wall, near - self.std * off, np.inf)
         hit = np.where(hit <= self.max_range, np.maximum(hit, 0.0), np.inf)
         short = -np.log1p(place * np.expm1(-self.rate * reach)) / self.rate
         ends = np.cumsum([self.hit, self.short, self.max])

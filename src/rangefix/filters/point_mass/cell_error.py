@@ -18,6 +18,7 @@ from ...arrays import Array, sum_terms
 MIN_CURVATURE = 1e-2  # 1 / cells^2: a deviation of ten cells has no error
 TERMS_OF_SUM = 11  # of the sum over m
 MOST_ROUNDS = 100  # of reduction; two or three are common
+BESIDE, ALONE = 0.7, 0.9  # of the whole variance: with so much a place's own is not, or is, all there is
 LARGE_UNRESOLVED_SHARE = 0.01  # of the variance; where so much is missed the sum's own variance is luck
 
 
@@ -36,7 +37,7 @@ def unresolved_variance(variance: Array) -> Array:
     return np.where(x < 1.0, narrow, 8.0 * (np.pi * variance) ** 2 * total)
 
 
-def unresolved_covariance(information: Array, spread: Array) -> Array:
+def unresolved_covariance(information: Array, spread: Array, whole: Array) -> Array:
     """What is to be added to the covariances of lattice sums for Gaussians.
 
     Along each vector of the reduced basis that is T(s), and where that is much of s, s less the sum's own
@@ -45,6 +46,8 @@ def unresolved_covariance(information: Array, spread: Array) -> Array:
     Args:
         information: Inverse covariances, (n, n, K); none is taken for flatter than MIN_CURVATURE.
         spread: The sums' own covariances about these places, (n, n, K).
+        whole: Those of all cells, (n, n, K). Where they are more there is something beside, and what seems
+            too much may be a jump: nothing is taken away.
 
     Returns:
         The covariances to add, (n, n, K).
@@ -59,10 +62,13 @@ def unresolved_covariance(information: Array, spread: Array) -> Array:
     for k in range(size):
         along = [sum_terms(spread[i] * inverse[:, k]) for i in range(size)]
         own = sum_terms(inverse[i, k] * along[i] for i in range(size))
+        further = [sum_terms(whole[i] * inverse[:, k]) for i in range(size)]
+        total = sum_terms(inverse[i, k] * further[i] for i in range(size))
+        alone = np.clip((own / np.maximum(total, 1e-300) - BESIDE) / (ALONE - BESIDE), 0.0, 1.0)
         least = unresolved_variance(variance[k])
         share = (least / variance[k]) ** 2
         share /= share + LARGE_UNRESOLVED_SHARE**2
-        extra = np.maximum(least + share * (variance[k] - own), -0.5 * own)
+        extra = np.maximum(least + share * (variance[k] - own), -0.5 * alone * own)
         error += extra * basis[k, :, None] * basis[k]
     return error
 

@@ -67,7 +67,7 @@ class PointMassFilter(BriefRepr):
     zero, while the centre it reports is off by up to half a cell or, where components are correlated, by
     several. So the covariance is raised by the mean squared error of lattice sums, found mode by mode from
     the weights about a few heavy cells (`mode_shape`, docs/decisions/0002-cell-width.md). Where cells are
-    at most 1.8 deviations wide in every direction nothing is added.
+    at most 1.8 deviations wide in every direction hardly anything is added.
 
     Where all possible cells lie in a row, as in a slit thinner than they are, each counts as even within:
     1 / 12 of its size squared is added along each axis, for no slit is a line.

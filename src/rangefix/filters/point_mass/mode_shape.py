@@ -246,7 +246,9 @@ def _errors(
     if not kept.size:
         return kept, np.empty((0, size, size))
     _make_definite(information)
-    error = unresolved_covariance(information, _spread(weights.take(kept, axis=1), offsets))
+    steps = np.outer(grid.step, grid.step)[:, :, None]
+    whole = np.moveaxis(sums.covariances[run[kept]], 0, -1) / steps
+    error = unresolved_covariance(information, _spread(weights.take(kept, axis=1), offsets), whole)
     error *= np.minimum(narrow[kept], 1.0) * times.ravel()[asked[kept]] / probes
     first = np.flatnonzero(np.diff(run[kept], prepend=-1))  # of each run
     return run[kept][first], np.moveaxis(np.add.reduceat(error, first, axis=-1), -1, 0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray
 from ...compiled import njit
-from ..models.wrapped_noise import reading_spread
+from ..models.wrapped_noise import reading_bias, reading_spread
 from ..problem import Sensor
 
 HALVINGS = 12  # of a noise's deviation, in search of the width of its peak
@@ -228,9 +228,8 @@ class Likelihood:
         if not self.sensor.min_range:
             measured &= ~np.isneginf(reading)
         finite = np.isfinite(reading)
-        centre = np.where(
-            finite, np.clip(np.nan_to_num(reading), -LIKELY_M, LIKELY_M), self._steepest(reading)
-        )
+        fit = np.nan_to_num(reading) - reading_bias(self.sensor.noise)
+        centre = np.where(finite, np.clip(fit, -LIKELY_M, LIKELY_M), self._steepest(reading))
         scale = self._widths(centre, measured)
         precision = np.where(measured, 1 / scale**2, 0.0)
         first, last = (np.arcsinh((end - centre) / scale) for end in (0.0, self.farthest))
