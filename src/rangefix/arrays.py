@@ -74,6 +74,19 @@ def keep_copies(record: Any) -> None:
             object.__setattr__(record, field.name, read_only(np.array(value)))
 
 
+def keep_whole(record: Any, name: str, least: int) -> None:
+    """Put a whole number in place of a frozen dataclass's field: 1000 for the 1e3 of a TOML file.
+
+    Raises:
+        ValueError: If it is none, or less than it may be.
+    """
+    value = getattr(record, name)
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not (number and np.isfinite(value) and value == int(value) and value >= least):
+        raise ValueError(f"{name} must be a whole number from {least} on, got {value!r}")
+    object.__setattr__(record, name, int(value))
+
+
 def real_floats(name: str, value: Any) -> Array:
     """What an estimator gives, as float64.
 

@@ -21,6 +21,7 @@ from rangefix.filters import (
     Problem,
     Rangefinder,
     Stationary,
+    StudentT,
     Uniform,
     available,
     build,
@@ -320,3 +321,37 @@ def test_example_package_as_a_third_party_has_it(tmp_path: Path) -> None:
     }
     tests = ("-m", "pytest", "-q", "-c", example / "pyproject.toml", example / "tests")
     assert "4 passed" in python(*tests, "-p", "no:cacheprovider", "-k", "not conforms")
+
+
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [
+        ("particle", "particles"),
+        ("particle", "moves"),
+        ("ekf", "iterations"),
+        ("filterpy-ekf", "iterations"),
+        ("enkf", "members"),
+        ("exact", "most_pieces"),
+        ("point-mass", "most_cells"),
+    ],
+)
+def test_whole_numbers_may_be_written_as_others_are(name: str, option: str) -> None:
+    """2000.0, as TOML reads 2e3, is 2000; what is none is refused in one line, in the words of the option."""
+    room, space = RectangularRoom(4.0, 6.0), position_space()
+    sensor = Rangefinder(room, np.zeros(1), Gaussian(0.1), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+    built, rngs = build(name, problem, **{option: 2000.0}), [np.random.default_rng(0)]
+    assert type(getattr(built.single if isinstance(built, EachRun) else built, option)) is int
+    belief = built.update(built.init(problem.prior, rngs), np.array([[3.0]]), rngs)
+    assert np.isfinite(built.estimate(belief).mean).all()
+    for wrong in (2.5, np.inf, np.nan, True, "2000", 0):
+        with pytest.raises(ValueError, match=f"{option} must be a whole number"):
+            build(name, problem, **{option: wrong})
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ckf", "filterpy-ekf", "filterpy-ukf"])
+def test_noise_without_a_variance_is_refused_before_anything_runs(name: str) -> None:
+    room, space = RectangularRoom(4.0, 6.0), position_space()
+    sensor = Rangefinder(room, np.zeros(1), StudentT(0.1, 1.5), space)
+    with pytest.raises(ValueError, match="has no variance"):
+        build(name, Problem(space, Stationary(space), sensor, Uniform(room, space)))

@@ -220,3 +220,17 @@ def test_ends_at_other_walls_are_found_however_many_are_compared_at_a_time(
     found = walls._abutting(ends, np.arange(120) % 60, a, b)
     assert 5 < sum(expected) < 30
     assert found.tolist() == expected
+
+
+def test_what_lies_on_a_wall_in_plain_view_is_seen_however_many_walls_there_are() -> None:
+    """2000 places along a wall; 20 pillars elsewhere leave it to another caster."""
+    rng = np.random.default_rng(0)
+    pillars = [
+        np.array([[x, 6.0], [x + 0.1, 6.0], [x + 0.1, 6.1], [x, 6.1]]) for x in np.arange(1.0, 7.0, 0.3)
+    ]
+    outer = np.array([[0, 0], [8, 0], [8, 7], [0, 7]])
+    starts = rng.uniform([0.5, 0.5], [7.5, 5.0], (2000, 2))
+    ends = np.column_stack([rng.uniform(0.1, 7.9, 2000), np.zeros(2000)])
+    for plan in (FloorPlan(outer), FloorPlan(outer, pillars)):
+        assert (len(plan.segments) > FEW_WALLS) == (len(plan.segments) > 4)
+        assert plan.in_sight(starts, ends).all()

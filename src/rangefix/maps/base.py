@@ -11,10 +11,9 @@ from ..arrays import Array
 from ..errors import printable
 
 PARALLEL = 1e-15  # below this a sine or cosine is rounding: right angles are exact
-EDGE_ON = 1e-12  # below this |v.d| a wall is met edge-on, and its range has no derivative
 TOUCHING = 1e-12  # m: a beam that passes the end of a wall as near as that meets it, as beams along walls do
 ON_IT = 1e-9  # m: a place as near to a wall is on it, for rounding may say so
-EDGE_ON = 1e-9  # below this |v.d| a wall without thickness is met by its edge, and does not stop a beam
+EDGE_ON = 1e-9  # below this |v.d| a wall is met by its edge, does not stop a beam, and has no derivative
 
 
 class MapError(ValueError):

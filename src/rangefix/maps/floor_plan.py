@@ -21,7 +21,7 @@ Wall = tuple[float, float, float, float]
 
 @dataclass(frozen=True, init=False)
 class FloorPlan(InWalls):
-    """An outline, with holes nobody can stand in and thin inner walls; cast through Open3D.
+    """An outline, with holes nobody can stand in and thin inner walls.
 
     Args:
         outer: Corners (x1, x2) of the outline in order, either way round, m, (n, 2), n >= 3. Any simple

@@ -141,3 +141,11 @@ def test_sound_gates_pass_and_need_no_more_than_a_run_gives(rows: list[Row]) -> 
     gates = parse_gates([*(f"{name}=:1" for name in names), "exact", "ukf:anees=0.8:"])
     need_sound(gates, ["exact", "ukf"], ("x1", "x2"), beliefs=False)
     need_sound(parse_gates(["belief_energy_score=:1"]), ["exact"], ("x1", "x2"), beliefs=True)
+
+
+@pytest.mark.parametrize(
+    "figure", ["share_inaccurate", "share_collapsed", "share_undirected", "effective_particles"]
+)
+def test_what_an_estimator_says_of_its_own_computation_has_gates(figure: str) -> None:
+    """They are columns of summary.csv of those that say it."""
+    need_sound(parse_gates([f"particle:{figure}=0:0.1"]), ["particle"], ("x1", "x2"), beliefs=False)

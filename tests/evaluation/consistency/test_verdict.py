@@ -165,7 +165,7 @@ def test_a_row_without_p_values_is_judged_by_its_interval(rows):
 
 def test_the_whole_estimator(rows):
     both = [rows["exact", beams] for beams in ("1", "1+2+3")]
-    assert decide_overall(both).words == "honest: errs as it claims, in all 2 sets of beams"
+    assert decide_overall(both).words == "honest: errs as it claims, in both sets of beams"
     mixed = decide_overall([rows["exact", "1"], rows["half", "1+2+3"]])
     assert mixed.kind == "overconfident"
     assert "(in 1 of 2 sets of beams; worst: beams 1 + 2 + 3)" in mixed.words

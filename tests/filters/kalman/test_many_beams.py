@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -116,3 +118,19 @@ def test_beams_that_nobody_measured_are_not_cast(name: str, monkeypatch: pytest.
     monkeypatch.setattr(batch.GaussianFilter, "measured", lambda self, values: (problem.sensor, values))
     for one, other in zip(few, estimator.estimate(estimator.update(belief, readings, rngs)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
+
+
+def test_sensors_of_some_beams_are_not_kept_for_ever() -> None:
+    """Beams lost at random: the last few kinds of scans are kept, and none goes along to another process."""
+    problem = posed(40)
+    estimator = build("ekf", problem)
+    alone = len(pickle.dumps(estimator))
+    rng = np.random.default_rng(1)
+    belief = estimator.init(problem.prior, [rng])
+    for _ in range(3 * batch.MOST_SENSORS):
+        reading = np.where(rng.random((1, 40)) < 0.2, np.nan, simulated(problem, 1))
+        after = estimator.update(belief, reading, [rng])
+    assert len(estimator._sensors) == batch.MOST_SENSORS
+    assert len(pickle.dumps(estimator)) < 2 * alone
+    again = pickle.loads(pickle.dumps(estimator)).update(belief, reading, [rng])
+    np.testing.assert_array_equal(again.mean, after.mean)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import suggestion
 from ..results import BeliefScores, SavedBounds
+from ..results.outcome import DIAGNOSTICS
 from .formatting import format_number
 from .metrics import RunBlock
 from .row import Row
@@ -139,8 +140,11 @@ def figures(names: tuple[str, ...], *, beliefs: bool, bounds: bool) -> tuple[str
     one = np.zeros(2)
     belief = BeliefScores(errors, one, one, errors, one, covariance, covariance) if beliefs else None
     both = (SavedBounds(best, errors[0], names) for best in (errors[0], None))
+    told = dict.fromkeys(DIAGNOSTICS, one)
     rows = [
-        Accumulator.of(RunBlock(names, errors, covariance, belief=belief, bounds=saved)).row()
+        Accumulator.of(
+            RunBlock(names, errors, covariance, belief=belief, bounds=saved, diagnostics=told)
+        ).row()
         for saved in (both if bounds else [None])
     ]
     return tuple(dict.fromkeys(name for row in rows for name in row.flat() if name not in LABELS))

@@ -200,12 +200,13 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     moving = any(row.step for row in rows)
     settings = "settings" if moving else "sets of beams"
     words = worst.words
-    if len(rows) > 1 and alike == len(rows):
-        words += f", in all {len(rows)} {settings}"
-    elif len(rows) > 1:
+    if len(rows) > 1:
+        every = "both" if len(rows) == 2 else f"all {len(rows)}"
+        share = every if alike == len(rows) else f"{alike} of {len(rows)}"
         where = beams_in_words(row.beams) + f", measurement {row.step + 1}" * moving
         example = "" if worst.kind in ("unsure", "pending", "honest") else f"; worst: {where}"
-        words += f" (in {alike} of {len(rows)} {settings}{example})"
+        whole = share == every and not example
+        words += f", in {every} {settings}" if whole else f" (in {share} {settings}{example})"
     return Verdict(worst.kind, worst.factor, words, worst.notes)
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, keep_whole
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
@@ -100,6 +100,8 @@ class AdaptivePointMassFilter(BriefRepr):
         if why := unknown_to_lattices(self.problem):
             raise ValueError(f"the adaptive point-mass filter {why}")
         refuse_shared_errors(self.problem.sensor, "the adaptive point-mass filter")
+        keep_whole(self, "table_rays", 1)
+        keep_whole(self, "most_cells", 1)
         check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
         self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, keep_whole
 from ...compiled import in_threads
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
@@ -108,8 +108,7 @@ class ExactPositionFilter(BriefRepr):
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the exact filter is for an object that stays where it is")
         refuse_shared_errors(self.problem.sensor, "the exact filter")
-        if not self.most_pieces > 0:
-            raise ValueError(f"most_pieces must be positive, got {self.most_pieces}")
+        keep_whole(self, "most_pieces", 1)
         self._check_pieces()
 
     @cached_property

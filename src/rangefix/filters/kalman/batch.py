@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -27,6 +28,7 @@ from .belief import GaussianBelief
 from .no_returns import with_missing_returns
 
 WORK_BYTES = 128e6  # of what is worked out between a belief and the next
+MOST_SENSORS = 32  # with some of the beams alone, that are kept
 WORK_PER_RANGE = 80.0  # bytes, for each beam and component of the state
 
 
@@ -87,8 +89,13 @@ class GaussianFilter(ABC):
             noise = noise_of_beams(sensor.noise, kept, read.size)
             if not is_dataclass(sensor.noise):
                 return sensor, measurement
+            while len(self._sensors) >= MOST_SENSORS:
+                del self._sensors[next(iter(self._sensors))]
             self._sensors[key] = replace(sensor, bearings=sensor.bearings[kept], noise=noise)
         return self._sensors[key], np.ascontiguousarray(measurement[:, read])
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_sensors"}
 
     @cached_property
     def _sensors(self) -> dict[bytes, Rangefinder]:

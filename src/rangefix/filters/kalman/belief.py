@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, keep_whole
 from ..estimate import BriefRepr, Estimate, brief
 from ..models.correlated import refuse_shared_errors
-from ..problem import Problem
+from ..models.rangefinder import Rangefinder
+from ..problem import Problem, Sensor
 
 MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint covariance of its beams
 
@@ -60,9 +61,8 @@ class LinearisedOptions(BriefRepr):
     iterations: int = 1
 
     def __post_init__(self) -> None:
-        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
-        if self.iterations != int(self.iterations) or self.iterations < 1:
-            raise ValueError(f"iterations must be a whole number from 1 on, got {self.iterations}")
+        _refuse_noise(self.problem.sensor)
+        keep_whole(self, "iterations", 1)
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,11 +75,21 @@ class SigmaPointOptions(BriefRepr):
     kappa: float | None = None
 
     def __post_init__(self) -> None:
-        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
+        _refuse_noise(self.problem.sensor)
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
-        refuse_shared_errors(self.problem.sensor, "a Kalman filter")
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
             raise ValueError(
                 f"sigma points need alpha > 0, finite beta and kappa > -{size}, got {alpha}, {beta}, {kappa}"
             )
+
+
+def _refuse_noise(sensor: Sensor) -> None:
+    """Refuse noise of which a Kalman filter can make nothing: errors that beams share, or without a variance.
+
+    Raises:
+        ValueError: If it is of that kind.
+    """
+    refuse_shared_errors(sensor, "a Kalman filter")
+    if isinstance(sensor, Rangefinder):
+        sensor.noise.variance(np.ones(len(sensor.bearings)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import LOG_TWO_PI, Array
+from ...arrays import LOG_TWO_PI, Array, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_measurement, impossible_runs
@@ -59,8 +59,7 @@ class EnsembleKalmanFilter(BriefRepr):
 
     def __post_init__(self) -> None:
         size = self.problem.space.size
-        if self.members != int(self.members) or self.members <= size:
-            raise ValueError(f"members must be a whole number above {size}, got {self.members}")
+        keep_whole(self, "members", size + 1)
         check_joint_beams(self.problem)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> EnsembleBelief:

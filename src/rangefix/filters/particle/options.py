@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import keep_whole
 from ..models.motion import Stationary
 from .resampling import SCHEMES
 
@@ -16,24 +17,26 @@ MOST_RANGES_IN_STAGES = 1e7  # particles times beams
 def check_options(options: Any) -> None:  # a ParticleFilter, whose module needs this one
     """Refuse options that are out of range, that do nothing beside others, or that would take minutes.
 
+    Whole numbers that were given as others are kept as such.
+
     Raises:
         ValueError: If there is one.
     """
-    if options.particles != int(options.particles) or options.particles < 2:
-        raise ValueError(f"particles must be a whole number from 2 on, got {options.particles}")
+    keep_whole(options, "particles", 2)
     if not 0 <= options.resample_below <= 1:
         raise ValueError(f"resample_below must be in [0, 1], got {options.resample_below}")
     if options.resampling not in SCHEMES:
         raise ValueError(f"no resampling {options.resampling!r}; there are {', '.join(SCHEMES)}")
     if options.bandwidth is not None and not 0 < options.bandwidth < np.inf:
         raise ValueError(f"bandwidth must be positive and finite, got {options.bandwidth}")
-    if options.moves != int(options.moves) or options.moves < 1:
-        raise ValueError(f"moves must be a whole number from 1 on, got {options.moves}")
+    keep_whole(options, "moves", 1)
     if options.temper not in (None, False, True) or options.regularise not in (False, True):
         raise ValueError(
             f"regularise and temper must be true or false, got {options.regularise!r}, {options.temper!r}"
         )
-    if options.least_particles is not None and not 2 <= options.least_particles <= options.particles:
+    if options.least_particles is not None:
+        keep_whole(options, "least_particles", 2)
+    if options.least_particles is not None and options.least_particles > options.particles:
         raise ValueError(
             f"least_particles must be from 2 to particles = {options.particles}, "
             f"got {options.least_particles}"

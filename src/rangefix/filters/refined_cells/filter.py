@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, keep_whole
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
 from ..measurement import check_measurement
@@ -86,8 +86,7 @@ class RefinedPointMassFilter(BriefRepr):
         refuse_shared_errors(self.problem.sensor, "the point-mass filter without cell")
         if not 0 < self.accuracy < 1:
             raise ValueError(f"accuracy must be between 0 and 1, got {self.accuracy}")
-        if not self.most_cells > 0:
-            raise ValueError(f"most_cells must be positive, got {self.most_cells}")
+        keep_whole(self, "most_cells", 1)
         beams, most = len(self.problem.sensor.bearings), most_beams(self.problem.space.size)
         if beams > most:
             raise ValueError(

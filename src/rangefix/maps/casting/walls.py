@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import Array, BoolArray, IntArray, counted_from, in_groups
 from .._open3d import open3d
-from ..base import Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
+from ..base import ON_IT, Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 from .clouds import Cloud, cloud_of
 from .strips import Strips, strips_along
 
@@ -164,7 +164,7 @@ class Walls:
         step = ends - starts
         if len(self.segments) > FEW_WALLS:
             poses = np.column_stack([starts, np.arctan2(step[:, 0], step[:, 1])])
-            return np.asarray(self.ranges(poses, AHEAD)[:, 0] >= np.hypot(step[:, 0], step[:, 1]))
+            return np.asarray(self.ranges(poses, AHEAD)[:, 0] >= np.hypot(step[:, 0], step[:, 1]) - ON_IT)
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
 
         clear = np.empty(len(starts))

@@ -67,11 +67,12 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
     """A map from a file, from the size of a room, or from the keys that a study has in [map].
 
     Args:
-        source: The path of a mesh (.ply, .obj, .stl, .off, .gltf, .glb) or a floor plan (.toml, .json); a
-            rectangular room as "room:WIDTHxLENGTH" in metres; or a table such as {"kind": "rectangle",
-            "width_m": 4.0, "length_m": 6.0} or {"path": "plan.toml"}.
+        source: The path of a mesh (.ply, .obj, .stl, .off, .gltf, .glb, .dae), a floor plan (.toml, .json,
+            .geojson, .dxf) or a robot's map (.yaml); a rectangular room as "room:WIDTHxLENGTH" in metres;
+            or a table such as {"kind": "rectangle", "width_m": 4.0, "length_m": 6.0} or {"path":
+            "plan.toml"}.
         folder: Where a path in a table counts from.
-        **options: For a mesh `sensor_height`, `reachable_from`, `resolution`; none for others.
+        **options: As `READERS` lists them for each kind; none for a room.
 
     Raises:
         FileNotFoundError: If there is no such file.
