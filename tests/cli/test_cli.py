@@ -169,7 +169,7 @@ def test_new_study_runs_and_is_not_overwritten(rangefix: Callable[..., Said], tm
     document = json.loads(rangefix("run", "mine.toml", "--runs", "20", "--json").out)
     assert document["study"] == "mine"
     assert {row["estimator"] for row in document["rows"]} == {
-        "point-mass cell_m=0.1",
+        "point-mass cell_m=0.02",
         "point-mass cell_m=0.05",
         "ekf",
     }

@@ -250,7 +250,7 @@ def test_draws_have_the_claimed_moments() -> None:
         ({"cell_correction": False}, "cell_correction goes with cell"),
         ({"cell": 0.1, "accuracy": 0.1}, "accuracy goes without cell"),
         ({"accuracy": 0.0}, "accuracy must be between 0 and 1"),
-        ({"most_cells": 0}, "most_cells must be positive"),
+        ({"most_cells": 0}, "most_cells must be a whole number from 1 on"),
     ],
 )
 def test_options_that_would_do_nothing_are_refused(options: dict[str, float], match: str) -> None:
