@@ -36,11 +36,11 @@ def check_options(options: Any) -> None:  # a ParticleFilter, whose module needs
         )
     if options.least_particles is not None:
         keep_whole(options, "least_particles", 2)
-    if options.least_particles is not None and options.least_particles > options.particles:
-        raise ValueError(
-            f"least_particles must be from 2 to particles = {options.particles}, "
-            f"got {options.least_particles}"
-        )
+        if options.least_particles > options.particles:
+            raise ValueError(
+                f"least_particles must be from 2 to particles = {options.particles}, "
+                f"got {options.least_particles}"
+            )
     _check_effect(options)
     _check_size(options)
 

@@ -60,10 +60,7 @@ def unresolved_covariance(information: Array, spread: Array, whole: Array) -> Ar
     variance = _orthogonalise(metric, basis, inverse)
     error = np.zeros_like(information)
     for k in range(size):
-        along = [sum_terms(spread[i] * inverse[:, k]) for i in range(size)]
-        own = sum_terms(inverse[i, k] * along[i] for i in range(size))
-        further = [sum_terms(whole[i] * inverse[:, k]) for i in range(size)]
-        total = sum_terms(inverse[i, k] * further[i] for i in range(size))
+        own, total = (_variance_along(covariance, inverse[:, k]) for covariance in (spread, whole))
         alone = np.clip((own / np.maximum(total, 1e-300) - BESIDE) / (ALONE - BESIDE), 0.0, 1.0)
         least = unresolved_variance(variance[k])
         share = (least / variance[k]) ** 2
@@ -71,6 +68,12 @@ def unresolved_covariance(information: Array, spread: Array, whole: Array) -> Ar
         extra = np.maximum(least + share * (variance[k] - own), -0.5 * alone * own)
         error += extra * basis[k, :, None] * basis[k]
     return error
+
+
+def _variance_along(covariance: Array, vector: Array) -> Array:
+    """Vector' covariance vector, (n, n, K) and (n, K) -> (K,)."""
+    along = [sum_terms(row * vector) for row in covariance]
+    return sum_terms(part * other for part, other in zip(vector, along, strict=True))
 
 
 def _reduce(metric: Array, basis: Array, inverse: Array) -> None:
