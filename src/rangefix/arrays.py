@@ -17,6 +17,7 @@ IntArray = NDArray[np.int64]
 Scalar = TypeVar("Scalar", bound=np.generic)
 TWO_PI = 2.0 * math.pi
 LOG_TWO_PI = math.log(TWO_PI)
+LARGEST = 2**63 - 1  # whole number that arrays can count
 LONGEST_SHOWN = 8  # numbers of an array
 KEPT_BYTES = 24 << 20
 np.empty(KEPT_BYTES, np.uint8)  # and freed: glibc then keeps what is freed later, and need not clear it
@@ -74,17 +75,27 @@ def keep_copies(record: Any) -> None:
             object.__setattr__(record, field.name, read_only(np.array(value)))
 
 
-def keep_whole(record: Any, name: str, least: int) -> None:
-    """Put a whole number in place of a frozen dataclass's field: 1000 for the 1e3 of a TOML file.
+def whole_number(name: str, value: Any, least: int) -> int:
+    """An option that counts something: 1000 for the 1e3 of a TOML file.
 
     Raises:
-        ValueError: If it is none, or less than it may be.
+        ValueError: If it is no whole number, less than it may be, or too large for 64 bits.
     """
-    value = getattr(record, name)
     number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not (number and np.isfinite(value) and value == int(value) and value >= least):
+    if not (number and least <= value < np.inf and value == int(value)):
         raise ValueError(f"{name} must be a whole number from {least} on, got {value!r}")
-    object.__setattr__(record, name, int(value))
+    if int(value) > LARGEST:
+        raise ValueError(f"{name} must be a whole number from {least} to {LARGEST}, got a larger one")
+    return int(value)
+
+
+def keep_whole(record: Any, name: str, least: int) -> None:
+    """Put a whole number in place of a frozen dataclass's field: see `whole_number`.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    object.__setattr__(record, name, whole_number(name, getattr(record, name), least))
 
 
 def real_floats(name: str, value: Any) -> Array:

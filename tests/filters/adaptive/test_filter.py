@@ -200,7 +200,7 @@ def test_what_is_impossible_is_flagged() -> None:
     [
         ({"accuracy": 0.0}, r"accuracy must be in \[0.0001, 0.5\]"),
         ({"drop": 1.0}, "dropped density"),
-        ({"table_rays": 1}, "at least 1000 rays"),
+        ({"table_rays": 1}, "table_rays must be a whole number from 1000 on"),
     ],
 )
 def test_bad_options_are_refused(options: dict[str, float], match: str) -> None:

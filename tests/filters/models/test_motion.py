@@ -283,7 +283,14 @@ def test_is_clear_in_closed_form() -> None:
         (lambda: Odometry(POSE, (0.1, 0.1, 0.1, -0.1)), "four alphas"),
         (lambda: Odometry(POSE, floor=[0.1, 0.1]), "forward, right, turn"),
         (lambda: Odometry(POSE).mean(np.zeros(3), np.zeros(2)), "shape"),
-        (lambda: Confined(Stationary(POSE), RectangularRoom(1.0, 1.0), POSE, tries=0), "at least one try"),
+        (
+            lambda: Confined(Stationary(POSE), RectangularRoom(1.0, 1.0), POSE, tries=0),
+            "tries must be a whole",
+        ),
+        (
+            lambda: Confined(Stationary(POSE), RectangularRoom(1.0, 1.0), POSE, tries=2.5),
+            "tries must be a whole",
+        ),
     ],
 )
 def test_bad_models_are_refused(make: object, match: str) -> None:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -328,10 +329,14 @@ def test_beams_that_do_not_tell_cells_apart_are_not_cast(
 
 @pytest.mark.parametrize(
     ("options", "match"),
-    [({"accuracy": 0.6}, "accuracy must be in"), ({"most_cells": 500}, "most_cells must be at least 1000")],
+    [
+        ({"accuracy": 0.6}, "accuracy must be in"),
+        ({"most_cells": 500}, "most_cells must be a whole number from 1000 on"),
+        ({"most_cells": "2000"}, "most_cells must be a whole number from 1000 on"),
+    ],
 )
 def test_options_at_an_unknown_heading_are_refused_in_its_own_words(
-    options: dict[str, float], match: str
+    options: dict[str, Any], match: str
 ) -> None:
     room, space = RectangularRoom(4.0, 6.0), pose_space()
     sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), space)

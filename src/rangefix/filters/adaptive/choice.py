@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ...arrays import whole_number
 from ..exact import ExactPositionFilter
 from ..problem import Problem
-from .filter import AdaptivePointMassFilter, check_options
+from .filter import LEAST_CELLS, LEAST_RAYS, AdaptivePointMassFilter, check_options
 from .range_bounds import TABLE_RAYS
 
 MOST_PIECES = 100_000  # of the map: more take longer to find than lattices take for many fixes
@@ -33,7 +34,9 @@ def adaptive_point_mass(
     Raises:
         ValueError: If an option is out of bounds, or the problem is of a kind that neither takes.
     """
-    check_options(accuracy, drop, table_rays, most_cells)
+    check_options(accuracy, drop)
+    table_rays = whole_number("table_rays", table_rays, LEAST_RAYS)
+    most_cells = whole_number("most_cells", most_cells, LEAST_CELLS)
     try:
         return ExactPositionFilter(problem, most_pieces=MOST_PIECES)
     except ValueError:  # it says what it is not for: then lattices are

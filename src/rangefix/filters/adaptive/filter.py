@@ -32,7 +32,7 @@ from .target import STATE_COST, WORK, Target, TooManyCells
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
 USUAL_STATES = 15_000  # that a fix looks at: guesses, climbs, a mode and its neighbour
 ACCURACIES = (1e-4, 0.5)  # that may be asked for
-LEAST_CELLS = 1000  # that a mode may be allowed
+LEAST_RAYS, LEAST_CELLS = 1000, 1000  # of the table, and that a mode may be allowed
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
@@ -100,9 +100,9 @@ class AdaptivePointMassFilter(BriefRepr):
         if why := unknown_to_lattices(self.problem):
             raise ValueError(f"the adaptive point-mass filter {why}")
         refuse_shared_errors(self.problem.sensor, "the adaptive point-mass filter")
-        keep_whole(self, "table_rays", 1)
-        keep_whole(self, "most_cells", 1)
-        check_options(self.accuracy, self.drop, self.table_rays, self.most_cells)
+        check_options(self.accuracy, self.drop)
+        keep_whole(self, "table_rays", LEAST_RAYS)
+        keep_whole(self, "most_cells", LEAST_CELLS)
         self.table  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property
@@ -335,7 +335,7 @@ def unknown_to_lattices(problem: Problem) -> str:
     )
 
 
-def check_options(accuracy: float, drop: float, table_rays: int, most_cells: int) -> None:
+def check_options(accuracy: float, drop: float) -> None:
     """Refuse options that are out of bounds.
 
     Raises:
@@ -346,8 +346,6 @@ def check_options(accuracy: float, drop: float, table_rays: int, most_cells: int
         raise ValueError(f"the accuracy must be in [{finest}, {coarsest}], got {accuracy}")
     if not 0 < drop < 1e-2:
         raise ValueError(f"the dropped density must be in (0, 0.01), got {drop}")
-    if table_rays < 1000 or most_cells < LEAST_CELLS:
-        raise ValueError(f"need at least 1000 rays for the table and {LEAST_CELLS} cells")
 
 
 def _joined(measurements: Array, fresh: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import Array, BoolArray, IntArray, keep_whole
 from ..problem import CanSampleRuns, CanSeeBetween, Motion, RangeMap
 from ..space import StateSpace
 
@@ -40,7 +40,7 @@ class Confined:
         tries: Most draws for a step, k >= 1.
 
     Raises:
-        ValueError: If there is less than one try.
+        ValueError: If tries is no whole number, or less than one.
     """
 
     motion: Motion
@@ -50,8 +50,7 @@ class Confined:
     is_gaussian = False
 
     def __post_init__(self) -> None:
-        if self.tries < 1:
-            raise ValueError(f"a step needs at least one try, got {self.tries}")
+        keep_whole(self, "tries", 1)
 
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move without walls, (..., n)."""

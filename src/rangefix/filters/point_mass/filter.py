@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array, IntArray
+from ...arrays import LOG_TWO_PI, Array, IntArray, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
 from ..measurement import check_measurement
@@ -88,8 +88,9 @@ class PointMassFilter(BriefRepr):
         shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
 
     Raises:
-        ValueError: If the cell size is not positive, there are too many cells or ranges, no cell is in free
-            space, or heading_cell is given for a known heading or beside several sizes.
+        ValueError: If the cell size is not positive, most_cells is no whole number, there are too many cells
+            or ranges, no cell is in free space, or heading_cell is given for a known heading or beside
+            several sizes.
     """
 
     problem: Problem
@@ -103,6 +104,7 @@ class PointMassFilter(BriefRepr):
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
             raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
+        keep_whole(self, "most_cells", 1)
         self.cells  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from ...arrays import whole_number
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..option_units import option_units
@@ -71,10 +72,7 @@ def point_mass(
                 raise ValueError(
                     f"at an unknown heading accuracy must be in {list(ACCURACIES)}, got {accuracy}"
                 )
-            if most < LEAST_CELLS:
-                raise ValueError(
-                    f"at an unknown heading most_cells must be at least {LEAST_CELLS}, got {most}"
-                )
+            most = whole_number("at an unknown heading most_cells", most, LEAST_CELLS)
             return AdaptivePointMassFilter(problem, accuracy, most_cells=most)
         return RefinedPointMassFilter(problem, accuracy, REFINED_CELLS if most_cells is None else most_cells)
     if accuracy is not None:
