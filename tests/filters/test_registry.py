@@ -355,7 +355,7 @@ def test_whole_numbers_may_be_written_as_others_are(name: str, option: str, othe
             build(name, problem, **others, **{option: wrong})
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "ckf", "filterpy-ekf", "filterpy-ukf"])
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ckf", "enkf", "filterpy-ekf", "filterpy-ukf"])
 def test_noise_without_a_variance_is_refused_before_anything_runs(name: str) -> None:
     room, space = RectangularRoom(4.0, 6.0), position_space()
     sensor = Rangefinder(room, np.zeros(1), StudentT(0.1, 1.5), space)

@@ -16,14 +16,13 @@ MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint cov
 
 
 def check_joint_beams(problem: Problem) -> None:
-    """Refuse more beams than a joint covariance is made for, and beams with errors that they share.
+    """Refuse more beams than a joint covariance is made for.
 
     It takes their square in memory, and cubed time.
 
     Raises:
-        ValueError: If there are more, or such errors.
+        ValueError: If there are more.
     """
-    refuse_shared_errors(problem.sensor, "a Kalman filter")
     beams = len(problem.sensor.bearings)
     if beams > MAX_JOINT_BEAMS:
         raise ValueError(
@@ -61,7 +60,7 @@ class LinearisedOptions(BriefRepr):
     iterations: int = 1
 
     def __post_init__(self) -> None:
-        _refuse_noise(self.problem.sensor)
+        refuse_noise(self.problem.sensor)
         keep_whole(self, "iterations", 1)
 
 
@@ -75,7 +74,7 @@ class SigmaPointOptions(BriefRepr):
     kappa: float | None = None
 
     def __post_init__(self) -> None:
-        _refuse_noise(self.problem.sensor)
+        refuse_noise(self.problem.sensor)
         alpha, beta, kappa, size = self.alpha, self.beta, self.kappa, self.problem.space.size
         options = [alpha, beta] if kappa is None else [alpha, beta, kappa]
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
@@ -84,7 +83,7 @@ class SigmaPointOptions(BriefRepr):
             )
 
 
-def _refuse_noise(sensor: Sensor) -> None:
+def refuse_noise(sensor: Sensor) -> None:
     """Refuse noise of which a Kalman filter can make nothing: errors that beams share, or without a variance.
 
     Raises:

@@ -20,7 +20,7 @@ from ..optional_methods import Image
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
-from .belief import check_joint_beams
+from .belief import check_joint_beams, refuse_noise
 from .no_returns import is_counted
 
 
@@ -51,7 +51,7 @@ class EnsembleKalmanFilter(BriefRepr):
         members: How many, N; more than the state has components.
 
     Raises:
-        ValueError: If there are too few members, or more than 4000 beams.
+        ValueError: If there are too few members, more than 4000 beams, or noise without a variance.
     """
 
     problem: Problem
@@ -60,6 +60,7 @@ class EnsembleKalmanFilter(BriefRepr):
     def __post_init__(self) -> None:
         size = self.problem.space.size
         keep_whole(self, "members", size + 1)
+        refuse_noise(self.problem.sensor)
         check_joint_beams(self.problem)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> EnsembleBelief:
