@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from numpy.random import Generator
 
-from rangefix.filters import Estimate, Problem
+from rangefix.arrays import Array
+from rangefix.filters import Estimate, Prior, Problem
 from rangefix.filters.checks import CheckFailure, check_names, checks_for, conforms, render, run_checks
 
 from .faults import ClaimsTooLittle, LacksAVerb, Raises
@@ -36,6 +38,36 @@ def test_an_estimator_that_cannot_be_built_fails_once() -> None:
     assert "predict" in results[0].detail
     assert {result.outcome for result in results[1:]} == {"skipped"}
     assert render(results)[-1] == "1 of 22 checks ran: 1 failed, 21 skipped"
+
+
+class HasTwoVerbs:
+    """An estimator of one run that was not written to its end."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+
+    def init(self, prior: Prior, rng: Generator) -> Estimate:
+        return Estimate(prior.mean, prior.covariance)
+
+    def predict(self, belief: Estimate, control: Array, rng: Generator) -> Estimate:
+        return belief
+
+
+class HasNone:
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+
+
+@pytest.mark.parametrize(
+    ("unfinished", "missing"),
+    [(HasTwoVerbs, "update, estimate"), (HasNone, "init, predict, update, estimate")],
+)
+def test_missing_verbs_are_told_whatever_lifts_the_estimator(unfinished: type, missing: str) -> None:
+    """Those of one run too, which `EachRun` gives all four verbs."""
+    first, *others = run_checks(unfinished)
+    assert first.outcome == "failed"
+    assert f"lacks {missing}: it needs all four verbs" in first.detail
+    assert {result.outcome for result in others} == {"skipped"}
 
 
 def test_an_unknown_name_is_no_result(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,9 +11,9 @@ import numpy as np
 
 from ...arrays import Array
 from ..estimate import Estimate
-from ..estimator import EachRun, Estimator
+from ..estimator import Estimator
 from ..problem import Problem
-from ..registry import build, resolve
+from ..registry import build_with, resolve
 
 Factory = Callable[..., Any]
 SURE = 6.0  # standard errors
@@ -44,12 +43,13 @@ class Subject:
         return factory
 
     def build(self, problem: Problem) -> Estimator[Any]:
-        """The estimator for a problem."""
-        if isinstance(self.target, str):
-            return build(self.target, problem, **self.options)
-        estimator = self.target(problem, **self.options)
-        single = "rng" in inspect.signature(estimator.init).parameters
-        return EachRun(estimator) if single else estimator
+        """The estimator for a problem.
+
+        Raises:
+            TypeError: If it has no such option, or lacks one of the four verbs.
+            ValueError: If it is not made for such a problem.
+        """
+        return build_with(self.name, self.factory, problem, self.options)
 
     def build_or_skip(self, problem: Problem) -> Estimator[Any]:
         """As `build`; skips the check if the estimator is not made for such a problem and says so."""
