@@ -262,6 +262,18 @@ def test_a_confined_object_with_no_way_out_stays() -> None:
     )
 
 
+def test_ends_on_a_wall_are_in_sight_of_all_that_is_free() -> None:
+    """In a rectangle, which is asked for beams, rounding puts nothing behind a wall that it stands on."""
+    rng = np.random.default_rng(0)
+    room, starts = RectangularRoom(4.0, 6.0), rng.uniform(0.5, 3.5, (2000, 2))
+    for wall in (0, 1):
+        ends = rng.uniform(0.1, 3.9, (2000, 2))
+        ends[:, wall] = 0.0
+        assert in_line_of_sight(room, starts, ends).all()
+        ends[:, wall] = -1e-6
+        assert not in_line_of_sight(room, starts, ends).any()
+
+
 def test_is_clear_in_closed_form() -> None:
     """A pillar in a room: past it the way is clear, through it or into it is not."""
     plan = FloorPlan(

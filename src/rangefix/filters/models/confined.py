@@ -15,6 +15,7 @@ from ..problem import CanSampleRuns, CanSeeBetween, Motion, RangeMap
 from ..space import StateSpace
 
 AHEAD = np.zeros(1)
+ON_IT = 1e-9  # m: an end as near to a wall is on it and in sight, for rounding may say it is behind
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def in_line_of_sight(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
     step = ends - starts
     poses = np.concatenate([starts, np.arctan2(step[..., :1], step[..., 1:])], axis=-1)
     ahead = room.ranges(poses, AHEAD)[..., 0]
-    return np.asarray(free & (ahead >= np.hypot(step[..., 0], step[..., 1])))
+    return np.asarray(free & (ahead >= np.hypot(step[..., 0], step[..., 1]) - ON_IT))
 
 
 @cache
