@@ -29,12 +29,22 @@ DOCS_RUNS ?= 200
 PLANNING_RUNS ?= 200
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test study fuzz chaos bench honesty recordings planning growth docs lint clean
+.PHONY: demo demo-room demo-building test study fuzz chaos bench honesty recordings planning growth docs lint clean
 
 demo: $(VENV)/.base
+	@mkdir -p $(OUT)
+	@echo "A room and a building, both at once: the building's table comes last."
+	@$(MAKE) --no-print-directory demo-building > $(OUT)/building.txt 2>&1 & building=$$!; \
+	$(MAKE) --no-print-directory demo-room; room=$$?; \
+	wait $$building; status=$$?; cat $(OUT)/building.txt; test $$room = 0 && test $$status = 0
+	@echo "Pictures: $(OUT)/paper/figures  $(OUT)/room/figures  $(OUT)/building/figures"
+
+demo-room:
 	$(BIN)/rangefix paper --out $(OUT)/paper
 	$(BIN)/rangefix run paper --runs $(RUNS) --out $(OUT)/room
 	$(BIN)/rangefix plot $(OUT)/room > $(OUT)/room/figures.txt
+
+demo-building:
 ifneq ($(wildcard $(BUILDING)),)
 	$(BIN)/rangefix run mesh --map $(BUILDING) --runs $(BUILDING_RUNS) --out $(OUT)/building
 else
@@ -43,7 +53,6 @@ else
 	$(BIN)/rangefix run docs/demo/building.toml --map $(OUT)/building.ply --runs $(BUILDING_RUNS) --out $(OUT)/building
 endif
 	$(BIN)/rangefix plot $(OUT)/building > $(OUT)/building/figures.txt
-	@echo "Pictures: $(OUT)/paper/figures  $(OUT)/room/figures  $(OUT)/building/figures"
 
 test: $(VENV)/.test
 	$(BIN)/ruff check .
