@@ -49,7 +49,8 @@ def run(
             "-w",
             min=1,
             metavar="N",
-            help="Processes, 1 unless given; they change no number.",
+            help="Processes; they change no number. Unless given, as many as pay where built-in estimators "
+            "take more than some 20 s.",
             rich_help_panel=WHERE_PANEL,
         ),
     ] = None,
@@ -168,7 +169,7 @@ def run(
         results = run_study(
             described,
             folder,
-            workers=workers or 1,
+            workers=workers,
             cluster=cluster,
             cluster_tls=tls,
             plugins=not no_plugins,

@@ -20,18 +20,17 @@ from threading import Lock, Thread
 from time import monotonic, sleep
 from typing import Any, NamedTuple
 
-from numpy.typing import NDArray
-
 from ...errors import one_line
 from ..experiment import Experiment
 from ..isolation import Stage, to_pickle
-from ..results import ResultsError
+from ..results import Part, ResultsError
 from .environment import arithmetic, other_bits
 from .keys import code_fingerprint
+from .shares import Shares
 from .simulate import Simulation
 from .worker import Task, Worker
 
-Part = dict[str, NDArray[Any]]
+Done = tuple[Task, Part, float | None]  # and how long a run took, s, if that is known
 MAX_BREAKS = 3  # pools that die one after the other without having finished a task
 PROGRESS_INTERVAL_S = 0.1  # between two calls of `progress` within a part
 TASKS_AHEAD = 3  # for each thread of the cluster, sent before one is back
@@ -105,10 +104,8 @@ def in_process(
         yield task, part
 
 
-def on_workers(
-    worker: Worker, tasks: Sequence[Task], world: Callable[[Task], Simulation], workers: int
-) -> Iterator[tuple[Task, Part]]:
-    """Tasks and their parts as a pool of processes, each with a worker like the one given, finishes them.
+def on_workers(worker: Worker, shares: Shares, workers: int) -> Iterator[tuple[Task, Part]]:
+    """Whole parts as a pool of processes, each with a worker like the one given, finishes them.
 
     Raises:
         ResultsError: If the workers keep dying.
@@ -116,7 +113,7 @@ def on_workers(
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
-    left, breaks = dict.fromkeys(tasks), 0
+    breaks, left = 0, True
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "[0-9]+ tasks ")  # of those cut short
         start = {
@@ -132,23 +129,23 @@ def on_workers(
                 **start,
             )
             try:
-                with _begun(pool, (delayed(_work_here)(task, world(task)) for task in [*left])) as parts:
-                    for task, part in parts:
-                        del left[task]
+                with _begun(pool, (delayed(_work_here)(*given) for given in shares.deal())) as done:
+                    for task, part, seconds in done:
                         breaks = 0
-                        yield task, part
+                        yield from shares.take(task, part, seconds)
+                left = False
             except BrokenProcessPool:  # one was killed: those unfinished are done again
                 breaks += 1
                 if breaks == MAX_BREAKS:
                     raise ResultsError(
-                        f"workers died {MAX_BREAKS} times (out of memory?) at {next(iter(left))[0]!r}; what "
-                        "was finished is kept: take fewer workers, or give the study a timeout_s, which puts "
-                        "each estimator in a process of its own"
+                        f"workers died {MAX_BREAKS} times (out of memory?) at {shares.out[0].estimator!r}; "
+                        "what was finished is kept: take fewer workers, or give the study a timeout_s, which "
+                        "puts each estimator in a process of its own"
                     ) from None
 
 
 @contextmanager
-def _begun(pool: Any, calls: Iterator[Any]) -> Iterator[Iterator[tuple[Task, Part]]]:
+def _begun(pool: Any, calls: Iterator[Any]) -> Iterator[Iterator[Done]]:
     """The parts that a pool finishes, whose processes do not see Ctrl-C: a terminal sends it to all of them.
 
     Ours gets it when they have begun, and ends them. The process that watches over semaphores begins first:
@@ -275,8 +272,8 @@ def _start_worker(content: bytes, caller: int) -> None:
     _here[:] = [Worker(*pickle.loads(content))]
 
 
-def _work_here(task: Task, world: Simulation) -> tuple[Task, Part]:
-    return task, _here[0].work(task, world)
+def _work_here(task: Task, world: Simulation) -> Done:
+    return task, _here[0].work(task, world), _here[0].pace(task).seconds
 
 
 def _work(payload: Payload, task: Task, world: Simulation) -> tuple[Task, Part]:

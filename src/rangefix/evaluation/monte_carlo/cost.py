@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from os import cpu_count
+from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,10 +30,12 @@ HALF, FLOAT = 2, 8  # bytes
 COPIES = 4  # of the arrays of a block of runs, while it is simulated, masked, tried and saved
 PART_BYTES = 4000  # of a part beside its numbers
 WORTH_TELLING_BYTES, WORTH_TELLING_S = 1e9, 60.0
+WORTH_A_PROCESS_S = 10.0  # of trials: to begin a process takes two seconds
+PROCESS_BYTES = 3e8  # that a process takes beside its arrays
 PROBE_S = 0.04  # for each estimator and set of beams, or as long as one update takes
 PROBE_RUNS, PROBE_GROWTH = 32, 8
 KEEPING_S = 2e-5  # to check, save, read and summarise an estimate, a step of one run and estimator
-JUDGING_S = 1e-3  # the same of a belief that is sampled
+JUDGING_S = 1e-3  # to sample and judge a belief
 MAX_NAMED = 3  # estimators in a line
 UNITS = ((86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"), (0.0, "us"))
 
@@ -42,14 +44,20 @@ class TimeNeed(NamedTuple):
     """What is left to do takes so long.
 
     Attributes:
-        total: All of it, s.
+        here: What is done in this process whatever the number of workers, s.
+        trials: What workers share, s.
         simulating: A run, s.
         estimators: Label -> s for a run on all sets of beams; without those that run in their own process.
     """
 
-    total: float
+    here: float
+    trials: float
     simulating: float
     estimators: dict[str, float]
+
+    def total(self, workers: int) -> float:
+        """All of it, s, with so many processes."""
+        return self.here + self.trials / (1 if workers == 1 else min(workers, cpu_count()))
 
 
 def check_memory(
@@ -157,12 +165,35 @@ def check_disk(folder: Path, plan: FolderLayout, drawn: int) -> float:
     return float(needed)
 
 
-def estimate_line(
-    worker: Worker, plan: FolderLayout, folder: Path, disk: float, workers: int, resume: bool
-) -> str:
+def workers_for(experiment: Experiment, need: TimeNeed, limit_gb: float | None = None) -> int:
+    """As many processes as pay, and as memory allows; one where an estimator has a process of its own.
+
+    Args:
+        experiment: What is to be run.
+        need: What it takes.
+        limit_gb: As for `check_memory`.
+    """
+    most = int(need.trials / WORTH_A_PROCESS_S)
+    if most < 2 or any(experiment.timeout_of(label) is not None for label in experiment.estimators):
+        return 1
+    limit = machine_memory_gb() / 2 if limit_gb is None else limit_gb
+    for workers in range(min(most, cpu_count(), int(limit * 1e9 / PROCESS_BYTES)), 1, -1):
+        with suppress(ResultsError):
+            check_memory(experiment, limit_gb, workers)
+            return workers
+    return 1
+
+
+def cpu_count() -> int:
+    """Processors that this process may use."""
+    from joblib import cpu_count as usable  # a tenth of a second
+
+    return int(usable())
+
+
+def estimate_line(need: TimeNeed, plan: FolderLayout, folder: Path, disk: float, workers: int) -> str:
     """A line on the time and disk of what is left to do; "" where it is little of both."""
-    need = time_needed(worker, plan, folder, workers, resume)
-    if need.total < WORTH_TELLING_S and disk < WORTH_TELLING_BYTES:
+    if need.total(workers) < WORTH_TELLING_S and disk < WORTH_TELLING_BYTES:
         return ""
     slowest = sorted(need.estimators.items(), key=lambda item: -item[1])
     named = [f"{label} {_duration(seconds)}" for label, seconds in slowest[:MAX_NAMED]]
@@ -170,15 +201,14 @@ def estimate_line(
     others = len(plan.estimators) - len(slowest)
     plug_ins = f"; {others} in processes of their own not counted" * (others > 0)
     each = ", ".join([*named, f"simulating {_duration(need.simulating)}"])
+    shared = f" on {workers} processes" * (workers > 1)
     return (
-        f"{plan.runs} runs take about {_duration(need.total)} and {_gb(disk)} in {folder} "
+        f"{plan.runs} runs take about {_duration(need.total(workers))}{shared} and {_gb(disk)} in {folder} "
         f"(a run: {each}{plug_ins})"
     )
 
 
-def time_needed(
-    worker: Worker, plan: FolderLayout, folder: Path, workers: int = 1, resume: bool = True
-) -> TimeNeed:
+def time_needed(worker: Worker, plan: FolderLayout, folder: Path, resume: bool = True) -> TimeNeed:
     """How long what is left to do will take, by trying a few runs; what they come to is dropped.
 
     They draw from streams of their own run, made anew for each trial, so that no number depends on them.
@@ -190,11 +220,10 @@ def time_needed(
         for beams, beam_label in enumerate(plan.beams)
     }
     if not any(left.values()):
-        return TimeNeed(0.0, 0.0, {})
+        return TimeNeed(0.0, 0.0, 0.0, {})
     simulating = _until_slow(lambda runs: _seconds(lambda: simulate(experiment, 0, runs)) / runs, plan.runs)
-    keeping = experiment.steps * (KEEPING_S + JUDGING_S * bool(experiment.beliefs))
-    total, each = max(left.values()) * simulating, dict[str, float]()
-    processes = min(workers, cpu_count() or 1)
+    keeping, judging = experiment.steps * KEEPING_S, experiment.steps * JUDGING_S * bool(experiment.beliefs)
+    here, trials, each = max(left.values()) * simulating, 0.0, dict[str, float]()
     for (label, beams), runs in left.items():
         if experiment.timeout_of(label) is not None:
             continue
@@ -206,8 +235,8 @@ def time_needed(
         except (Exception, SystemExit):  # its trials will say what is wrong
             seconds = 0.0
         each[label] = each.get(label, 0.0) + seconds
-        total += runs * (seconds / processes + keeping)
-    return TimeNeed(total, simulating, each)
+        here, trials = here + runs * keeping, trials + runs * (seconds + judging)
+    return TimeNeed(here, trials, simulating, each)
 
 
 def seconds_per_run(trial: Trial, estimator: Estimator[Any], measurement: Array) -> float:

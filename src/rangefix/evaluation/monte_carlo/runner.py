@@ -37,15 +37,16 @@ from ..results import (
     write_part,
 )
 from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
-from .cost import check_disk, check_memory, estimate_line
+from .cost import check_disk, check_memory, estimate_line, time_needed, workers_for
 from .environment import environment
 from .keys import own_code, part_keys
 from .own_folder import locked, remove_files, what_is_older
 from .progress import Progress, Tell, passing, shown
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
+from .shares import Shares
 from .simulate import Simulation, simulate
 from .time_updates import time_all
-from .unfinished import Place, Unfinished
+from .unfinished import Unfinished
 from .worker import Task, Worker
 
 MAX_BLOCKS_IN_MEMORY, MAX_BLOCK_BYTES = 20, 256e6  # of truths and measurements: at least one
@@ -82,7 +83,7 @@ def run(
     study: Experiment | Describes,
     out: Path | str | None = None,
     *,
-    workers: int = 1,
+    workers: int | None = 1,
     cluster: str | None = None,
     cluster_tls: ClusterTls | None = None,
     plugins: bool = True,
@@ -106,7 +107,8 @@ def run(
         out: Folder for the results, made if need be; without it nothing is kept but what is returned. It
             belongs to the study of that name, and to one run at a time; what is older than its numbers
             (figures, report, parts of other settings) is removed.
-        workers: Processes. They change no number.
+        workers: Processes. They change no number. None: as many as pay, where built-in estimators take more
+            than some 20 s; it depends on the processors and the memory.
         cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either:
             those that would are refused. Whoever reaches a scheduler can run code on its workers and here.
         cluster_tls: Certificates for a cluster at tls://...; dask's own configuration unless given.
@@ -138,10 +140,10 @@ def run(
     """
     if out == "":
         raise ValueError("out is empty: name a folder")
-    if workers < 1:
+    if workers is not None and workers < 1:
         raise ValueError(f"need at least one worker, got {workers}")
     experiment = experiment_of(study, plugins)
-    check_memory(experiment, memory_gb, 1 if cluster else workers, in_memory=out is None)
+    check_memory(experiment, memory_gb, 1 if cluster else workers or 1, in_memory=out is None)
     tell = say or (lambda line: None)
     with ExitStack() as stack:
         client = None if cluster is None else stack.enter_context(connected(cluster, cluster_tls, tell))
@@ -162,12 +164,16 @@ def run(
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         tell_progress = stack.enter_context(shown(progress))
         with closing(Worker(experiment, Unfinished(folder, plan))) as worker:
-            if say:
-                line = estimate_line(worker, plan, folder, disk, workers, resume)
-                for text in filter(None, (older.line, line)):
-                    say(text)
+            line, processes = "", workers or 1
+            if say or workers is None:
+                need = time_needed(worker, plan, folder, resume)
+                if workers is None and client is None:
+                    processes = workers_for(experiment, need, memory_gb)
+                line = estimate_line(need, plan, folder, disk, processes)
+            for text in filter(None, (older.line, line)):
+                tell(text)
             _simulate_all(experiment, plan, folder, resume, tell_progress)
-            _work_all(worker, plan, folder, workers, client, tell_progress, resume)
+            _work_all(worker, plan, folder, processes, client, tell_progress, resume)
             if timing:
                 time_all(worker, plan, folder, resume, tell_progress)
         with passing(tell_progress, "pictures of beliefs"):
@@ -244,39 +250,40 @@ def _work_all(
     def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
-    def place(task: Task) -> Place:
-        return Place(task.estimator, experiment.beam_labels[task.beams], task.first, task.end)
-
     tasks = []
     for label in experiment.estimators:
         report(label, 0, 0)
         for beam_set in range(len(experiment.beam_labels)):
             for first, end in plan.blocks():
                 task = Task(label, beam_set, first, end)
-                saved = if_valid(read_trials, folder, plan, *place(task)) if resume else None
+                saved = if_valid(read_trials, folder, plan, *worker.place(task)) if resume else None
                 if saved is None:
                     tasks.append(task)
                     if not resume:
-                        unfinished.remove(place(task))
+                        unfinished.remove(worker.place(task))
                 else:
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
     elsewhere = "on the cluster" if client is not None else ""
-    if client is None and workers > 1 and len(tasks) > 1:
+    if client is None and workers > 1:
         elsewhere = f"on {workers} workers"
     for label in dict.fromkeys(task.estimator for task in tasks):
         report(label, 0, 0, now=elsewhere)
+    shares = None
     if client is not None:
         parts = on_cluster(experiment, tasks, world, client)
-    elif workers == 1 or len(tasks) == 1:
+    elif workers == 1:
         parts = in_process(worker, tasks, world, watch)
     else:
-        parts = on_workers(worker, tasks, world, workers)
+        shares = Shares(worker, tasks, world, workers, report)
+        parts = on_workers(worker, shares, workers)
     for task, part in parts:
-        write_part(trials_path(folder, *place(task)), part, plan.key(*place(task)))
-        unfinished.remove(place(task))
-        report(task.estimator, task.end - task.first, len(part["failed"]))
+        place = worker.place(task)
+        write_part(trials_path(folder, *place), part, plan.key(*place))
+        unfinished.remove(place)
+        if shares is None or not shares.cut(task):
+            report(task.estimator, task.end - task.first, len(part["failed"]))
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:

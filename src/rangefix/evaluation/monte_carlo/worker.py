@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
-
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from ...arrays import Array, read_only
 from ...errors import one_line
 from ...filters.plugin_line import plugin_line
 from ..experiment import Experiment, NamedEstimator
 from ..isolation import Lost, Raised, Watch, counted_from, undisturbed
-from ..results import Outcome, concatenate, failed_outcome, outcome_of, part_arrays
+from ..results import Outcome, Part, concatenate, failed_outcome, outcome_of, part_arrays
 from ..trials.batch_size import batch_size
 from ..trials.built_estimator import BuiltEstimator
 from ..trials.evidence_floor import evidence_floor
@@ -25,12 +23,13 @@ from .unfinished import Place, Unfinished
 
 
 class Task(NamedTuple):
-    """One estimator on one set of beams over one block of runs."""
+    """One estimator on one set of beams over one block of runs, or a share of them."""
 
     estimator: str
     beams: int
     first: int
     end: int
+    is_share: bool = False
 
 
 @dataclass
@@ -100,28 +99,28 @@ class Worker:
     def _first_two(self) -> Array:
         return simulate(self.experiment, 0, 2).measurement
 
-    def work(self, task: Task, world: Simulation, watch: Watch | None = None) -> dict[str, NDArray[Any]]:
+    def work(self, task: Task, world: Simulation, watch: Watch | None = None) -> Part:
         """Do a task whose runs are given, or what is left of it; `watch` is told what is about to be done."""
-        problem = self.experiment.assumed_problem
-        all_readings = self.experiment.masked(world.measurement, task.beams)
-        place = Place(task.estimator, self.experiment.beam_labels[task.beams], task.first, task.end)
-        saved = None if self.unfinished is None else self.unfinished.read(place)
+        experiment, place = self.experiment, self.place(task)
+        all_readings = experiment.masked(world.measurement, task.beams)
+        unfinished = None if task.is_share else self.unfinished
+        saved = None if unfinished is None else unfinished.read(place)
         before = [] if saved is None else [outcome_of(saved)]
         done = 0 if saved is None else len(saved["status"])
 
-        def arrays(outcome: Outcome) -> dict[str, NDArray[Any]]:
-            whole = concatenate([*before, outcome]) if before else outcome
-            return part_arrays(whole, evidence_floor(problem.sensor, all_readings[: len(whole.status)]))
+        def arrays(outcome: Outcome) -> Part:
+            measurement = world.measurement[: done + len(outcome.status)]
+            return part_of(experiment, task.beams, measurement, [*before, outcome])
 
         def save(outcome: Outcome) -> None:
-            if self.unfinished is not None and done + len(outcome.status) < len(all_readings):
-                self.unfinished.write(place, arrays(outcome))
+            if unfinished is not None and done + len(outcome.status) < len(all_readings):
+                unfinished.write(place, arrays(outcome))
 
         saving = None
         if self.unfinished is not None:
-            saving = Saving(save, self.paces.setdefault((task.estimator, task.beams), Pace()))
+            saving = Saving(save, self.pace(task))
         first, readings, watching = task.first + done, all_readings[done:], counted_from(done, watch)
-        truth = world.truth[done:] if self.experiment.beliefs else None
+        truth = world.truth[done:] if experiment.beliefs else None
         try:
             with undisturbed(self.trial):
                 built, first_two = self.estimator(task.estimator), self.probe_measurement(task.beams)
@@ -129,13 +128,21 @@ class Worker:
                     outcome = built.run(readings, first, first_two, truth, watching, saving)
                 else:
                     size = self._batch_size(task.estimator, task.beams, built)
-                    limit = self.experiment.limit_here(task.estimator)
+                    limit = experiment.limit_here(task.estimator)
                     outcome = built.run(readings, first, size, truth, watching, limit, saving)
         except (Raised, Lost) as error:
             status = error.status if isinstance(error, Lost) else "error"
             reason = self._why_not_built(task.estimator, error)
-            outcome = failed_outcome(readings.shape, problem.space.size, status, reason)
+            outcome = failed_outcome(readings.shape, experiment.assumed_problem.space.size, status, reason)
         return arrays(outcome)
+
+    def place(self, task: Task) -> Place:
+        """Where what a task comes to belongs."""
+        return Place(task.estimator, self.experiment.beam_labels[task.beams], task.first, task.end)
+
+    def pace(self, task: Task) -> Pace:
+        """How long runs of such tasks take."""
+        return self.paces.setdefault((task.estimator, task.beams), Pace())
 
     def _batch_size(self, label: str, beams: int, built: BuiltEstimator) -> int:
         if (label, beams) not in self.sizes:
@@ -179,3 +186,17 @@ class Worker:
                 return self.estimator(label, alone=False).time(readings)
         except (Raised, Lost):
             return float("nan"), []
+
+
+def part_of(experiment: Experiment, beams: int, measurement: Array, outcomes: list[Outcome]) -> Part:
+    """The part of batches of runs that follow each other.
+
+    Args:
+        experiment: The experiment.
+        beams: Number of the set of beams.
+        measurement: Of all of the runs, and all beams, (M, T, B), m.
+        outcomes: Of the batches.
+    """
+    whole = concatenate(outcomes) if len(outcomes) > 1 else outcomes[0]
+    readings = experiment.masked(measurement, beams)
+    return part_arrays(whole, evidence_floor(experiment.assumed_problem.sensor, readings))
