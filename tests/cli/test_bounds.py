@@ -6,10 +6,13 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from rangefix.evaluation import Study
 from rangefix.evaluation.bounds import catalogue
+from rangefix.evaluation.monte_carlo import save_bounds
 
 from .conftest import Said
 
@@ -164,3 +167,24 @@ def test_truths_at_one_state_have_no_efficiency(rangefix: Callable[..., Said], t
     assert "efficiency" not in rangefix("run", study, "--out", folder, "--bounds").out
     said = rangefix("bounds", folder)
     assert "All truths of this study are one state" in " ".join(said.out.split())
+
+
+def test_a_folder_is_looked_at_once(
+    rangefix: Callable[..., Said], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its experiment is built once, and it is compared with it once, whatever is asked."""
+    study, folder = _write(tmp_path), tmp_path / "hall"
+    assert rangefix("run", study, "--out", folder).code == 0
+    calls: list[str] = []
+    for place, name in ((Study, "experiment"), (save_bounds, "is_of")):
+        original = getattr(place, name)
+
+        def counted(*given: Any, _name: str = name, _original: Callable[..., Any] = original) -> Any:
+            calls.append(_name)
+            return _original(*given)
+
+        monkeypatch.setattr(place, name, counted)
+    for more in ((), ("--only", "known-walls")):
+        calls.clear()
+        assert rangefix("bounds", folder, *more).code == 0
+        assert calls == ["experiment", "is_of"]

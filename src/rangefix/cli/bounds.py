@@ -12,7 +12,7 @@ from .map_options import Unit, Up
 from .studies import Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
-    from ..evaluation import Study
+    from ..evaluation import Experiment, Study
     from ..evaluation.bounds.catalogue import Row
 
 AT_ONE_STATE = (
@@ -81,23 +81,29 @@ def bounds(
 
     if curve is not None and (only is not None or out is not None):
         raise ValueError("--curve goes without --only and --out")
+    if curve is not None and curve.suffix.lower() not in PICTURES:
+        raise ValueError(f"--curve {curve}: name a picture that ends with {', '.join(PICTURES)}")
     asked = names_in(only)
     chosen = tuple(one_of(name, names(), "bound") for name in asked) or names()
     described, folder = _study_and_folder(study, out, map_path, not no_plugins, unit=unit, up=up)
     if asked and out is not None:
         raise ValueError("--only goes without --out: what is saved is all there is")
-    if folder == Path(study) or (out is not None and curve is None):
-        _refuse_other(folder, described)
-    if curve is not None:
-        _draw_curve(described, curve, as_json)
-        return
     experiment = described.experiment()
-    saves = not asked and is_of(folder, experiment)
+    is_named = folder == Path(study) or (out is not None and curve is None)
+    belongs = (is_named or not (asked or curve)) and is_of(folder, experiment)
+    if is_named and not belongs:
+        raise ValueError(
+            f"{folder} holds no finished results of this study as it is now, of this version and the same "
+            f"map: run it with --bounds, or name the study that was run and --out {folder}"
+        )
+    if curve is not None:
+        _draw_curve(described, experiment, curve, as_json)
+        return
     rows = list(bounds_of(experiment, chosen, doing))
     doing("")
     refused = [row for row in rows if row.bound is None]
     components = experiment.truth.space.names
-    saved = save_bounds(folder, experiment, rows) if saves else None
+    saved = save_bounds(folder, experiment, rows) if belongs and not asked else None
     if as_json:
         print_json(
             {
@@ -156,21 +162,18 @@ def _study_and_folder(
     return study, folder
 
 
-def _draw_curve(study: Study, path: Path, as_json: bool) -> None:
-    """Compute the threshold curve of a study's last set of beams, and draw it.
+def _draw_curve(study: Study, experiment: Experiment, path: Path, as_json: bool) -> None:
+    """Compute the threshold curve of the last set of beams of a study, and draw it.
 
     Raises:
-        ValueError: If the file is of another kind, or nothing applies.
+        ValueError: If nothing applies.
     """
-    if path.suffix.lower() not in PICTURES:
-        raise ValueError(f"--curve {path}: name a picture that ends with {', '.join(PICTURES)}")
     from ..evaluation.bounds.beam_subset import with_beams
     from ..evaluation.bounds.threshold import threshold_curve
     from ..evaluation.consistency.formatting import beams_in_words
     from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.threshold import draw_threshold
 
-    experiment = study.experiment()
     beams = beams_in_words(experiment.beam_labels[-1])
     found = threshold_curve(with_beams(experiment.truth, experiment.beam_sets[-1]), tell=doing)
     doing("")
@@ -183,21 +186,6 @@ def _draw_curve(study: Study, path: Path, as_json: bool) -> None:
     for name, reason in found.refused.items():
         say(f"{name} does not apply: {reason}")
     say(path)
-
-
-def _refuse_other(folder: Path, study: Study) -> None:
-    """A folder says nothing of where its map was, or that another was named.
-
-    Raises:
-        ValueError: If a folder does not hold results of a study with the map that it finds now.
-    """
-    from ..evaluation.monte_carlo.save_bounds import is_of
-
-    if not is_of(folder, study.experiment()):
-        raise ValueError(
-            f"{folder} holds no finished results of this study as it is now, of this version and the same "
-            f"map: run it with --bounds, or name the study that was run and --out {folder}"
-        )
 
 
 def _notes(rows: list[Row]) -> list[str]:
