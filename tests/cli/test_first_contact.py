@@ -175,6 +175,26 @@ SITUATIONS = {
     "several values for a check": Situation(
         "check point-mass -O cell_m=[1,2]", 2, "check one after the other"
     ),
+    # a file for a folder
+    "a file for results": Situation(
+        "run paper -o s.toml", 2, "-o s.toml: a folder is expected, and s.toml is"
+    ),
+    "a file around results": Situation(
+        "run paper -o s.toml/a", 2, "a folder is expected, and s.toml is a file"
+    ),
+    "a picture for results": Situation(
+        "run paper -o a.png", 2, "a name that ends with .png is that of a file"
+    ),
+    "a file for a run": Situation("run paper --only-run 1 -o s.toml", 2, "a folder is expected"),
+    "a text for a plan": Situation(
+        "plan paper -o x.docx", 2, "a folder or a picture (.png, .svg, .pdf) is expected, and a name"
+    ),
+    "a file for a plan": Situation("plan paper -o s.toml", 2, "is expected, and s.toml is a file"),
+    "a picture for a map of accuracy": Situation("map-accuracy paper -o a.png", 2, "a folder is expected"),
+    "a file for the paper": Situation("paper -o s.toml", 2, "a folder is expected, and s.toml is a file"),
+    "a file for a replay": Situation(
+        "replay -m room:4x6 -l a.npz -o s.toml", 2, "a folder is expected, and s.toml is a file"
+    ),
     # wrong folders
     "no folder of results": Situation("plot nowhere", 2, "nowhere holds no results"),
     "the folder around it": Situation("report results", 2, "results holds no results; there are results/old"),

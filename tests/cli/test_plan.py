@@ -108,6 +108,16 @@ def test_a_map_of_accuracy(capsys: pytest.CaptureFixture[str], tmp_path: Path) -
         assert grid["worst_std_m"][6, 4] == pytest.approx(4 / np.sqrt(12), rel=1e-3)
 
 
+def test_a_folder_may_have_the_name_of_a_picture(tmp_path: Path) -> None:
+    """If it is there: nothing is made that looks like a file."""
+    folder = tmp_path / "plan.png"
+    folder.mkdir()
+    assert call("plan", "paper", "--beams", "1", *FEW, "--out", str(folder)) == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["plan.png", "plan.svg"]
+    assert call("map-accuracy", "paper", "--step-m", "1", "--out", str(folder)) == 0
+    assert (folder / "accuracy.npz").exists()
+
+
 @pytest.mark.parametrize("step", ["0", "nan", "-1", "1e-6"])
 def test_steps_that_cannot_be(step: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2 and one line."""

@@ -29,6 +29,11 @@ Each command has -h."""
 MAX_LISTED = 8  # folders
 CLEARED = "\r\033[K"  # a line of a terminal
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
+FILES = (  # what files end with, and hardly a folder
+    *(*PICTURES, ".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".eps", ".ps"),
+    *(".txt", ".md", ".tex", ".doc", ".docx", ".odt", ".ppt", ".pptx", ".htm", ".html"),
+    *(".csv", ".xls", ".xlsx", ".ods", ".json", ".toml", ".yaml", ".yml", ".npy", ".npz", ".zip"),
+)
 app = typer.Typer(
     name="rangefix",
     help=HELP,
@@ -94,6 +99,37 @@ def named(text: str | Path) -> Path:
     if not str(text).strip():
         raise typer.BadParameter("it is empty: name a file or folder")
     return Path(text)
+
+
+def folder_to_write(text: str) -> Path:
+    """A folder that files are written into, and that is made if need be.
+
+    Raises:
+        typer.BadParameter: If its name is empty or that of a file.
+    """
+    return _no_file(named(text), "a folder is expected")
+
+
+def folder_or_picture(text: str) -> Path:
+    """A picture to draw, or a folder as in `folder_to_write`.
+
+    Raises:
+        typer.BadParameter: If its name is empty, or that of a file which is no picture.
+    """
+    path = named(text)
+    if path.suffix.lower() in PICTURES and not path.is_dir():
+        return path
+    return _no_file(path, f"a folder or a picture ({', '.join(PICTURES)}) is expected")
+
+
+def _no_file(path: Path, expected: str) -> Path:
+    """The path, unless a file is there or in its way, or it ends as files do and no folder is there."""
+    for place in (path, *path.parents):
+        if place.exists() and not place.is_dir():
+            raise typer.BadParameter(f"{expected}, and {place} is a file")
+    if path.suffix.lower() in FILES and not path.is_dir():
+        raise typer.BadParameter(f"{expected}, and a name that ends with {path.suffix} is that of a file")
+    return path
 
 
 def names_in(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str, ...]:

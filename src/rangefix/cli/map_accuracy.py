@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, named, print_json
+from .app import Json, folder_to_write, print_json
 from .map_options import Unit, Up
 from .plan import read_directions
 from .studies import Map, NoPlugins, StudyFile, read_study
@@ -35,7 +35,11 @@ def map_accuracy(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", parser=named, metavar="DIR", help="Folder for the picture and the grid of numbers."
+            "--out",
+            "-o",
+            parser=folder_to_write,
+            metavar="DIR",
+            help="Folder for the picture and the grid of numbers.",
         ),
     ] = None,
     no_plugins: NoPlugins = False,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Json, doing, named, names_from, one_of, print_json
+from .app import PICTURES, Json, doing, folder_or_picture, names_from, one_of, print_json
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
@@ -82,7 +82,7 @@ def plan(
         typer.Option(
             "--out",
             "-o",
-            parser=named,
+            parser=folder_or_picture,
             metavar="PATH",
             help="A folder, or a picture (.png, .svg, .pdf): the objective round the compass on the map.",
         ),
@@ -190,7 +190,8 @@ def _draw(found: Plan, problem: Problem, centres: Array, out: Path) -> list[Path
     from ..evaluation.figures.planning.compass import draw_plan
     from ..evaluation.planning.scene import FloorPlan
 
-    paths = [out] if out.suffix.lower() in PICTURES else [out / "plan.png", out / "plan.svg"]
+    is_picture = out.suffix.lower() in PICTURES and not out.is_dir()
+    paths = [out] if is_picture else [out / "plan.png", out / "plan.svg"]
     floor = FloorPlan.of(problem, centres[:, problem.space.position_indices])
     write_figure(lambda: draw_plan(found, floor), *paths)
     return paths

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, named, names_in, print_json, results_folder, say, warn
+from .app import ExitCode, Json, folder_to_write, named, names_in, print_json, results_folder, say, warn
 
 if TYPE_CHECKING:
     from ..evaluation import Results
@@ -292,7 +292,7 @@ def paper(
         typer.Option(
             "--out",
             "-o",
-            parser=named,
+            parser=folder_to_write,
             metavar="DIR",
             help="Folder for the table, the posteriors and figures.",
         ),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, Stopped, named, names_from, print_json, warn
+from .app import ExitCode, Json, Stopped, folder_to_write, named, names_from, print_json, warn
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
@@ -36,7 +36,7 @@ def run(
         typer.Option(
             "--out",
             "-o",
-            parser=named,
+            parser=folder_to_write,
             metavar="DIR",
             help="Folder of results; results/STUDY unless given.",
             rich_help_panel=KEPT_PANEL,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import ExitCode, Json, doing, named, names_in, one_of, print_json
+from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
@@ -128,7 +128,11 @@ def replay(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", parser=named, metavar="DIR", help="Poses (TUM, CSV), replay.json and figures."
+            "--out",
+            "-o",
+            parser=folder_to_write,
+            metavar="DIR",
+            help="Poses (TUM, CSV), replay.json and figures.",
         ),
     ] = None,
     bag: Annotated[
@@ -213,8 +217,6 @@ def _check_outputs(out: Path | None, bag: str | None, animation: str | None) -> 
         one_of(animation, ("gif", "mp4"), "animation")
     if out is None and (bag or animation):
         raise ValueError("--bag and --animation write into a folder: give --out")
-    if out is not None and out.exists() and not out.is_dir():
-        raise ValueError(f"--out {out} is no folder")
     if animation == "mp4":
         from shutil import which
 
