@@ -188,9 +188,31 @@ def test_the_command_writes_a_sensor_of_a_study(
     assert isinstance(assumed, Tempered)
     assert assumed.weight == pytest.approx(told["fitted"]["weight"], abs=1e-4)
     with pytest.raises(SystemExit) as ended:
-        main(words)
+        main([*words, "--force"])
     assert ended.value.code == 2
     assert "residuals need poses" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("there", ["calibrated.toml", "calibrated.png"])
+def test_files_that_are_there_are_kept_unless_forced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], there: str
+) -> None:
+    """They may have been changed by hand: one line before anything is read, in the words of `rangefix run`."""
+    from rangefix.cli.main import main
+
+    log = write_log(tmp_path / "log.npz", recording(40, SHARED, step=0.05))
+    (tmp_path / there).write_text("mine")
+    words = ["calibrate", "--map", "room:6x9", "--log", str(log), "--out", str(tmp_path / "calibrated.toml")]
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--truth", "odometry"])
+    assert ended.value.code == 2
+    told = f"{tmp_path / there} is there already: choose another --out, or --force to replace it"
+    assert capsys.readouterr().err == f"rangefix: {told}\n"
+    assert (tmp_path / there).read_text() == "mine"
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--truth", "odometry", "--force"])
+    assert ended.value.code == 0
+    assert (tmp_path / there).read_bytes() != b"mine"
 
 
 def test_a_clock_that_stands_still_has_no_truth(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -50,6 +51,7 @@ def calibrate(
             "--out", "-o", parser=named, metavar="FILE", help="The sections; a picture goes beside it."
         ),
     ] = Path("calibrated.toml"),
+    force: Annotated[bool, typer.Option("--force", help="Replace them if they are there.")] = False,
     as_json: Json = False,
 ) -> None:
     """Fit the noise of a rangefinder to a recording on a map."""
@@ -69,6 +71,9 @@ def calibrate(
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
+    files = [out, out.with_suffix(".png")]
+    if not force:
+        _refuse_existing(files)
     options = ReadingOptions(
         forward_m=forward_m,
         left_m=left_m,
@@ -85,7 +90,6 @@ def calibrate(
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
     doing("fitting")
     found = fit(residuals)
-    files = [out, out.with_suffix(".png")]
     write_figure(lambda: draw_residuals(found), files[1])
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
     doing("")
@@ -110,6 +114,17 @@ def calibrate(
     for note in log.notes:
         say(f"- {note}")
     say(f"wrote {files[0]} and {files[1]}")
+
+
+def _refuse_existing(files: list[Path]) -> None:
+    """Sections may have been changed by hand since they were written.
+
+    Raises:
+        ValueError: If one of the files is there.
+    """
+    for file in files:
+        if os.path.lexists(file):
+            raise ValueError(f"{file} is there already: choose another --out, or --force to replace it")
 
 
 def _tell(found: Calibration) -> None:
