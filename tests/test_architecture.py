@@ -116,7 +116,7 @@ filters.adaptive
 filters.exact filters.particle filters.kalman filters.registry
 filters.refined_cells
 filters.models filters.images
-filters.estimator filters.sampling filters.plugin_line filters.option_units
+filters.estimator filters.sampling filters.plugin_line filters.option_units filters.unknown_name
 filters.measurement filters.optional_methods filters.estimate
 filters.problem
 filters.space filters.mount

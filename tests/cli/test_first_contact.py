@@ -76,6 +76,7 @@ FILES = {
     "mine.toml": STUDY + '[[estimators]]\nname = "mine.py:Mine"\noptions = { turn = 1.0, size_m = 3 }\n',
     "name.toml": STUDY + EKF.replace("ekf", "efk"),
     "mine.py": DECLARED,
+    "bare.toml": STUDY + EKF.replace("ekf", "mine.py"),
     "cube.off": CUBE,
     "results/old/manifest.json": "{}",
 }
@@ -114,6 +115,17 @@ SITUATIONS = {
     "wrong study file": Situation("run ss.toml", 2, "did you mean s.toml?"),
     "wrong name of a study": Situation("studies drives", 2, "did you mean drive?"),
     "wrong estimator": Situation("check particl", 2, "did you mean particle?"),
+    "a file without a class": Situation(
+        "check mine.py", 2, "'mine.py': in a file it is written FILE:CLASS; there are mine.py:Mine"
+    ),
+    "a file without a class to list": Situation("estimators mine", 2, "there are mine.py:Mine"),
+    "a file without a class to replay": Situation(
+        "replay -m room:4x6 -l a.npz -e mine.py:", 2, "mine.py:Mine"
+    ),
+    "a file without a class in a study": Situation(
+        "validate bare.toml", 2, "bare.toml:10: estimators[1].name: no estimator 'mine.py': in a file it is"
+    ),
+    "no such file of an estimator": Situation("check none.py", 2, "no file none.py; in a file it is written"),
     "wrong estimator in a study": Situation("run name.toml", 2, "no estimator 'efk'; did you mean ekf?"),
     "wrong estimator to list": Situation("estimators ukff", 2, "did you mean ukf?"),
     "wrong option of an estimator": Situation(

@@ -29,6 +29,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.checks import run_checks
 from rangefix.filters.registry import BUILT_IN, resolve
+from rangefix.filters.unknown_name import unknown_name
 from rangefix.maps import RectangularRoom
 
 ROOT = Path(__file__).parents[2]
@@ -361,3 +362,26 @@ def test_noise_without_a_variance_is_refused_before_anything_runs(name: str) -> 
     sensor = Rangefinder(room, np.zeros(1), StudentT(0.1, 1.5), space)
     with pytest.raises(ValueError, match="has no variance"):
         build(name, Problem(space, Stationary(space), sensor, Uniform(room, space)))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "def make(problem): ...\nclass Two: ...\nclass _Own: ...\nclass One: ...",
+            "there are {0}:Two, {0}:One, {0}:make",
+        ),
+        ("import os\nx = 1", "{0} has no class and no function"),
+        ("class One", "{0} cannot be read: expected ':' (<unknown>, line 1)"),
+        ("\n".join(f"class C{number}: ..." for number in range(10)), "{0}:C7 and 2 more"),
+    ],
+)
+def test_a_file_without_a_class_tells_what_it_has(tmp_path: Path, text: str, told: str) -> None:
+    """Classes first, then functions; its code is not run, and the current folder is not asked for it."""
+    (tmp_path / "own.py").write_text(f"{text}\n")
+    for name in ("own", "own.py", "own.py:"):
+        message = unknown_name(name, available(), tmp_path)
+        assert message.startswith(f"no estimator {name!r}: in a file it is written FILE:CLASS; ")
+        assert message.endswith(told.format("own.py"))
+    with pytest.raises(KeyError, match="in a file it is written FILE:CLASS"):
+        resolve("own.py", tmp_path)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, names_from, one_of, print_json, say
-from .estimators import inspect_estimator, names
+from .app import ExitCode, Json, names_from, print_json, say
+from .estimators import inspect_estimator, names, refuse_unknown
 
 if TYPE_CHECKING:
     from ..evaluation.isolation import PluginInfo
@@ -54,9 +54,7 @@ def check(
     from ..filters.checks import conforms, lines_of, sum_up
     from ..filters.registry import BUILT_IN
 
-    known = names()
-    if ":" not in target:
-        one_of(target, known, "estimator")
+    refuse_unknown(target, names())
     options, reasons = (
         read_options(option or (), inspect_estimator(target), ours=target in BUILT_IN),
         read_reasons(expect_failure or ()),

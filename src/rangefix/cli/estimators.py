@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import Json, names_from, one_of, print_json, say
+from .app import Json, names_from, print_json, say
 
 if TYPE_CHECKING:
     from ..evaluation.isolation import PluginInfo
@@ -23,6 +23,18 @@ def names() -> tuple[str, ...]:
     from ..filters.registry import available
 
     return available()
+
+
+def refuse_unknown(name: str, known: Iterable[str]) -> None:
+    """Refuse a name that no estimator has; of one with a colon it is seen when it is imported.
+
+    Raises:
+        ValueError: If there is none, with what was meant.
+    """
+    from ..filters.unknown_name import unknown_name
+
+    if ":" not in name.removesuffix(":") and name not in known:
+        raise ValueError(unknown_name(name, known))
 
 
 def inspect_estimator(name: str) -> PluginInfo:
@@ -56,7 +68,9 @@ def estimators(
         if no_plugins and ":" in each:
             raise ValueError(f"{each!r} is a plug-in, which --no-plugins leaves out: give one of the two")
     known = BUILT_IN if no_plugins else names()
-    chosen = [each if ":" in each else one_of(each, known, "estimator") for each in name or known]
+    chosen = name or known
+    for each in chosen:
+        refuse_unknown(each, known)
     described = {each: inspect_estimator(each) for each in chosen}
     if missing := [info.fault for each, info in described.items() if ":" in each and info.missing]:
         raise ValueError(missing[0])

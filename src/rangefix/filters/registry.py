@@ -16,10 +16,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ..errors import suggestion
 from .estimator import EachRun, Estimator
 from .plugin_line import plugin_line
 from .problem import Problem
+from .unknown_name import unknown_name
 
 GROUP = "rangefix.estimators"
 BUILT_IN = {
@@ -95,7 +95,7 @@ def resolve(name: str, folder: Path | None = None) -> Any:
         KeyError: If there is no such estimator, or two modules that are called so.
         ImportError: If its code fails to import.
     """
-    target = _target(name)
+    target = _target(name, folder)
     where, _, attribute = target.rpartition(":")
     file = file_of(name, folder)
     try:
@@ -131,7 +131,7 @@ def file_of(name: str, folder: Path | None = None) -> Path | None:
     Raises:
         KeyError: If there is no such file or module, or two modules are called so.
     """
-    target = _target(name)
+    target = _target(name, folder)
     where = target.rpartition(":")[0]
     if name in BUILT_IN or target != name:
         return None
@@ -205,8 +205,8 @@ def module_of(name: str) -> str:
     return _target(name).rpartition(":")[0]
 
 
-def _target(name: str) -> str:
-    """The "module:attribute" or "file.py:attribute" behind an estimator's name."""
+def _target(name: str, folder: Path | None = None) -> str:
+    """The "module:attribute" or "file.py:attribute" behind a name; a file counts from a folder."""
     if name in BUILT_IN:
         return BUILT_IN[name]
     for entry in entry_points(group=GROUP, name=name):
@@ -214,7 +214,7 @@ def _target(name: str) -> str:
     where, _, attribute = name.rpartition(":")
     if where and attribute:
         return name
-    raise KeyError(f"no estimator {name!r}; {suggestion(name, available())}")
+    raise KeyError(unknown_name(name, available(), folder))
 
 
 def _file_module(path: Path) -> ModuleType:

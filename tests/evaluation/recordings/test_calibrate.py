@@ -197,7 +197,7 @@ def test_the_command_writes_a_sensor_of_a_study(
 def test_files_that_are_there_are_kept_unless_forced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], there: str
 ) -> None:
-    """They may have been changed by hand: one line before anything is read, in the words of `rangefix run`."""
+    """They may have been changed by hand: one line before anything is read, in the words of `run`."""
     from rangefix.cli.main import main
 
     log = write_log(tmp_path / "log.npz", recording(40, SHARED, step=0.05))

@@ -6,9 +6,8 @@ from ...errors import one_line
 from ...evaluation.recordings.replays import Contestant
 from ...filters import Problem, build
 from ...filters.registry import BUILT_IN
-from ..app import one_of
 from ..check import read_options
-from ..estimators import inspect_estimator, names
+from ..estimators import inspect_estimator, names, refuse_unknown
 
 
 def read_contestants(given: list[str], options: list[str] | None) -> list[Contestant]:
@@ -22,8 +21,7 @@ def read_contestants(given: list[str], options: list[str] | None) -> list[Contes
         ValueError: If a name is not known, stands twice, or an option is none of its estimator's.
     """
     for name in given:
-        if ":" not in name:
-            one_of(name, names(), "estimator")
+        refuse_unknown(name, names())
     if len(set(given)) < len(given):
         raise ValueError("--estimators: one stands there twice")
     own: dict[str, list[str]] = {name: [] for name in given}
