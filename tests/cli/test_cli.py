@@ -139,6 +139,9 @@ def test_estimators(rangefix: Callable[..., Said]) -> None:
     assert {"point-mass", "particle", "ekf", "ukf"} <= {each["name"] for each in listed}
     assert listed[0]["options"]["heading_cell_deg"]["unit"] == "deg"
     assert "ukf" in rangefix("estimators").out
+    told = " ".join(rangefix("estimators", "particle").out.split())
+    assert "temper unset Take in a measurement" in told
+    assert "true, wherever there are such steps, unless given" in told
 
 
 def test_gather_bearings() -> None:

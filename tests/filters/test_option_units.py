@@ -110,3 +110,16 @@ def test_lines_of_a_docstring() -> None:
         "reach": "How far it looks, and no further; a long line",
         "size": "How many",
     }
+
+
+def test_what_is_done_without_an_option_is_told() -> None:
+    """Of each option of ours that is None unless given: `rangefix estimators` shows no other value."""
+    told = {name: signature_of(name, resolve(name)) for name in BUILT_IN}
+    unset = {
+        (name, option): info.about[option]
+        for name, info in told.items()
+        for option, default in info.parameters.items()
+        if default is None
+    }
+    assert ("particle", "temper") in unset
+    assert [each for each, text in unset.items() if "unless given" not in text] == []

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ..evaluation.isolation import PluginInfo
 
 MAX_WIDTH = 110  # of lines of text
+UNSET = "unset"  # a value that is None unless given
+HEAD = f"Options as written, the value unless given ({UNSET}: the text says what is done), and what they are."
 WRITTEN_UNITS = {"m": "m", "rad": "deg"}  # in Python -> as options are written
 
 
@@ -78,7 +80,7 @@ def estimators(
         print_json({"estimators": [_as_json(each, info) for each, info in described.items()]})
         return
     width = min(console().width, MAX_WIDTH)
-    say("Options as they are written, the value unless given (- for none), and what they are.")
+    say(HEAD)
     for each, info in described.items():
         say("")
         if info.fault:
@@ -101,7 +103,7 @@ def _options(info: PluginInfo, width: int) -> Iterator[str]:
         yield "    no options"
     for option, default in info.parameters.items():
         unit = WRITTEN_UNITS.get((info.units or {}).get(option, ""), "")
-        value = f"{_shown(_default(option, default, info))} {unit}"
+        value = UNSET if default is None else f"{_shown(_default(option, default, info))} {unit}"
         line = f"{written_name(option, info.units):<17} {value:<11} {info.about.get(option, '')}".rstrip()
         yield from wrap(line, width, initial_indent="    ", subsequent_indent=" " * 34)
 
@@ -114,8 +116,6 @@ def _default(option: str, default: Any, info: PluginInfo) -> Any:
 
 
 def _shown(value: Any) -> str:
-    if value is None:
-        return "-"
     return (
         str(value).lower()
         if isinstance(value, bool)

@@ -114,7 +114,7 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
         problem: What may be known.
         alpha: Spread of the sigma points, > 0.
         beta: Weight added to the centre's deviation; 2 suits a Gaussian.
-        kappa: A second spread, as of `UnscentedKalmanFilter`.
+        kappa: Second spread; n + kappa must be positive; 2 - n unless given, n components.
 
     Raises:
         ValueError: If an option is out of its range, or there are more than 4000 beams.

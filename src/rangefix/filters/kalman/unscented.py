@@ -31,7 +31,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
         problem: What may be known.
         alpha: Spread of the sigma points, > 0.
         beta: Weight added to the centre's deviation; 2 suits a Gaussian.
-        kappa: Second spread; n + kappa must be positive. 2 - n unless given.
+        kappa: Second spread; n + kappa must be positive; 2 - n unless given, n components.
 
     Raises:
         ValueError: If an option is out of its range.

@@ -80,13 +80,15 @@ class ParticleFilter(BriefRepr):
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
             is given. False is the bootstrap filter.
-        bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; None = no kernel.
+        bandwidth: Width of the kernel as a multiple of the best for a Gaussian posterior; no kernel unless
+            given.
         moves: Metropolis steps after each resampling.
         temper: Take in a measurement in as many stages as keep the effective number up, with Metropolis steps
-            in between (Neal, 2001; Del Moral, Doucet and Jasra, 2006). None = wherever there are such steps,
-            which is the default; False = every measurement in whole, as the plain particle filter does.
+            in between (Neal, 2001; Del Moral, Doucet and Jasra, 2006); true, wherever there are such steps,
+            unless given. False = every measurement in whole, as the plain particle filter does.
         least_particles: Before a move take as few particles as the belief needs (KLD-sampling: Fox, 2003), no
-            fewer than these and no more than `particles`, which there are at first. None = always as many.
+            fewer than these and no more than `particles`, which there are at first; always as many as at
+            first unless given.
 
     Raises:
         ValueError: If an option is out of its range, or would do nothing beside the others.

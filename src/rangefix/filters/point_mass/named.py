@@ -41,18 +41,19 @@ def point_mass(
 
     Args:
         problem: The problem; its motion must be `Stationary`.
-        cell: Largest size of a cell, one number or one for each component. In m, and in rad for a heading;
-            without it the cells follow the readings, and are as small as `accuracy` asks for; at an unknown
-            heading they are those of `adaptive-point-mass`.
-        heading_cell: With `cell`: the largest size in an unknown heading. In rad, where `cell` is one number
-            for the others.
-        cell_correction: With `cell`: false for the sums as the paper prints them; true, the default, adds
-            what cells wider than the posterior miss (docs/decisions/0002-cell-width.md).
-        accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02.
-        most_cells: The most cells: without `cell` those of one run, 200 000, or at an unknown heading those
-            of one mode, a million; with it those of the grid, 20 million.
+        cell: Largest size of a cell, one number or one for each component; the cells follow the readings
+            unless given. In m, and in rad for a heading; without it the cells are as small as `accuracy` asks
+            for; at an unknown heading they are those of `adaptive-point-mass`.
+        heading_cell: With `cell`: the largest size in an unknown heading, needed there where `cell` is one
+            number; that of `cell` unless given. In rad.
+        cell_correction: With `cell`: false for the sums as the paper prints them; true, which adds what cells
+            wider than the posterior miss (docs/decisions/0002-cell-width.md), unless given.
+        accuracy: Without `cell`: what mean and covariance may be off by, in posterior deviations; 0.02 unless
+            given.
+        most_cells: The most cells; unless given, without `cell` 200 000 for one run, or at an unknown heading
+            a million for one mode, and with it 20 million for the grid.
         memory_gb: With `cell`: the most that the expected ranges may take, GB, with those of two shifted
-            grids that tell the error; 0.6.
+            grids that tell the error; 0.6 unless given.
 
     Raises:
         ValueError: If an option goes with the other kind of cells, or does not fit.
