@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -142,6 +143,29 @@ def test_estimators(rangefix: Callable[..., Said]) -> None:
     told = " ".join(rangefix("estimators", "particle").out.split())
     assert "temper unset Take in a measurement" in told
     assert "true, wherever there are such steps, unless given" in told
+
+
+def test_commands_that_are_suggested_quote_what_a_shell_would_split(
+    rangefix: Callable[..., Said], tmp_path: Path
+) -> None:
+    """Copied from the terminal, from a new study or from the report they run as they are."""
+    told = [
+        rangefix("new", "my own").out,
+        rangefix("studies", "paper", "-o", "a copy.toml").out,
+        rangefix("run", "a copy.toml", "-n", "5", "-o", "my results").out,
+        rangefix("bounds", "a copy.toml", "-m", "room:5x7", "-o", "my results").err,
+    ]
+    assert told[0].endswith("Run it: rangefix run 'my own.toml'\n")
+    assert told[1].endswith("Run it: rangefix run 'a copy.toml'\n")
+    assert " ".join(told[2].split()).endswith("Figures: rangefix plot 'my results'")
+    assert told[3].endswith("--out 'my results'\n")
+    text = (tmp_path / "my own.toml").read_text()
+    assert "rangefix run 'my own.toml'" in text
+    assert "rangefix report 'results/my own' " in text
+    assert 'name = "my own"' in text
+    assert rangefix("report", "my results").code == 0
+    page = unescape((tmp_path / "my results/report.html").read_text())
+    assert "rangefix run 'a copy.toml' --out 'my results'</dd>" in page
 
 
 def test_gather_bearings() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import sys
 from collections.abc import Callable, Iterable
 from enum import IntEnum
@@ -130,6 +131,11 @@ def _no_file(path: Path, expected: str) -> Path:
     if path.suffix.lower() in FILES and not path.is_dir():
         raise typer.BadParameter(f"{expected}, and a name that ends with {path.suffix} is that of a file")
     return path
+
+
+def as_typed(*words: object) -> str:
+    """Words of a command as a shell takes them: those with spaces and the like in quotation marks."""
+    return shlex.join(str(word) for word in words)
 
 
 def names_in(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str, ...]:

@@ -7,7 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import PICTURES, ExitCode, Json, doing, named, names_from, names_in, one_of, print_json, say, warn
+from .app import (
+    PICTURES,
+    ExitCode,
+    Json,
+    as_typed,
+    doing,
+    named,
+    names_from,
+    names_in,
+    one_of,
+    print_json,
+    say,
+    warn,
+)
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, read_study, studies_here
 
@@ -94,7 +107,7 @@ def bounds(
     if is_named and not belongs:
         raise ValueError(
             f"{folder} holds no finished results of this study as it is now, of this version and the same "
-            f"map: run it with --bounds, or name the study that was run and --out {folder}"
+            f"map: run it with --bounds, or name the study that was run and {as_typed('--out', folder)}"
         )
     if curve is not None:
         _draw_curve(described, experiment, curve, as_json)
@@ -126,7 +139,8 @@ def bounds(
         if experiment.start is not None:
             screen.say(AT_ONE_STATE)
         if saved is not None:
-            screen.say(f"Saved beside the results: {saved}   Tables and report: rangefix report {folder}")
+            report = as_typed("rangefix", "report", folder)
+            screen.say(f"Saved beside the results: {saved}   Tables and report: {report}")
     if asked and refused:
         for text in dict.fromkeys(f"{row.name} does not apply: {row.refused}" for row in refused):
             warn(text)

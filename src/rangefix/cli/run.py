@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, Stopped, folder_to_write, named, names_from, print_json, warn
+from .app import ExitCode, Json, Stopped, as_typed, folder_to_write, named, names_from, print_json, warn
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
@@ -213,7 +213,7 @@ def run(
             screen.say(text)
         for line in lines:
             screen.say(line.text)
-        screen.say(f"Results: {folder}   Figures: rangefix plot {folder}")
+        screen.say(f"Results: {folder}   Figures: {as_typed('rangefix', 'plot', folder)}")
     if not any(row.ok for row in rows):
         raise typer.Exit(ExitCode.NOTHING_RAN)
     if not all(line.passed for line in lines):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import Json, named, names_from, one_of, print_json, say
+from .app import Json, as_typed, named, names_from, one_of, print_json, say
 from .map_options import Unit, Up
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def studies(
     if as_json:
         print_json({"study": str(path)})
     else:
-        say(f"{path}   Run it: rangefix run {path}")
+        say(f"{path}   Run it: {as_typed('rangefix', 'run', path)}")
 
 
 def _list(as_json: bool) -> None:
@@ -140,13 +140,19 @@ def new(
     text = (EXAMPLES.parent / "starter.toml").read_text(encoding="utf-8")
     name = re.sub(r'["\\\x00-\x1f]', "_", path.stem)
     schema = (EXAMPLES.parent / "study.schema.json").as_uri()  # editors complete and check a study by it
-    for word, meant in (("STUDY.toml", path.name.replace("\n", "_")), ("NAME", name), ("SCHEMA", schema)):
+    results = as_typed(f"results/{name}")
+    for word, meant in (
+        ("STUDY.toml", as_typed(path.name.replace("\n", "_"))),
+        ("report results/NAME", f"report {results}"),
+        ("NAME", name),
+        ("SCHEMA", schema),
+    ):
         text = text.replace(word, meant)
     write_new(path, text)
     if as_json:
         print_json({"study": str(path)})
     else:
-        say(f"{path}   Run it: rangefix run {path}")
+        say(f"{path}   Run it: {as_typed('rangefix', 'run', path)}")
 
 
 def write_new(path: Path, text: str) -> Path:

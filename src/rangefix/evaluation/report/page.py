@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import shlex
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -30,7 +31,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters |= {"badge": Badge.of, "beams": beams_in_words, "capital": capital}
-    made.filters |= {"interval": format_interval, "number": format_number}
+    made.filters |= {"interval": format_interval, "number": format_number, "shell": shlex.join}
     made.globals |= {"ALARMS": ALARMS, "LARGE_FACTOR": LARGE_FACTOR, "FAILURES": FAILURES}
     made.globals |= {"MAX_REASONS_SHOWN": MAX_REASONS_SHOWN, "SCRIPT_HASH": SCRIPT_HASH}
     made.globals["SCRIPT"] = Markup(SCRIPT)  # ours, and nothing enters it
