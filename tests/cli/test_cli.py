@@ -231,6 +231,26 @@ def test_compare(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     assert rangefix("compare", "a", "nowhere").code == 2
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('name = "ekf"', 'name = "ukf"', "no estimator in common (A: ekf; B: ukf)"),
+        ("[[1], [1, 2, 3]]", "[[2]]", "no set of beams in common (A: beam 1; beams 1 + 2 + 3; B: beam 2)"),
+    ],
+)
+def test_two_studies_that_share_nothing_are_not_compared(
+    rangefix: Callable[..., Said], tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    """An empty table would say that nothing differs: in its place is told what they do not share."""
+    alone = STUDY.replace('name = "point-mass"\noptions = { cell_m = 0.1 }\n[[estimators]]\n', "")
+    for folder, text in (("a", alone), ("b", alone.replace(old, new))):
+        assert rangefix("run", write(tmp_path / f"{folder}.toml", text), "-o", folder).code == 0
+    for more in ((), ("--json",)):
+        said = rangefix("compare", "a", "b", *more)
+        assert (said.code, said.out) == (2, "")
+        assert said.err == f"rangefix: a (A) and b (B) are not to be compared: they have {told}\n"
+
+
 def test_compare_the_estimators_of_one_study(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     """Without a second folder: who is more accurate on the same truths."""
     study = write(tmp_path / "s.toml", STUDY)

@@ -222,6 +222,7 @@ def compare(
     _be_brief()
     from ..evaluation import load
     from ..evaluation.comparison.compare import compare as compared
+    from ..evaluation.comparison.compare import what_is_not_shared
 
     if fuse_std_m is not None:
         if b is not None:
@@ -233,6 +234,8 @@ def compare(
         return
     both = load(a), load(b)
     comparison = compared(*both)
+    if apart := what_is_not_shared(*both):
+        raise ValueError(f"{a} (A) and {b} (B) are not to be compared: they have {apart}")
     if as_json:
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
     else:

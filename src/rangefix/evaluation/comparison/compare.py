@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
+from ...errors import listed
+from ..consistency.formatting import beams_in_words
 from ..consistency.intervals import Interval, Moments
 from ..consistency.metrics import Metric, RunBlock, metrics
 from ..consistency.summarise import run_blocks
 from ..results import Results, Status
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
+MAX_LISTED = 5  # estimators, or sets of beams, of results that share none
 COMPARED_AS = {"G": "mse", "P": "claimed"}  # run by run they are no covariances
 
 
@@ -131,6 +134,19 @@ def compare(a: Results, b: Results) -> Comparison:
         only_b=tuple(pair for pair in pairs_b if pair not in pairs_a),
         differences=tuple(_corrected(differences)),
     )
+
+
+def what_is_not_shared(a: Results, b: Results) -> str:
+    """Why two results have nothing to compare, in words; "" where an estimator and beams are in both."""
+    apart = []
+    for what, of_a, of_b, words in (
+        ("estimator", a.estimators, b.estimators, str),
+        ("set of beams", a.beam_sets, b.beam_sets, beams_in_words),
+    ):
+        if not {*of_a} & {*of_b}:
+            has_a, has_b = (listed([*map(words, of)], MAX_LISTED) for of in (of_a, of_b))
+            apart.append(f"no {what} in common (A: {has_a}; B: {has_b})")
+    return " and ".join(apart)
 
 
 def _blocks(a: Results, b: Results) -> Iterator[tuple[int, int]]:
