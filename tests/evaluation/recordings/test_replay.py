@@ -32,7 +32,8 @@ from rangefix.evaluation.recordings.trace import Trace
 from rangefix.filters import Gaussian, build, pose_space
 from rangefix.maps import RectangularRoom
 
-from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at
+from .conftest import ANGLES, MOUNT, ROOM, ROOM_TOML, drive, ranges_at, write_carmen
+from .conftest import in_ros as ros_poses
 
 
 @pytest.fixture
@@ -552,3 +553,67 @@ def test_blocks_of_a_long_drive() -> None:
         lasting.add(error)
     assert len(lasting.blocks) < 64
     assert lasting.offset(0.05) == pytest.approx(np.hypot(*errors.mean(axis=0)))
+
+
+def rewritten(recording: Path, factor: float, **changed: Any) -> Path:
+    """The same recording with readings times a factor, and other arrays; None takes one away."""
+    with np.load(recording) as archive:
+        arrays = {**archive, "ranges_m": factor * archive["ranges_m"], **changed}
+    path = recording.with_name("rewritten.npz")
+    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+    return path
+
+
+def test_readings_in_millimetres_are_told(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the terminal before anything is filtered, in the notes, and in the table that is in the folder."""
+    out, path = recording.parent / "out", rewritten(recording, 1000.0)
+    words = ["--map", recording.parent / "room.toml", "--log", path, "--truth", "odometry"]
+    limit = "12 m, the longest range of the laser (range_max_m)"
+    told = f"100 % of the readings are beyond {limit}: are they in metres?"
+    code, shown, err = call(["replay", *words, "-e", "ekf", "--out", out], capsys)
+    assert code == 0
+    assert err == f"rangefix: {told}\n"
+    assert f"- {told}" in " ".join(shown.split())
+    assert json.loads((out / "replay.json").read_text())["notes"][0] == told
+    code, shown, err = call(["calibrate", *words, "--out", out / "a.toml"], capsys)
+    assert f"rangefix: {told}" in err
+    rewritten(recording, 1.0)
+    code, shown, err = call(["replay", *words, "-e", "ekf"], capsys)
+    assert (code, err) == (0, "")
+    assert "in metres?" not in shown
+
+
+@pytest.mark.parametrize("factor", [100.0, 1000.0])
+@pytest.mark.parametrize("kind", ["npz", "FLASER", "bag", "mcap"])
+def test_other_units_are_told_of_recordings_of_all_kinds(
+    recording: Path, tmp_path: Path, new_bag: Callable[[Path, str], Any], kind: str, factor: float
+) -> None:
+    """Centimetres, too; a laser that does not say how far it measures is held against the map alone."""
+    times, poses = drive(24)
+    ranges = factor * ranges_at(poses)
+    path = tmp_path / f"other.{kind}"
+    if kind == "npz":
+        path = rewritten(recording, factor, range_max_m=None)
+    elif kind == "FLASER":
+        write_carmen(path, times, poses, ranges)
+    else:
+        bag = new_bag(path, kind)
+        for time, pose, scan in zip(times, ros_poses(poses), ranges, strict=True):
+            bag.odometry(time, pose)
+            bag.scan(time, scan)
+        bag.close()
+    warning = survey(open_log(path), Choice(), ROOM).warning
+    assert re.match(r"(100|9\d) % of the readings are beyond ", warning)
+    assert ("7.81 m, the extent of the map" in warning) == (kind == "npz")
+
+
+def test_numbers_for_no_return_are_not_too_long(recording: Path) -> None:
+    """One number far beyond, or several little beyond, of most beams; nor a fifth of all through a door."""
+    ranges = ranges_at(drive(24)[1])
+    most, fifth = (np.arange(len(ANGLES)) % 5 < beams for beams in (3, 1))
+    codes = 12.0 + 0.1 * (np.arange(len(ANGLES)) % 3)
+    one, several = np.where(most, 65.533, ranges), np.where(most, codes, ranges)
+    for odd in (one, several, np.where(fifth, 3 + ranges, ranges)):
+        assert survey(open_log(rewritten(recording, 1.0, ranges_m=odd)), Choice(), ROOM).warning == ""
+    far = np.where(most, 12.0 * ranges, ranges)
+    assert "beyond 12 m" in survey(open_log(rewritten(recording, 1.0, ranges_m=far)), Choice(), ROOM).warning

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import Json, doing, named, print_json, say
+from ..app import Json, doing, named, print_json, say, warn
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
@@ -88,6 +88,8 @@ def calibrate(
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
     doing("comparing readings with the map")
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
+    if residuals.warning:
+        warn(residuals.warning)
     doing("fitting")
     found = fit(residuals)
     write_figure(lambda: draw_residuals(found), files[1])
@@ -100,7 +102,7 @@ def calibrate(
                 "scans": len(residuals.readings),
                 "beams": len(residuals.beams),
                 "from_truth": residuals.from_truth,
-                "notes": list(log.notes),
+                "notes": [*filter(None, [residuals.warning]), *log.notes],
                 "independent_beams": found.independent_beams,
                 "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),

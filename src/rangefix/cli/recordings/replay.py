@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json
+from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json, warn
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
@@ -191,12 +191,14 @@ def replay(
         false_alarms,
     )
     first = replays.surveyed()
+    if first.warning:
+        warn(first.warning)
     if at == "odometry":
         replays = _at_odometry(replays, first)
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
-    notes = [*recording.notes, *told.notes(recording.sensor)]
+    notes = [*filter(None, [first.warning]), *recording.notes, *told.notes(recording.sensor)]
     notes += notes_of(replays, contestants, first, told.noise is None)
     rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
     doing("")

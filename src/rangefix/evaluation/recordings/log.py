@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -104,12 +104,15 @@ class Scan:
         odometry: x1, x2 (m) and heading (rad, clockwise from +x2) of the robot by odometry at that time,
             (3,); None where there is none.
         odometry_at_end: The same when its last beam was taken; None where that is not known.
+        beyond_m: The finite readings that are longer than the laser measures, which `ranges_m` has as no
+            return, (K,), m.
     """
 
     time_s: float
     ranges_m: Array
     odometry: Array | None = None
     odometry_at_end: Array | None = None
+    beyond_m: Array = field(default_factory=lambda: np.empty(0))
 
 
 class Log(Protocol):
@@ -133,6 +136,11 @@ class Log(Protocol):
         Raises:
             RecordingError: If the recording is damaged from some scan on, or has none.
         """
+
+
+def beyond(ranges: Array, limit: float) -> Array:
+    """The finite readings that are longer than a limit, (K,), m."""
+    return np.asarray(ranges[np.isfinite(ranges) & (ranges > limit)])
 
 
 def heading_of(yaw: float) -> float:

@@ -90,7 +90,7 @@ class Replays:
 
     def surveyed(self) -> Survey:
         """A first pass over the recording."""
-        return survey(self.log, self.choice)
+        return survey(self.log, self.choice, self.room)
 
     def true_poses(self) -> Truth:
         """The true pose at a step, from the beginning.

@@ -49,6 +49,8 @@ class Residuals:
         readings: (T, B), m; NaN = not measured, inf = no return.
         from_truth: Whether the poses were given; else a filter followed them by the same readings.
         way_m: How far the robot went.
+        turned_rad: How much it turned.
+        warning: As of `Survey`.
     """
 
     sensor: Rangefinder
@@ -58,6 +60,7 @@ class Residuals:
     from_truth: bool
     way_m: float
     turned_rad: float
+    warning: str = ""
 
     def __post_init__(self) -> None:
         if self.way_m < STANDING_WAY_M and self.turned_rad < STANDING_TURN_RAD:
@@ -105,7 +108,7 @@ def find_residuals(
         raise RecordingError(
             "residuals need poses: give a truth, or the start from which a filter follows them"
         )
-    told = survey(log, choice)
+    told = survey(log, choice, room)
     laser, places = log.sensor, choice.places(log.sensor)
     wide = LostBeams(BeamMixture(0.8, 0.08, 0.0, 0.12, 0.1, 1.0, laser.reach_m), 0.05)
     sensor = sensor_of(laser, places, room, Tempered(wide, min(1.0, 4 / len(places))))
@@ -130,6 +133,7 @@ def find_residuals(
         truth is not None,
         told.way_m,
         told.turned_rad,
+        told.warning,
     )
 
 

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, IntArray
+from ...filters import RangeMap
 from .log import UNLIMITED_M, LaserDescription, Log, RecordingError, Scan, motion_between
 from .readers.sweeps import without_motion
 
 STILL = "scans taken where the one before was (left out: a standing robot repeats its errors)"
 WITHOUT_ODOMETRY = "scans without odometry (left out)"
 BEYOND = f"readings beyond {UNLIMITED_M:g} m (taken for none: nobody says how far the laser measures)"
+FAR, LARGE_SHARE = 1.1, 0.25  # beyond so many limits a reading is too long; such a share of them is odd
 WITHOUT_READINGS = "scans whose chosen beams are all invalid"
 
 
@@ -72,6 +74,7 @@ class Step:
         control: Forward, right (m), turn (rad) by odometry since the last step, (3,); None for the first one.
         measurement: Ranges of the chosen beams, (B,), m.
         odometry: The pose by odometry, (3,).
+        lengths: Finite readings of all beams, also those that are longer than the laser measures, (K,), m.
     """
 
     scan: int
@@ -79,6 +82,7 @@ class Step:
     control: Array | None
     measurement: Array
     odometry: Array
+    lengths: Array
 
 
 def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterator[Step]:
@@ -110,7 +114,9 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
             ranges = np.where(far, np.inf, ranges)
         counts[WITHOUT_READINGS] += bool(np.isnan(ranges).all())
         before, some = scan.odometry, True
-        yield Step(number, scan.time_s, control, ranges, scan.odometry)
+        read = scan.ranges_m[np.isfinite(scan.ranges_m)]
+        lengths = np.concatenate([read, scan.beyond_m])
+        yield Step(number, scan.time_s, control, ranges, scan.odometry, lengths)
     if not some:
         raise RecordingError(
             "no scan of the recording can be used: it has no odometry at their times, by which estimators "
@@ -136,6 +142,8 @@ class Survey:
         turned_rad: How much it turned.
         first: The first step that is used.
         oddities: What is odd, with how often.
+        warning: That many readings are too long for the laser or for the map, as they are in other units; ""
+            where they are not.
     """
 
     scans: int
@@ -145,20 +153,68 @@ class Survey:
     turned_rad: float
     first: Step
     oddities: dict[str, int]
+    warning: str
 
 
-def survey(log: Log, choice: Choice) -> Survey:
+class _TooLong:
+    """How many readings are too long for a laser and for a map, but for numbers that mean no return.
+
+    Such a number is little more than the laser's longest range; or else it is the longest reading of all, and
+    stands there more than once.
+    """
+
+    def __init__(self, laser: LaserDescription, extent: float) -> None:
+        self.limits = {
+            f"{laser.range_max_m:g} m, the longest range of the laser (range_max_m)": laser.range_max_m,
+            f"{extent:.3g} m, the extent of the map": extent,
+        }
+        self.range_max = laser.range_max_m
+        self.counts = dict.fromkeys(self.limits, 0)
+        self.read, self.longest, self.repeated = 0, -np.inf, 0
+
+    def add(self, lengths: Array) -> None:
+        """Count those of one more scan, (K,), m."""
+        lengths = lengths[(lengths <= self.range_max) | (lengths > FAR * self.range_max)]
+        self.read += len(lengths)
+        for what, limit in self.limits.items():
+            self.counts[what] += int(np.count_nonzero(lengths > FAR * limit))
+        longest = float(lengths.max(initial=-np.inf))
+        if longest > self.longest:
+            self.longest, self.repeated = longest, 0
+        self.repeated += int(np.count_nonzero(lengths == self.longest))
+
+    @property
+    def warning(self) -> str:
+        """What there is to say of it."""
+        none = self.repeated if self.repeated > 1 else 0
+        for what, limit in self.limits.items():
+            count = self.counts[what] - none * (self.longest > FAR * limit)
+            if count > LARGE_SHARE * (self.read - none):
+                share = 100 * count / (self.read - none)
+                return f"{share:.0f} % of the readings are beyond {what}: are they in metres?"
+        return ""
+
+
+def survey(log: Log, choice: Choice, room: RangeMap | None = None) -> Survey:
     """Read a recording once, without filtering it.
+
+    Args:
+        log: The recording.
+        choice: Which scans and beams.
+        room: The map that readings should not be longer than.
 
     Raises:
         RecordingError: If it is damaged, or no scan can be used.
     """
     tally: Counter[str] = Counter()
+    extent = np.inf if room is None else float(np.hypot(*np.subtract(*room.bounds)))
+    too_long = _TooLong(log.sensor, extent)
     first = last = None
     used, way, turned = 0, 0.0, 0.0
     for step in steps(log, choice, tally):
         first = step if first is None else first
         last, used = step, used + 1
+        too_long.add(step.lengths)
         if step.control is not None:
             way += float(np.hypot(step.control[0], step.control[1]))
             turned += abs(float(step.control[2]))
@@ -166,4 +222,5 @@ def survey(log: Log, choice: Choice) -> Survey:
     assert last is not None
     scans = used + tally[STILL] + tally[WITHOUT_ODOMETRY]
     told = {kind: count for kind, count in tally.items() if count}
-    return Survey(scans, used, last.time_s - first.time_s, way, turned, first, told)
+    duration = last.time_s - first.time_s
+    return Survey(scans, used, duration, way, turned, first, told, too_long.warning)

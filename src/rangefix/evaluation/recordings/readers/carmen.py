@@ -21,6 +21,7 @@ from ..log import (
     LaserDescription,
     RecordingError,
     Scan,
+    beyond,
     motion_between,
     pose_from_ros,
 )
@@ -152,12 +153,12 @@ class CarmenLog(FileLog):
                     f"where the first scan has {beams}"
                 )
             ranges = np.where(line.ranges > 0, line.ranges, np.nan)
-            ranges = np.where(ranges >= limit, np.inf, ranges)
+            ranges, far = np.where(ranges >= limit, np.inf, ranges), beyond(ranges, limit)
             try:
                 odometry = pose_from_ros(*line.robot)
             except RecordingError as error:
                 raise RecordingError(f"{self.path}, line {line.number}: {error}") from None
-            yield Scan(line.times[clock], ranges, odometry)
+            yield Scan(line.times[clock], ranges, odometry, beyond_m=far)
 
     def _directions(self, line: Line) -> Array:
         """Directions of the beams, rad counter-clockwise from straight ahead, (B,)."""

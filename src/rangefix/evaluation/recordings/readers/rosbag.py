@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....arrays import Array
-from ..log import UNPLACED, LaserDescription, RecordingError, Scan, pose_from_ros
+from ..log import UNPLACED, LaserDescription, RecordingError, Scan, beyond, pose_from_ros
 from .file_log import FileLog
 from .rosbag_file import Messages, Topic, time_of
 from .sweeps import onto_beams
@@ -199,17 +199,17 @@ class RosbagLog(FileLog):
             if stamp == 0:
                 tally[NO_STAMP] += 1
                 stamp = recorded
-            ranges = self._readings(message)
+            ranges, far = self._readings(message)
             if (len(ranges), float(message.angle_min), float(message.angle_increment)) != shape:
                 tally["scans whose beams are not the first scan's (the nearest were taken)"] += 1
                 ranges = onto_beams(self._bearings(message), ranges, wanted)
             pose = odometry.at(stamp) if odometry else None
             end = odometry.at(stamp, duration) if odometry and duration else None
             tally["scans without odometry at their time"] += bool(odometry) and pose is None
-            yield Scan(stamp, ranges, pose, end)
+            yield Scan(stamp, ranges, pose, end, far)
 
-    def _readings(self, message: Any) -> Array:
-        """Ranges as REP-117 has them, (B,), m."""
+    def _readings(self, message: Any) -> tuple[Array, Array]:
+        """Ranges as REP-117 has them, (B,), m; and those that are longer than the laser measures, (K,), m."""
         values = message.ranges
         if self._scan_topic.type == SCANS[1]:
             values = [self._one_echo(message, beam) for beam in range(len(values))]
@@ -217,7 +217,7 @@ class RosbagLog(FileLog):
         low, high = self.sensor.range_min_m, self.sensor.range_max_m
         with np.errstate(invalid="ignore"):
             ranges = np.where(np.isfinite(ranges) & ((ranges < low) | (ranges <= 0)), np.nan, ranges)
-            return np.where(ranges >= high * (1 - 1e-6), np.inf, ranges)
+            return np.where(ranges >= high * (1 - 1e-6), np.inf, ranges), beyond(ranges, high)
 
     def _one_echo(self, message: Any, beam: int) -> float:
         echoes = message.ranges[beam].echoes

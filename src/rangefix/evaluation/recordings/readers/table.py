@@ -21,7 +21,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ....arrays import Array, wrap
-from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan
+from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan, beyond
 from ..options import ReadingOptions
 from .file_log import FileLog
 
@@ -131,7 +131,8 @@ class TableLog(FileLog):
             except RecordingError as error:
                 raise RecordingError(f"{self.path}, line {number}: {error}") from None
             ranges = np.array([row[name] for name in places])
-            yield Scan(row["time_s"], readings(ranges, laser), pose)
+            far = beyond(ranges, laser.range_max_m)
+            yield Scan(row["time_s"], readings(ranges, laser), pose, beyond_m=far)
 
     def _rows(self) -> Iterator[dict[str, float]]:
         columns = self._columns
@@ -250,7 +251,8 @@ class ArrayLog(FileLog):
                     raise RecordingError(f"{self.path}, scan {row + 1}: {error}") from None
                 if not np.isfinite(time):
                     raise RecordingError(f"{self.path}: time_s of scan {row + 1} is no finite number")
-                yield Scan(time, readings(ranges, laser), pose)
+                far = beyond(ranges, laser.range_max_m)
+                yield Scan(time, readings(ranges, laser), pose, beyond_m=far)
 
     def _opened(self) -> ZipFile:
         try:
