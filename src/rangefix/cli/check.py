@@ -117,7 +117,7 @@ def read_options(given: Iterable[str], plugin: PluginInfo, *, ours: bool = False
     from pydantic import ValidationError
 
     from ..evaluation.study.check_estimators import unfit_value
-    from ..evaluation.study.sections.base import Misfit
+    from ..evaluation.study.sections.base import misfits_of
     from ..evaluation.study.sections.estimators import EstimatorSection
 
     options: dict[str, Any] = {}
@@ -139,8 +139,10 @@ def read_options(given: Iterable[str], plugin: PluginInfo, *, ours: bool = False
         variants = EstimatorSection(name="-", options=options).variants()
     except ValidationError as error:
         faults = [fault.get("ctx", {}).get("error", fault["msg"]) for fault in error.errors()]
-        where = [".".join(map(str, fault.path)) if isinstance(fault, Misfit) else "" for fault in faults]
-        told = [f"{name}: {fault}" if name else str(fault) for name, fault in zip(where, faults, strict=True)]
+        told = []
+        for fault in faults:
+            misfits = misfits_of(fault)
+            told += [f"{'.'.join(map(str, misfit.path))}: {misfit}" for misfit in misfits] or [str(fault)]
         raise ValueError(f"--option {'; '.join(told)}") from None
     if len(variants) > 1:
         raise ValueError("--option: a list of values makes several estimators: check one after the other")

@@ -81,6 +81,54 @@ def test_a_bad_study_is_one_line(what: str, into: str, says: str) -> None:
     assert "\n" not in line
 
 
+MIXTURE = '[prior]\nkind = "mixture"\n'
+GAUSSIAN = '[[prior.parts]]\nkind = "gaussian"\nstd_m = 1.0\n'
+BOX = '[[prior.parts]]\nkind = "uniform"\nlower_m = [{0}.0, 7.0]\nupper_m = [{0}.5, 8.0]\n'
+DRIVE = '[state]\nheading = "unknown"\n[motion]\nkind = "odometry"\n'
+SEVERAL = {  # what is added to the study -> what is said, line by line
+    MIXTURE + GAUSSIAN + GAUSSIAN: (
+        "prior.parts[1].mean_m: is missing",
+        "prior.parts[2].mean_m: is missing",
+    ),
+    MIXTURE + BOX.format(1) + BOX.format(2): (
+        "prior.parts[1]: the prior has no free space in the box from [1.",
+        "prior.parts[2]: the prior has no free space in the box from [2.",
+    ),
+    MIXTURE + GAUSSIAN + '[[prior.parts]]\nkind = "uniform"\nvelocity_m_per_s = [1.0, 1.0]\n': (
+        "prior.parts[1].mean_m: is missing",
+        "prior.parts[2].velocity_m_per_s: is for velocities",
+    ),
+    '[prior]\nkind = "uniform"\nheading_deg = [0.0, 9.0]\nvelocity_std_m_per_s = 1.0\n': (
+        "prior.heading_deg: is for an unknown heading",
+        "prior.velocity_std_m_per_s: is for velocities",
+    ),
+    '[[estimators]]\nname = "a.py:A"\noptions = { a_deg = "x", b_deg = "y", c_m = 1, c = 1 }\n': (
+        "estimators[3].options.c_m: is the same option as c",
+        "estimators[3].options.a_deg: must be a number of degrees",
+        "estimators[3].options.b_deg: must be a number of degrees",
+    ),
+    DRIVE + "waypoints_m = [[1, 1], [1, 1], [2, 2], [2, 2]]\n": (
+        "motion: waypoint 2 is where the one before it is; waypoint 4 is where",
+    ),
+}
+
+
+@pytest.mark.parametrize("more", SEVERAL)
+def test_all_mistakes_are_told_at_once(more: str) -> None:
+    """Each table of a list, each key of a table: whoever mends the first should not meet the second then."""
+    with pytest.raises(StudyError) as error:
+        parse_study(STUDY.replace("[truth]\nat_m = [1.0, 1.0]\n", "") + more, source="study.toml")
+    assert len(error.value.mistakes) == len(SEVERAL[more])
+    for told in SEVERAL[more]:
+        assert sum(told in line for line in error.value.mistakes) == 1, error.value.mistakes
+
+
+def test_keys_of_a_true_state_are_told_at_once() -> None:
+    with pytest.raises(StudyError) as error:
+        parse_study(STUDY.replace("[[est", "heading_deg = 1.0\nvelocity_m_per_s = [1.0, 1.0]\n[[est", 1))
+    assert ["is no part of the state" in line for line in error.value.mistakes] == [True, True]
+
+
 def test_the_study_itself_is_sound() -> None:
     """Negative control: what is changed above is what is wrong."""
     study = parse_study(STUDY, source="study.toml")

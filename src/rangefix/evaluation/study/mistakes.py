@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ...errors import one_line, printable, suggestion
-from .sections.base import Misfit, kinds_of
+from .sections.base import Misfit, Misfits, kinds_of, misfits_of
 from .toml_lines import Path, line_of
 
 T = TypeVar("T")
@@ -90,10 +90,11 @@ class Mistakes:
         """What is built; None, and its mistake noted, if it cannot be."""
         try:
             return build()
-        except Misfit as misfit:
-            self.add((*at, *misfit.path), one_line(misfit))
         except ValueError as error:
-            self.add(at, one_line(error))
+            if not isinstance(error, Misfit | Misfits):
+                self.add(at, one_line(error))
+            for misfit in misfits_of(error):
+                self.add((*at, *misfit.path), one_line(misfit))
         return None
 
     def add_all(self, error: ValidationError, raw: dict[str, Any], model: type[BaseModel]) -> None:
@@ -117,10 +118,9 @@ class Mistakes:
             if fault["type"].startswith("union_tag") and len(path) == 1 + (path[0] == "assumed"):
                 path = (*path, "kind")
             text = _sentence(fault, path, inner) if len(told) < MOST_LOOKED_AT else str(fault["msg"])
-            if isinstance(misfit := fault.get("ctx", {}).get("error"), Misfit):
-                path = (*path, *misfit.path)
-            told.append((path, text))
-            told_of.append(fault)
+            misfits = misfits_of(fault.get("ctx", {}).get("error"))
+            told += [((*path, *misfit.path), misfit.text) for misfit in misfits] or [(path, text)]
+            told_of += [fault] * max(1, len(misfits))
         for (path, text), fault in zip(told, told_of, strict=True):
             if fault["type"] == "extra_forbidden" and self.typed.get(path, "").startswith("--"):
                 self.noted.append((path, f"{self.typed[path]} has no effect on {self._map()}"))

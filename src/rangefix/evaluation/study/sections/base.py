@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -61,6 +61,33 @@ class Misfit(ValueError):
         super().__init__(text)
         self.text = text
         self.path: tuple[str | int, ...] = (key, *further)
+
+
+class Misfits(ValueError):
+    """Several keys of a section that do not fit: they are told at once."""
+
+    def __init__(self, misfits: Sequence[Misfit]) -> None:
+        super().__init__("; ".join(misfit.text for misfit in misfits))
+        self.misfits = tuple(misfits)
+
+
+def refuse(misfits: Sequence[Misfit]) -> None:
+    """Raise all that do not fit together; nothing where all fit.
+
+    Raises:
+        Misfit: If one does not.
+        Misfits: If several do not.
+    """
+    if misfits:
+        raise misfits[0] if len(misfits) == 1 else Misfits(misfits)
+
+
+def misfits_of(error: object, at: tuple[str | int, ...] = ()) -> list[Misfit]:
+    """What an error of a section says of its keys, or else of a key; none where it is about no key."""
+    if isinstance(error, Misfits):
+        return [found for misfit in error.misfits for found in misfits_of(misfit, at)]
+    path = (*at, *(error.path if isinstance(error, Misfit) else ()))
+    return [Misfit(str(path[0]), str(error), *path[1:])] if path else []
 
 
 @dataclass(frozen=True)

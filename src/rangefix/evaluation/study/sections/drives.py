@@ -63,11 +63,21 @@ def waypoint_drive(
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     if not lengths.all():
-        raise ValueError(f"waypoint {int(np.argmin(lengths)) + 2} is where the one before it is")
+        raise ValueError(
+            "; ".join(
+                f"waypoint {place + 2} is where the one before it is"
+                for place in np.flatnonzero(lengths == 0)
+            )
+        )
     if room is not None:
         blocked = ~np.append(room.is_free(points[:1]), in_line_of_sight(room, points[:-1], points[1:]))
         if blocked.any():
-            raise ValueError(f"the way to waypoint {int(np.argmax(blocked)) + 1} is not in free space")
+            raise ValueError(
+                "; ".join(
+                    f"the way to waypoint {place + 1} is not in free space"
+                    for place in np.flatnonzero(blocked)
+                )
+            )
     headings, turns = _turns(legs)
     controls: list[tuple[float, float, float]] = []
     for length, angle in zip(lengths, turns, strict=True):

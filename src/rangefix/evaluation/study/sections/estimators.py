@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from ....filters.option_units import bare_name
-from .base import Misfit, Section
+from .base import Misfit, Section, refuse
 
 MOST_VARIANTS = 1000  # of an estimator, by grids of its options
 MOST_DEGREES = 1e6
@@ -41,15 +41,19 @@ class EstimatorSection(Section):
     def _no_empty_grid(cls, options: dict[str, Any]) -> dict[str, Any]:
         if empty := [name for name, value in options.items() if value == []]:
             raise ValueError(f"{', '.join(empty)}: an empty list runs nothing; a list as a value is [[]]")
-        for name in options:
-            if twins := [other for other in options if other != name and bare_name(other) == bare_name(name)]:
-                raise Misfit(name, f"is the same option as {twins[0]}: give one of them")
+        misfits, names = [], list(options)
+        for place, name in enumerate(names):
+            if twins := [other for other in names[place + 1 :] if bare_name(other) == bare_name(name)]:
+                misfits.append(Misfit(name, f"is the same option as {twins[0]}: give one of them"))
         count = prod(len(value) for value in options.values() if isinstance(value, list))
         if count > MOST_VARIANTS:
             raise ValueError(f"these lists make {count:.3g} estimators, more than {MOST_VARIANTS}")
-        for name, value in options.items():
-            if name.endswith("_deg") and not _are_numbers(value):
-                raise Misfit(name, f"must be a number of degrees, got {repr(value)[:60]}")
+        misfits += [
+            Misfit(name, f"must be a number of degrees, got {repr(value)[:60]}")
+            for name, value in options.items()
+            if name.endswith("_deg") and not _are_numbers(value)
+        ]
+        refuse(misfits)
         return options
 
     def converted(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from ....arrays import Array
 from ....filters import Confined, Motion, Odometry, RangeMap, StateSpace
 from ....filters.models.motion import ConstantVelocity, RandomWalk, Stationary
-from .base import Misfit, NotNegative, Point, Positive, Section, WithExtensions
+from .base import Misfit, NotNegative, Point, Positive, Section, WithExtensions, refuse
 from .drives import Drive, count_steps, random_drive, waypoint_drive
 
 MOST_STEPS = 100_000
@@ -88,12 +88,17 @@ class RandomWalkMotion(WalledMotion):
         speed = self.velocity_std_m_per_s
         turn = float(np.deg2rad(self.heading_std_deg))
         stds = {"x1": along_x1, "x2": along_x2, "heading": turn, "v1": speed, "v2": speed}
-        for key, name, fix in (
+        fixes = (
             ("heading_std_deg", "heading", 'heading = "unknown"'),
             ("velocity_std_m_per_s", "v1", "velocities = true"),
-        ):
-            if stds[name] and name not in space.names:
-                raise Misfit(key, f"needs {fix} in [state]")
+        )
+        refuse(
+            [
+                Misfit(key, f"needs {fix} in [state]")
+                for key, name, fix in fixes
+                if stds[name] and name not in space.names
+            ]
+        )
         return RandomWalk(space, [stds[name] for name in space.names])
 
 

@@ -22,7 +22,7 @@ from ....filters import (
 from ....filters.models.product_prior import WithHeading, WithVelocity
 from ....filters.problem import SpacedPrior
 from ....raster import Raster
-from .base import Misfit, Point, Positive, Section
+from .base import Misfit, Point, Positive, Section, misfits_of, refuse
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 MOST_CELLS = 20_000_000  # to look for the place of a box
@@ -85,11 +85,16 @@ class PriorSection(Section):
             ValueError: If the prior is not sound.
         """
         unknown, moving = "heading" in space.names, "v1" in space.names
-        for key in (key for key, value in self if value is not None):
-            if key.startswith("heading") and not unknown:
-                raise Misfit(key, 'is for an unknown heading: write heading = "unknown" in [state]')
-            if key.startswith("velocity") and not moving:
-                raise Misfit(key, "is for velocities: write velocities = true in [state]")
+        told = [key for key, value in self if value is not None]
+        headings = [key for key in told if key.startswith("heading") and not unknown]
+        velocities = [key for key in told if key.startswith("velocity") and not moving]
+        refuse(
+            [
+                Misfit(key, 'is for an unknown heading: write heading = "unknown" in [state]')
+                for key in headings
+            ]
+            + [Misfit(key, "is for velocities: write velocities = true in [state]") for key in velocities]
+        )
         if unknown:
             prior = self.with_heading(room, start)
         else:
@@ -225,14 +230,13 @@ class MixturePrior(Section):
 
     def build(self, room: RangeMap, space: StateSpace, start: Array | None = None) -> Mixture:
         """The prior on a map; a part's mistakes name the part."""
-        priors = []
+        priors, misfits = [], []
         for place, part in enumerate(self.parts):
             try:
                 priors.append(part.build(room, space, start))
-            except Misfit as misfit:
-                raise Misfit("parts", misfit.text, place, *misfit.path) from None
             except ValueError as error:
-                raise Misfit("parts", str(error), place) from None
+                misfits += misfits_of(error, ("parts", place))
+        refuse(misfits)
         return Mixture(priors, self.weights)
 
 

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ....arrays import Array, wrap
 from ....filters import StateSpace
-from .base import Misfit, Point, Section
+from .base import Misfit, Point, Section, refuse
 
 
 class StateSection(Section):
@@ -69,9 +69,12 @@ class TruthSection(Section):
             state["heading"] = float(wrap(np.deg2rad(self.heading_deg)))
         if self.velocity_m_per_s is not None:
             state |= dict(zip(("v1", "v2"), self.velocity_m_per_s, strict=True))
+        misfits = []
         for key, name in (("heading_deg", "heading"), ("velocity_m_per_s", "v1")):
             if name in space.names and name not in state:
-                raise Misfit(key, f"is missing: the {key.partition('_')[0]} is part of the state")
+                misfits.append(Misfit(key, f"is missing: the {key.partition('_')[0]} is part of the state"))
             if name in state and name not in space.names:
-                raise Misfit(key, f"the {key.partition('_')[0]} is no part of the state: see [state]")
+                text = f"the {key.partition('_')[0]} is no part of the state: see [state]"
+                misfits.append(Misfit(key, text))
+        refuse(misfits)
         return np.array([state[name] for name in space.names])
