@@ -6,9 +6,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from rangefix.evaluation import load, load_study, run, summarise
 from rangefix.evaluation.consistency.verdict import decide
-from rangefix.evaluation.results import read_json, write_json
+from rangefix.evaluation.figures import plots
+from rangefix.evaluation.results import ResultsError, read_json, write_json
 
 from .conftest import Said
 
@@ -47,6 +50,9 @@ def test_without_a_run_every_command_says_so(rangefix: Callable[..., Said], tmp_
         assert said.code == 3, command
         assert "interrupted after 0 of 8 runs" in said.err.splitlines()[0], command
         assert "no answer" not in said.out, command
+        assert "went well" not in said.err, command
+    assert rangefix("plot", out).err.endswith("nothing to draw, as no run was made yet\n")
+    assert rangefix("plot", out, "--only", "anees").err.endswith("'anees': no run was made yet\n")
     assert rangefix("compare", out, out).code == 3
     page = (out / "report.html").read_text()
     assert "This study was interrupted after 0 of 8 runs" in page
@@ -67,3 +73,29 @@ def test_what_is_there_is_told_with_a_warning(rangefix: Callable[..., Said], tmp
         assert said.code == 0, command
         far = "interrupted after 0 to 8 of 8 runs"
         assert said.err == f"rangefix: {out} was {far}: what is there counts what was finished\n"
+
+
+@pytest.mark.parametrize("width", [(), ("--width-mm", "88")])
+def test_many_that_have_not_run_leave_room_for_the_others(
+    rangefix: Callable[..., Said], tmp_path: Path, width: tuple[str, ...]
+) -> None:
+    """What has not run is told below each figure, as pending, in a few words; warnings are errors here."""
+    more = "".join(f'[[estimators]]\nname = "ekf"\nlabel = "a longer name, number {i}"\n' for i in range(16))
+    study, out = tmp_path / "many.toml", tmp_path / "out"
+    study.write_text(f"beam_sets = [[1], [2], [1, 2], [1, 2, 3]]\n{STUDY}{more}")
+    run(load_study(study), out, timing=False)
+    write_json(out / "manifest.json", read_json(out / "manifest.json") | {"state": "running"})
+    for folder in (out / "parts").iterdir():
+        if folder.name not in ("world", "ekf"):
+            shutil.rmtree(folder)
+    shutil.rmtree(out / "parts/ekf/1")
+    assert rangefix("plot", out, *width).code == rangefix("report", out).code == 0
+    results = load(out)
+    told = "Not drawn, as they have not run yet: "
+    names = ", ".join(["second", *(f"a longer name, number {i}" for i in range(7))])
+    assert plots.plot_runs(results).left_out == f"{told}{names} and 9 more."
+    first = plots.plot_anees(results).left_out
+    assert first.startswith(f"{told}ekf (beam 1), second, a longer name, number 0, ")
+    assert first.endswith(" and 10 more.")
+    with pytest.raises(ResultsError, match="no figure 'runs': no run went well"):
+        plots.plot_runs(results, beams="1")

@@ -117,7 +117,8 @@ def plot(
     from ..evaluation.figures import Layout
 
     layout = Layout.in_mm(width_mm, font_size, titles=titles)
-    _warn_of_interruptions(*_unfinished(folder), end=False)
+    unfinished = _unfinished(folder)
+    _warn_of_interruptions(*unfinished, end=False)
     paths = draw(folder, names_in(only), names_in(formats, USUAL), layout, dpi)
     if as_json:
         print_json({"figures": [str(path) for path in paths]})
@@ -125,7 +126,8 @@ def plot(
         for path in paths:
             say(path)
     if not paths:
-        warn(f"{folder}: nothing to draw, as no run went well")
+        begun = all(any(each.made.values()) for each in unfinished)
+        warn(f"{folder}: nothing to draw, as {'no run went well' if begun else 'no run was made yet'}")
         raise typer.Exit(ExitCode.NOTHING_RAN)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import suggestion
 from .figures import FigureData, FigureKind, Layout
 from .figures.beliefs import draw_posterior
-from .figures.catalogue import alone, chosen, figure_kinds
+from .figures.catalogue import alone, chosen, figure_kinds, why_lacking
 from .figures.files import FORMATS, encoded
 from .figures.style import styled
 from .results import FIGURES, MANIFEST, ResultsError, load, remove, write_bytes
@@ -67,7 +67,7 @@ def draw(
     with styled(layout):
         shown: Any = data()
         if only and (absent := [kind for kind in kinds if not kind.needs(shown)]):
-            raise ResultsError(f"{folder} has no figure {absent[0].name!r}: {absent[0].lacking}")
+            raise ResultsError(f"{folder} has no figure {absent[0].name!r}: {why_lacking(absent[0], shown)}")
         for kind in kinds:
             if kind.needs(shown):
                 made = encoded(kind.draw(shown), formats, dpi)

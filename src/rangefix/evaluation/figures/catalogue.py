@@ -27,6 +27,7 @@ from .sheet import Sheet
 
 Data = TypeVar("Data")
 SILENT = "no run went well"
+NOT_BEGUN = "no run was made yet"
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,13 @@ def drawn(kinds: Iterable[FigureKind[Data]], data: Data) -> Iterator[tuple[Figur
 def study_figures(results: Results, layout: Layout | None = None) -> Iterator[tuple[FigureKind[Any], Figure]]:
     """All figures of a study; those of single runs are for the last set of beams."""
     return drawn(figure_kinds(), FigureData.of(results, layout))
+
+
+def why_lacking(kind: FigureKind[Any], data: object) -> str:
+    """Why a figure cannot be drawn of data that do not hold what it shows."""
+    if isinstance(data, FigureData) and not data.is_begun and kind.name != "map":
+        return NOT_BEGUN
+    return kind.lacking
 
 
 def chosen(kinds: Iterable[FigureKind[Data]], names: Iterable[str]) -> list[FigureKind[Data]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from ..results import Picture, Results, load_pictures
 from .layout import Layout
 
 LONGEST_LABEL = 40  # letters of an estimator's label in a figure
+MOST_LEFT_OUT = 8  # labels of what is not drawn, of either reason; tables have them all
 MAX_ESTIMATORS_DRAWN = 24  # of more, panels are too small to be read; tables have them all
 
 
@@ -90,7 +92,7 @@ class FigureData:
     @property
     def silent(self) -> str:
         """Which estimators a figure of that set of beams leaves out, and why; "" if none."""
-        return _left_out(self.labels[each] for each in self.results.estimators if each not in self.answering)
+        return _left_out([row for row in self.last_rows if row.beams == self.beams and not row.ok], 1)
 
     @cached_property
     def drawn_rows(self) -> list[Row]:
@@ -117,12 +119,7 @@ class FigureData:
     @property
     def silent_rows(self) -> str:
         """Which rows a figure of all sets of beams leaves out, and why; "" if none."""
-        several = len(self.results.beam_sets) > 1
-        return _left_out(
-            f"{row.estimator} ({beams_in_words(row.beams)})" if several else row.estimator
-            for row in self.last_rows
-            if not row.ok
-        )
+        return _left_out([row for row in self.last_rows if not row.ok], len(self.results.beam_sets))
 
     @property
     def study(self) -> str:
@@ -170,14 +167,42 @@ class FigureData:
         """Whether the beliefs on the set of beams that is shown were sampled."""
         return any(row.beliefs for row in self.drawn_rows if row.beams == self.beams)
 
+    @property
+    def is_begun(self) -> bool:
+        """Whether any run was made: none may be where the study was interrupted."""
+        return any(self.results.made.values())
+
     def has_times(self) -> bool:
         """Whether an estimator that answered on the set of beams that is shown was timed."""
         return bool(self.timed_rows)
 
 
-def _left_out(labels: Iterable[str]) -> str:
-    told = ", ".join(labels)
-    return f"Not drawn, as no run went well: {told}." if told else ""
+def _left_out(rows: Sequence[Row], sets: int) -> str:
+    """Which rows a figure leaves out and why: they have not run yet, or no run went well; "" if none.
+
+    Args:
+        rows: The rows.
+        sets: How many sets of beams it shows; an estimator that is left out of all of them is named once.
+    """
+    reasons = {
+        "no run went well": [row for row in rows if row.made],
+        "they have not run yet": [row for row in rows if not row.made],
+    }
+    told = []
+    for why, left in reasons.items():
+        count = Counter(row.estimator for row in left)
+        names = list(
+            dict.fromkeys(
+                row.estimator
+                if count[row.estimator] == sets
+                else f"{row.estimator} ({beams_in_words(row.beams)})"
+                for row in left
+            )
+        )
+        more = f" and {len(names) - MOST_LEFT_OUT} more" if len(names) > MOST_LEFT_OUT else ""
+        if names:
+            told.append(f"Not drawn, as {why}: {', '.join(names[:MOST_LEFT_OUT])}{more}.")
+    return " ".join(told)
 
 
 def drawable_labels(labels: Iterable[str]) -> dict[str, str]:

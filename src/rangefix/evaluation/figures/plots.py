@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ..results import Results, ResultsError
 from .beliefs import draw_posterior
-from .catalogue import FIGURES, Draw
+from .catalogue import FIGURES, Draw, why_lacking
 from .claims import draw_anees, draw_covariance, draw_efficiency, draw_time
 from .data import FigureData
 from .drives import draw_steps, draw_ways
@@ -239,7 +239,7 @@ def _plot(
     kind = next(kind for kind in FIGURES if kind.name == name)
     with styled(layout) if ax is None else nullcontext():
         if not kind.needs(data):
-            raise ResultsError(f"these results have no figure {name!r}: {kind.lacking}")
+            raise ResultsError(f"these results have no figure {name!r}: {why_lacking(kind, data)}")
         sheet = Sheet(data.layout, ax)
         draw(data, sheet)
         artists = Artists(sheet.artists())

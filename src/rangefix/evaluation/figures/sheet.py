@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .layout import Layout, line_height, text_width, wrapped
 
 MARGIN = 0.15  # inches, at the edges of a figure
+LINES_OF_NOTE = 2  # for which the natural size of a figure has room
 HANDLE = 3.4  # widths of an m that an entry of a legend needs beside its text
 Panels = NDArray[np.object_]
 
@@ -182,6 +183,10 @@ class Sheet:
         if self._own and self.layout.width is not None:
             added += self._lines * self._broken_lines * line_height("axes.titlesize")
             self.root.set_figheight(self.root.get_figheight() + added)
+        elif self._own:  # a long note would leave no room for the panels
+            lines = wrapped(note, self.width - MARGIN, "legend.fontsize").count("\n") + 1
+            more_lines = max(0, lines - LINES_OF_NOTE) * line_height("legend.fontsize") * 1.2
+            self.root.set_figheight(self.root.get_figheight() + more_lines)
 
     def _legend(self, entries: Mapping[str, Artist], columns: int, note: str) -> float:
         """One legend below; returns its height, inches."""
