@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from rangefix.evaluation import Experiment, NamedEstimator, run
+from rangefix.evaluation import Experiment, NamedEstimator, load_study, repeat_run, run
 from rangefix.evaluation.figures.beliefs import draw_posterior
 from rangefix.evaluation.figures.catalogue import alone
 from rangefix.evaluation.figures.data import FigureData
 from rangefix.evaluation.figures.planning.accuracy import draw_accuracy
 from rangefix.evaluation.figures.recordings.paths import draw_beliefs
+from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.planning.accuracy_map import AccuracyMap
 from rangefix.maps.rectangle import RectangularRoom
 
 from ..conftest import make_problem
+from .drawn_text import cut_off, drawn_lines, overlaps
 
 
 def posterior(std: float, folder: Path) -> Any:
@@ -32,6 +34,28 @@ def test_a_small_belief_is_shown_enlarged(tmp_path: Path) -> None:
     assert np.ptp(inset.get_xlim()) < 0.5
     assert inset.get_xlabel().endswith("m wide")
     assert not posterior(2.0, tmp_path / "large").axes[0].child_axes
+
+
+def test_seven_estimators_do_not_overlap() -> None:
+    """Those of the paper's study stand in two lines: no name of the second lies over labels of the first."""
+    study = load_study("paper", runs=4)
+    once = repeat_run(study, 3)
+    with styled():
+        figure = alone(draw_posterior)(FigureData(once.results, once.number, once.pictures))
+        lines = drawn_lines(figure)
+    assert {line.text for line in lines} >= set(study.experiment().estimators)
+    assert sum("m wide" in line.text for line in lines) == 7
+    assert not overlaps(lines)
+    assert not cut_off(lines, figure)
+
+
+def test_the_width_of_what_is_enlarged_stands_away_from_its_lines(tmp_path: Path) -> None:
+    """The belief lies below the corner in which it is enlarged, so that the lines come from below."""
+    figure = posterior(0.01, tmp_path)
+    (inset,) = figure.axes[0].child_axes
+    corner = figure.axes[0].transData.inverted().transform(inset.transAxes.transform((0.0, 0.0)))
+    assert inset.get_ylim()[1] < corner[1]
+    assert inset.xaxis.get_label_position() == "top"
 
 
 def test_a_known_heading_is_in_no_legend(tmp_path: Path) -> None:

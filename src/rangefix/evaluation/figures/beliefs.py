@@ -24,6 +24,7 @@ from .ticks import FittingLocator, even_numbers
 MAX_BESIDE = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
 SMALL, ENLARGED = 0.12, 0.4  # of the shorter side of a room: a belief that is shown enlarged, and how large
+PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a map
 BELL = np.linspace(-4, 4, 81)  # standard deviations at which its bell is drawn besides
 
 
@@ -141,11 +142,14 @@ def _enlarged(
     mean: Array,
     covariance: Array,
 ) -> None:
-    """What lies between two corners once more, larger, in the corner of the room that is furthest away."""
+    """What lies between two corners once more, larger, in the corner of the room that is furthest away.
+
+    How wide it is stands on the side from which no line comes.
+    """
     lower, upper = corners
     side, rim = ENLARGED * float((high - low).min()), 0.1 * float((high - low).min())
     places = [np.array([x, y]) for x in (low[0] + rim, high[0] - rim - side)
-              for y in (low[1] + 2 * rim, high[1] - rim - side)]  # fmt: skip
+              for y in (low[1] + 2 * rim, high[1] - 2 * rim - side)]  # fmt: skip
     seen = np.stack([(lower + upper) / 2, scene["truth"][:2]])
     best = max(places, key=lambda place: float(np.linalg.norm(place + side / 2 - seen, axis=1).min()))
     inset = axes.inset_axes((*best, side, side), transform=axes.transData, zorder=8)
@@ -162,7 +166,11 @@ def _enlarged(
     inset.set_aspect("equal")
     inset.set_xticks([])
     inset.set_yticks([])
-    inset.set_xlabel(f"{upper[0] - lower[0]:.2g} m wide", fontsize=small(), labelpad=1.5)
+    inset.spines[:].set(visible=True, edgecolor="0.4", linewidth=0.8)
+    is_left, is_above = best[0] < low[0] + 2 * rim, best[1] + side / 2 > (lower[1] + upper[1]) / 2
+    inset.xaxis.set_label_position("top" if is_above else "bottom")
+    width = f"{upper[0] - lower[0]:.2g} m wide"
+    inset.set_xlabel(width, fontsize=small(), labelpad=1.5, loc="left" if is_left else "right", bbox=PAPER)
     axes.indicate_inset_zoom(inset, edgecolor="0.4", alpha=1.0, linewidth=0.8)
 
 

@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context, rcParams
 from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ...arrays import Array
 from ..results import ResultsError, write_bytes
 from .style import styled
 
@@ -23,10 +25,16 @@ FORMATS: dict[str, dict[str, Any]] = {
 DPI = 50.0, 1200.0
 MOST_PIXELS = 20_000  # of a side
 PNG_LEVEL = 3  # of zlib: a third of the time
+MOST_LAYOUTS = 4  # of a figure whose panels have a fixed shape
+SETTLED = 0.002  # of the figure: how far panels may move when it is laid out once more
 
 
 def lay_out(figure: Figure) -> None:
-    """Find the places of all panels and labels, once: every file of the figure has them there."""
+    """Find the places of all panels and labels, once: every file of the figure has them there.
+
+    Panels of a fixed shape, as maps are, shrink after their labels have got their room: such a figure is laid
+    out again until its panels stay where they are.
+    """
     for axes in figure.axes:
         _find_ticks_once(axes.xaxis)
         _find_ticks_once(axes.yaxis)
@@ -37,8 +45,19 @@ def lay_out(figure: Figure) -> None:
     dpi = figure.dpi
     figure.set_dpi(rcParams["savefig.dpi"])
     engine.execute(figure)
+    if any(axes.get_aspect() != "auto" for axes in figure.axes):
+        for _ in range(MOST_LAYOUTS - 1):
+            before = _panel_places(figure)
+            engine.execute(figure)
+            if np.abs(_panel_places(figure) - before).max() <= SETTLED:
+                break
     figure.set_dpi(dpi)
     figure.set_layout_engine(None)  # a name would have matplotlib draw all twice
+
+
+def _panel_places(figure: Figure) -> Array:
+    """Left, bottom, width and height of all panels, in shares of the figure, (A, 4)."""
+    return np.array([axes.get_position().bounds for axes in figure.axes])
 
 
 def _find_ticks_once(axis: Axis) -> None:
