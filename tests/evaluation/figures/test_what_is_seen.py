@@ -7,15 +7,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from rangefix.evaluation import Experiment, NamedEstimator, load_study, repeat_run, run
 from rangefix.evaluation.figures.beliefs import draw_posterior
 from rangefix.evaluation.figures.catalogue import alone
 from rangefix.evaluation.figures.data import FigureData
 from rangefix.evaluation.figures.planning.accuracy import draw_accuracy
+from rangefix.evaluation.figures.planning.compass import draw_plan
 from rangefix.evaluation.figures.recordings.paths import draw_beliefs
 from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.planning.accuracy_map import AccuracyMap
+from rangefix.evaluation.planning.plans import Plan, Step
+from rangefix.evaluation.planning.scene import FloorPlan
 from rangefix.maps.rectangle import RectangularRoom
 
 from ..conftest import make_problem
@@ -67,15 +71,46 @@ def test_a_known_heading_is_in_no_legend(tmp_path: Path) -> None:
     assert "density" not in told
 
 
-def test_a_title_speaks_of_a_density_only_where_one_is_drawn() -> None:
-    believed = SimpleNamespace(
-        mean=np.array([1.0, 1.0, 0.0]), covariance=np.eye(3), truth=None, step=SimpleNamespace(scan=0)
-    )
+def legend_of(figure: Any) -> str:
+    """What the legends of a figure say, in one line."""
+    return " ".join(
+        " ".join(text.get_text() for text in legend.get_texts()) for legend in figure.legends
+    ).translate({ord("\n"): " ", 0xA0: " "})
+
+
+def test_the_legend_of_beliefs_says_what_is_drawn_and_no_more() -> None:
+    """A density and a true position stand in it only where there is one."""
     image = SimpleNamespace(density=np.eye(2), extent=(0.0, 1.0, 0.0, 1.0))
-    for picture, words in ((None, ": ellipses claimed to hold 95 %"), (image, " (darker = denser")):
+    for picture, truth in ((None, None), (image, np.ones(3))):
+        believed = SimpleNamespace(
+            mean=np.ones(3), covariance=np.eye(3), truth=truth, step=SimpleNamespace(scan=0)
+        )
         trace: Any = SimpleNamespace(images=[(believed, picture)])
-        figure = draw_beliefs("ekf", trace, RectangularRoom(4.0, 6.0))
-        assert " ".join(figure.get_suptitle().split()).startswith(f"What ekf believes{words}")
+        told = legend_of(draw_beliefs("ekf", trace, RectangularRoom(4.0, 6.0)))
+        for always in ("estimated position", "estimated heading", "claimed to hold", "walls of the map"):
+            assert always in told
+        assert ("density of the belief" in told) == (picture is not None)
+        assert ("true position" in told) == (truth is not None)
+
+
+@pytest.mark.parametrize(("beams", "method"), [(1, "greedy"), (2, "exchange")])
+def test_the_legend_of_a_plan_says_what_is_drawn_and_no_more(beams: int, method: str) -> None:
+    """Beams before, and why a beam is not the best direction, where there are some; no label overlaps."""
+    problem, candidates = make_problem(), np.deg2rad([-45.0, 0.0, 45.0])
+    objective = np.array([2.0, 1.0, 2.0])
+    steps = tuple(Step(bearing, np.eye(2), 1.0, 0.0, objective) for bearing in candidates[:beams])
+    floor = FloorPlan.of(problem, np.array([[2.0, 3.0]]))
+    with styled():
+        figure = draw_plan(Plan(candidates, "trace", method, False, steps), floor)
+        told = legend_of(figure)
+        lines = drawn_lines(figure)
+    for always in ("walls", "prior's mean", "further out = smaller expected trace", "the beam of the plan"):
+        assert always in told
+    (legend,) = figure.legends
+    assert ("beams before it" in told) == (beams > 1)
+    assert ("chosen together" in legend.get_title().get_text()) == (method == "exchange")
+    assert not overlaps(lines)
+    assert not cut_off(lines, figure)
 
 
 def test_equal_deviations_have_one_plain_number() -> None:

@@ -190,20 +190,38 @@ class Sheet:
 
     def _legend(self, entries: Mapping[str, Artist], columns: int, note: str) -> float:
         """One legend below; returns its height, inches."""
-        if self.figure is None or not (entries or note):
+        if self.figure is None:
             return 0.0
-        setting = "legend.fontsize"
-        m = line_height(setting) / 1.25
-        room = self.width - MARGIN
-        widest = max((text_width(label, setting) + HANDLE * m for label in entries), default=0.0)
-        columns = max(1, min(columns, len(entries), int((room + 2 * m) / (widest + 2 * m)) if widest else 1))
-        labels = [wrapped(label, room - HANDLE * m, setting) for label in entries]
-        note = wrapped(note, room, setting)
-        titled: dict[str, Any] = {"title": note, "alignment": "left"} if note else {}
-        handles = [*entries.values()]
-        self.figure.legend(handles, labels, loc="outside lower center", ncols=columns, **titled)
-        lines = sum(label.count("\n") + 1 for label in labels) / columns + 0.5
-        return (lines + (note.count("\n") + 1 if note else 0)) * line_height(setting) * 1.2 + 0.1
+        return legend_below(self.figure, entries, self.width - MARGIN, columns, note)
+
+
+def legend_below(
+    figure: Figure | SubFigure, entries: Mapping[str, Artist], room: float, columns: int, note: str = ""
+) -> float:
+    """One legend below the panels of a figure that is laid out by constraints.
+
+    Args:
+        figure: The figure.
+        entries: Label -> what it says.
+        room: How wide it may be, inches; longer labels are broken.
+        columns: At most; fewer where there is no room for them.
+        note: A line above it.
+
+    Returns:
+        Its height, inches; 0 where there is nothing to say.
+    """
+    if not (entries or note):
+        return 0.0
+    setting = "legend.fontsize"
+    m = line_height(setting) / 1.25
+    widest = max((text_width(label, setting) + HANDLE * m for label in entries), default=0.0)
+    columns = max(1, min(columns, len(entries), int((room + 2 * m) / (widest + 2 * m)) if widest else 1))
+    labels = [wrapped(label, room - HANDLE * m, setting) for label in entries]
+    note = wrapped(note, room, setting)
+    titled: dict[str, Any] = {"title": note, "alignment": "left"} if note else {}
+    figure.legend([*entries.values()], labels, loc="outside lower center", ncols=columns, **titled)
+    lines = sum(label.count("\n") + 1 for label in labels) / columns + 0.5
+    return (lines + (note.count("\n") + 1 if note else 0)) * line_height(setting) * 1.2 + 0.1
 
 
 def _inches(axes: Axes) -> float:

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ....arrays import Array
-from ...planning.plans import Plan
+from ...planning.plans import Plan, Step
 from ...planning.scene import FloorPlan
+from ..layout import wrapped
+from ..sheet import MARGIN, legend_below
 from ..style import COLOURS, label_positions
 
 PANEL = 3.1  # inches
 MOST_PANELS = 8
 INNER, OUTER = 0.12, 0.45  # of the map's shorter side: the worst and the best direction
 GAP = 3.0  # times the usual angle between candidates, at which the curve is broken
+FEW = 12  # candidates that are drawn as points, not as a curve
+CHOSEN, EARLIER, DASHES = COLOURS[5], "0.55", (0, (5, 2))  # beams
+TITLE = "How good each direction is as the next beam"
 
 
 def draw_plan(plan: Plan, floor: FloorPlan) -> Figure:
     """One panel for each beam; the curve is further out where a direction is better.
+
+    A legend says what each mark and line is.
 
     Args:
         plan: What was chosen.
@@ -40,12 +51,51 @@ def draw_plan(plan: Plan, floor: FloorPlan) -> Figure:
         _draw_floor(axes, floor)
         _draw_curve(axes, floor, plan.candidates, step.objective)
         for bearing in before:
-            _draw_beam(axes, floor, bearing, "0.55", 1.0)
+            _draw_beam(axes, floor, bearing, EARLIER, 1.0)
         if step.bearing is not None:
-            _draw_beam(axes, floor, step.bearing, COLOURS[5], 1.8)
+            _draw_beam(axes, floor, step.bearing, CHOSEN, 1.8)
             before.append(step.bearing)
-        axes.set_title(f"beam {number}: {_direction(step.bearing)}\nthen {step.position_std:.3g} m (rms)")
+        after = f"then the position errs by {step.position_std:.3g} m (rms)"
+        axes.set_title(f"beam {number}: {_direction(step.bearing)}\n{after}")
+    room = size[0] - 2 * MARGIN
+    added = legend_below(figure, _legend(plan, steps), room, 2, _note(plan, len(steps)))
+    title = wrapped(TITLE, room, "figure.titlesize")
+    figure.suptitle(title)
+    figure.set_figheight(size[1] + added + 0.2 * title.count("\n"))
     return figure
+
+
+def _legend(plan: Plan, steps: Sequence[Step]) -> dict[str, Artist]:
+    """Label -> what it says of the panels of some steps."""
+    named = {"trace": "trace", "det": "determinant", "largest": "largest eigenvalue"}
+    what = f"smaller expected {named.get(plan.criterion, '')} of the position's covariance"
+    if plan.criterion == "information":
+        what = "more expected information"
+    entries: dict[str, Artist] = {"walls": Line2D([], [], color="black", linewidth=1.4)}
+    entries["free place nearest to the prior's mean: directions are drawn about it"] = Line2D(
+        [], [], marker="+", color="black", markersize=6, linestyle="none"
+    )
+    if any(np.isfinite(step.objective).any() for step in steps):
+        few = len(plan.candidates) <= FEW
+        entries[f"each direction as the next beam: further out = {what}"] = Line2D(
+            [], [], color=COLOURS[0], linewidth=1.1, markersize=3, marker="o" if few else "",
+            linestyle="none" if few else "-",
+        )  # fmt: skip
+    if any(step.bearing is not None for step in steps):
+        entries["the beam of the plan"] = Line2D([], [], color=CHOSEN, linewidth=1.8, linestyle=DASHES)
+    if len(steps) > 1 and steps[0].bearing is not None:
+        entries["beams before it"] = Line2D([], [], color=EARLIER, linewidth=1.0, linestyle=DASHES)
+    return entries
+
+
+def _note(plan: Plan, shown: int) -> str:
+    """What a reader would ask: why a beam is not the best direction, and where the others are."""
+    notes = []
+    if not plan.adaptive and plan.method != "greedy" and len(plan.steps) > 1:
+        notes.append("The beams are chosen together: one of them need not be the best as the next.")
+    if shown < len(plan.steps):
+        notes.append(f"The first {shown} of {len(plan.steps)} beams.")
+    return " ".join(notes)
 
 
 def _direction(bearing: float | None) -> str:
@@ -80,7 +130,7 @@ def _draw_curve(axes: Axes, floor: FloorPlan, bearings: Array, objective: Array)
         places = np.flatnonzero(steps > GAP * np.median(steps)) + 1
         angle, radius = np.insert(angle, places, np.nan), np.insert(radius, places, np.nan)
     points = floor.place + radius[:, None] * _unit(angle + floor.heading)
-    style = "-" if len(bearings) > 12 else "o"
+    style = "-" if len(bearings) > FEW else "o"
     axes.plot(*points.T, style, color=COLOURS[0], linewidth=1.1, markersize=3)
 
 
@@ -89,7 +139,7 @@ def _draw_beam(axes: Axes, floor: FloorPlan, bearing: float, colour: str, width:
     line = np.stack(
         [floor.place, floor.place + 1.1 * OUTER * short * _unit(np.array(bearing + floor.heading))]
     )
-    axes.plot(*line.T, color=colour, linewidth=width, linestyle=(0, (5, 2)))
+    axes.plot(*line.T, color=colour, linewidth=width, linestyle=DASHES)
 
 
 def _unit(angle: Array) -> Array:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from ....arrays import Array
 from ....filters import RangeMap
 from ...recordings.replay import Believed
 from ...recordings.trace import Trace
 from ..layout import wrapped
+from ..sheet import legend_below
 from ..style import COLOURS, INK, label_positions
 
 HEIGHT, WIDEST = 5.5, 11.0  # inches
@@ -24,7 +29,11 @@ LEVEL = 2.4477  # radius of an ellipse that holds a position in 95 % of Gaussian
 TITLE = "Estimated paths, with ellipses claimed to hold the position in 95 %"
 TITLE_MARGIN = 0.1  # inches, beside a title
 GAP_M = 3.0  # between neighbours of a way, beyond which it is broken
-BEAM = "#D55E00"
+WALL, CLAIM, DENSITY = "0.25", COLOURS[5], "#4f94c4"
+POSE: dict[str, Any] = {
+    "marker": "o", "markersize": 4.0, "markerfacecolor": "white", "color": CLAIM, "linestyle": "none",
+}  # fmt: skip
+TRUTH: dict[str, Any] = {"marker": "+", "markersize": 8.0, "color": "black", "linestyle": "none"}
 
 
 def draw_paths(traces: Mapping[str, Trace], room: RangeMap) -> Figure:
@@ -55,7 +64,9 @@ def draw_paths(traces: Mapping[str, Trace], room: RangeMap) -> Figure:
 
 
 def draw_beliefs(name: str, trace: Trace, room: RangeMap) -> Figure:
-    """What an estimator believes at some times: its density over the map, or the ellipse that it claims.
+    """What an estimator believes at some times: the ellipse that it claims, and its density if it has one.
+
+    A legend says what each mark, line and colour is.
 
     Args:
         name: Of the estimator.
@@ -81,32 +92,46 @@ def draw_beliefs(name: str, trace: Trace, room: RangeMap) -> Figure:
         draw_map(axes, room, lower, upper)
         draw_estimate(axes, believed)
         axes.set_title(f"scan {believed.step.scan}, {_spread(believed)}")
-    drawn = any(image is not None and image.density.max() > 0 for _, image in images)
-    how = " (darker = denser, on a square-root scale)" if drawn else ": ellipses claimed to hold 95 %"
-    title = f"What {name} believes{how}"
-    figure.suptitle(wrapped(title, size[0] - 2 * TITLE_MARGIN, "figure.titlesize"))
+    entries = belief_legend([believed for believed, _ in images])
+    if any(image is not None and image.density.max() > 0 for _, image in images):
+        entries["density of the belief: darker = denser, on a square-root scale"] = Patch(facecolor=DENSITY)
+    room_beside = size[0] - 2 * TITLE_MARGIN
+    figure.suptitle(wrapped(f"What {name} believes after some scans", room_beside, "figure.titlesize"))
+    figure.set_figheight(size[1] + legend_below(figure, entries, room_beside, 2))
     return figure
 
 
+def belief_legend(believed: Iterable[Believed]) -> dict[str, Artist]:
+    """Label -> what it says of the estimates that `draw_estimate` has drawn on a map."""
+    entries: dict[str, Artist] = {
+        "estimated position; the arrow points along the estimated heading": Line2D([], [], **POSE),
+        "ellipse claimed to hold the position in 95 %": Line2D([], [], color=CLAIM, linewidth=0.7),
+    }
+    if any(each.truth is not None for each in believed):
+        entries["true position"] = Line2D([], [], **TRUTH)
+    return entries | {"walls of the map": Line2D([], [], color=WALL, linewidth=0.8)}
+
+
 def draw_estimate(axes: Axes, believed: Believed) -> None:
-    """The estimated pose with its ellipse, and the true position as a cross."""
+    """The estimated pose with its ellipse, and the true position as a cross: see `belief_legend`."""
     place, heading = believed.mean[:2], believed.mean[2]
-    draw_ellipses(axes, place[None], believed.covariance[None, :2, :2], COLOURS[5])
+    draw_ellipses(axes, place[None], believed.covariance[None, :2, :2], CLAIM)
     reach = 0.04 * float(np.ptp(axes.get_xlim()))
     step = reach * np.array([np.sin(heading), np.cos(heading)])
     axes.annotate(
         "", xy=(place + step).tolist(), xytext=place.tolist(),
-        arrowprops={"arrowstyle": "->", "color": COLOURS[5], "linewidth": 1.4},
+        arrowprops={"arrowstyle": "->", "color": CLAIM, "linewidth": 1.4, "shrinkA": 0.0},
     )  # fmt: skip
+    axes.plot(*place, **POSE)
     if believed.truth is not None:
-        axes.plot(*believed.truth[:2], marker="+", color="black", markersize=8, linestyle="none")
+        axes.plot(*believed.truth[:2], **TRUTH)
 
 
 def draw_map(axes: Axes, room: RangeMap, lower: Array, upper: Array) -> None:
     """The walls of a map, in a box."""
     walls = np.asarray(room.segments).reshape(-1, 2, 2)
     axes.add_collection(
-        LineCollection(list(walls), colors="0.25", linewidths=0.8, rasterized=len(walls) > MOST_DRAWN)
+        LineCollection(list(walls), colors=WALL, linewidths=0.8, rasterized=len(walls) > MOST_DRAWN)
     )
     axes.set_xlim(lower[0], upper[0])
     axes.set_ylim(lower[1], upper[1])
@@ -151,4 +176,4 @@ def _broken(way: Array) -> Array:
 
 
 def _spread(believed: Believed) -> str:
-    return f"claimed {np.sqrt(np.trace(believed.covariance[:2, :2])):.2g} m (rms)"
+    return f"claimed error {np.sqrt(np.trace(believed.covariance[:2, :2])):.2g} m (rms)"
