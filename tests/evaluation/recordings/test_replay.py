@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 from rangefix.arrays import Array
 from rangefix.cli import main
 from rangefix.cli.recordings.replay_table import lost_in_words
+from rangefix.evaluation.figures.recordings.errors import draw_errors
 from rangefix.evaluation.figures.recordings.paths import draw_paths
 from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.recordings.frame_offset import LastingError
@@ -155,6 +157,27 @@ def test_files_are_read_by_evo(recording: Path, capsys: pytest.CaptureFixture[st
     names = {path.name for path in out.iterdir()}
     assert {"paths.png", "fit.svg", "ekf_errors.png", "ekf_beliefs.png", "replay.json"} <= names
     assert not [path for path in recording.parent.iterdir() if path.name.endswith(".part")]
+
+
+def test_errors_are_truth_minus_estimate(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As in studies: in the table of poses, whose headings turn the short way round, and in its figure."""
+    out = recording.parent / "out"
+    given = ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth", "odometry"]
+    assert call([*given, "-e", "ekf", "--least-move-m", "0.5", "--out", out], capsys)[0] == 0
+    with (out / "ekf.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    for line in lines:
+        for name in ("x1_m", "x2_m", "heading_deg"):
+            difference = float(line[f"true_{name}"]) - float(line[name])
+            assert (float(line[f"error_{name}"]) - difference + 180) % 360 == pytest.approx(180, abs=1e-6)
+            assert abs(float(line[f"error_{name}"])) <= 180
+    step = SimpleNamespace(time_s=0.0)
+    believed: Any = SimpleNamespace(
+        step=step, mean=np.zeros(3), covariance=np.eye(3), truth=np.array([1.0, -2.0, 0.5])
+    )
+    drawn = [axes.get_lines()[0] for axes in draw_errors("ekf", Trace(kept=[believed])).axes]
+    assert [float(line.get_ydata()[0]) for line in drawn] == pytest.approx([1.0, -2.0, np.rad2deg(0.5)])
+    assert "truth - estimate" in str(drawn[0].get_label())
 
 
 PLUGIN = """

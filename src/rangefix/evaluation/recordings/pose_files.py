@@ -29,7 +29,7 @@ COLUMNS = (
 
 
 class PoseFiles:
-    """The files of one estimator, written as it goes.
+    """The files of one estimator, written as it goes. Errors are truth minus estimate, as in studies.
 
     Args:
         folder: Where they are written.
@@ -85,11 +85,12 @@ class PoseFiles:
         return [str(believed.step.scan), *(f"{value:.10g}" if value == value else "" for value in values)]
 
     def _errors(self, believed: Believed) -> list[float]:
+        """Truth (m, m, deg), error x - x^ (m, m, deg) and NEES, (7,); NaN where the truth is not known."""
         from ..consistency.scores import nees
 
         if believed.truth is None:
             return [np.nan] * 7
-        error = self._space.difference(believed.mean, believed.truth)
+        error = self._space.difference(believed.truth, believed.mean)
         ratio = float(nees(error[None], believed.covariance[None])[0])
         truth = believed.truth
         return [

@@ -68,7 +68,7 @@ class Row:
 
 @dataclass
 class Score:
-    """Sums over the scans of a replay.
+    """Sums over the scans of a replay; an error is truth minus estimate, as in studies.
 
     Attributes:
         space: Of the states.
@@ -105,7 +105,7 @@ class Score:
         self.residuals.update(np.clip(np.round(values * 1000), -100_000, 100_000).astype(int).tolist())
         if believed.truth is None:
             return believed
-        error = self.space.difference(believed.mean, believed.truth)
+        error = self.space.difference(believed.truth, believed.mean)
         ratio = float(nees(error[None], believed.covariance[None])[0])
         self.judged += 1
         self.nees += ratio

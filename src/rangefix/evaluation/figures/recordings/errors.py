@@ -19,12 +19,14 @@ BAND = 1.96  # deviations
 def draw_errors(name: str, trace: Trace) -> Figure:
     """Errors of the three components over time, with the band that is claimed to hold 95 % of them.
 
+    An error is truth minus estimate, as in studies.
+
     Args:
         name: Of the estimator.
         trace: Its replay; some true poses must be known.
     """
     times = trace.times - trace.times[0]
-    errors = trace.means - trace.truths
+    errors = trace.truths - trace.means
     errors[:, 2] = wrap(errors[:, 2])
     stds = np.sqrt(np.diagonal(trace.covariances, axis1=1, axis2=2))
     figure = Figure(figsize=(WIDTH, 3 * PANEL + 0.8), layout="constrained")
@@ -37,7 +39,9 @@ def draw_errors(name: str, trace: Trace) -> Figure:
         axes.fill_between(
             times, -band, band, color=COLOURS[6], alpha=0.45, linewidth=0, label="claimed, 95 %"
         )
-        axes.plot(times, factor * errors[:, place], color="black", linewidth=0.9, label="error")
+        axes.plot(
+            times, factor * errors[:, place], color="black", linewidth=0.9, label="error: truth - estimate"
+        )
         axes.axhline(0.0, color="0.5", linewidth=0.6)
         axes.set_ylabel(label)
     panels[0].legend(loc="upper right", ncols=2)
