@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rangefix.evaluation import study_names
+from rangefix.evaluation import load_study, study_names
 
 DOCS = Path(__file__).parents[2] / "docs"
 if not DOCS.is_dir():  # a source distribution has it, an installed package has not
@@ -24,6 +24,16 @@ def test_every_published_study_is_shown() -> None:
     assert shown >= set(study_names()) - NEEDS_A_MESH
     for name in shown - set(study_names()):
         assert (DOCS.parent / name).is_file()
+
+
+def test_the_table_of_the_paper_has_every_estimator() -> None:
+    """Those of the study, in its order and by its labels; the picture on the first page says as many."""
+    labels = list(load_study("paper").experiment().estimators)
+    table = (DOCS / "paper.md").read_text(encoding="utf-8").partition("| estimator |")[2].partition("\n\n")[0]
+    assert [line.split("|")[1].strip() for line in table.splitlines()[2:]] == labels
+    assert len(labels) == 7
+    for page in (DOCS / "index.md", DOCS.parent / "README.md"):
+        assert "standard deviations of seven estimators" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section["study"])
