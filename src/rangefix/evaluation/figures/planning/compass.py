@@ -22,7 +22,7 @@ PANEL = 3.1  # inches
 MOST_PANELS = 8
 INNER, OUTER = 0.12, 0.45  # of the map's shorter side: the worst and the best direction
 GAP = 3.0  # times the usual angle between candidates, at which the curve is broken
-FEW = 12  # candidates that are drawn as points, not as a curve
+MOST_POINTS = 12  # candidates that are drawn as points, not as a curve
 CHOSEN, EARLIER, DASHES = COLOURS[5], "0.55", (0, (5, 2))  # beams
 TITLE = "How good each direction is as the next beam"
 
@@ -76,7 +76,7 @@ def _legend(plan: Plan, steps: Sequence[Step]) -> dict[str, Artist]:
         [], [], marker="+", color="black", markersize=6, linestyle="none"
     )
     if any(np.isfinite(step.objective).any() for step in steps):
-        few = len(plan.candidates) <= FEW
+        few = len(plan.candidates) <= MOST_POINTS
         entries[f"each direction as the next beam: further out = {what}"] = Line2D(
             [], [], color=COLOURS[0], linewidth=1.1, markersize=3, marker="o" if few else "",
             linestyle="none" if few else "-",
@@ -130,7 +130,7 @@ def _draw_curve(axes: Axes, floor: FloorPlan, bearings: Array, objective: Array)
         places = np.flatnonzero(steps > GAP * np.median(steps)) + 1
         angle, radius = np.insert(angle, places, np.nan), np.insert(radius, places, np.nan)
     points = floor.place + radius[:, None] * _unit(angle + floor.heading)
-    style = "-" if len(bearings) > FEW else "o"
+    style = "-" if len(bearings) > MOST_POINTS else "o"
     axes.plot(*points.T, style, color=COLOURS[0], linewidth=1.1, markersize=3)
 
 
