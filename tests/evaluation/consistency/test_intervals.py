@@ -8,6 +8,7 @@ from scipy.stats import binomtest
 from scipy.stats import t as student
 
 from rangefix.evaluation import Interval, mean_interval, noncredibility, ratio_interval, share_interval
+from rangefix.evaluation.consistency.intervals import Moments
 
 REPEATS = 400
 
@@ -102,3 +103,27 @@ def test_share_is_wilsons(hits, total):
 
 def test_square_root():
     assert Interval(4.0, -1.0, 9.0).sqrt() == (2.0, 0.0, 3.0)
+
+
+def differences(infinite, finite):
+    moments = Moments()
+    moments.add(np.concatenate([infinite, finite]))
+    return moments
+
+
+def test_infinite_differences_count_by_their_sign():
+    """One covariance that is not positive definite makes a mean infinite; it is no proof of a difference.
+
+    One in A and one in B were told as "smaller", p = 0. Six of one sign and none of the other: p = 1 / 32.
+    """
+    finite = np.random.default_rng(12).normal(size=100)
+    both = differences([np.inf, -np.inf], finite)
+    assert np.isnan(both.interval()).all()
+    assert np.isnan(both.p_value_of_no_difference())
+    one = differences([-np.inf], np.abs(finite))
+    assert one.interval()[:2] == (-np.inf, -np.inf)
+    assert 0 < one.interval().high < np.inf
+    assert one.p_value_of_no_difference() == 1.0
+    assert differences([np.inf] * 6, -np.abs(finite)).p_value_of_no_difference() == 2**-5
+    assert differences([np.inf], np.abs(finite)).p_value_of_no_difference() < 1e-6  # the others tell
+    assert one.p_value_of_mean(1.0) == 0.0  # no honest estimator has an infinite mean

@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import listed
 from ..consistency.formatting import beams_in_words
-from ..consistency.intervals import Interval, Moments
+from ..consistency.intervals import Interval, Moments, sign_test
 from ..consistency.metrics import Metric, RunBlock, metrics
 from ..consistency.summarise import run_blocks
 from ..results import Results, Status
@@ -35,7 +35,8 @@ class Difference:
         runs: Pairs of runs that went well in both; for "ok", all that were made in both.
         a, b: The figure in each, over these runs.
         change: b - a with its 95 % interval.
-        p: Two-sided p-value of "no difference", runs paired by number; NaN where the runs do not say.
+        p: Two-sided p-value of "no difference", runs paired by number; where some differences are infinite,
+            of "as many of one sign as of the other". NaN where the runs do not say.
         adjusted: The same after Holm's correction over all differences.
     """
 
@@ -189,7 +190,9 @@ class _Pairs:
         count, moments = self.count, self.apart
         a, b = (self.a / count, self.b / count) if count else (np.nan, np.nan)
         change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
-        return Difference(estimator, beams, step, figure, count, a, b, change, moments.p_value_of_mean(0.0))
+        return Difference(
+            estimator, beams, step, figure, count, a, b, change, moments.p_value_of_no_difference()
+        )
 
 
 def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator[Difference]:
@@ -211,7 +214,7 @@ def _differences(a: Results, b: Results, estimator: str, beams: str) -> Iterator
     well = int(counts[1].sum()), int(counts[:, 1].sum())
     shares = (well[0] / total, well[1] / total) if total else (np.nan, np.nan)
     change = Interval(shares[1] - shares[0], np.nan, np.nan)
-    p = _sign_test(lost, gained) if total else np.nan
+    p = sign_test(lost, gained) if total else np.nan
     yield Difference(estimator, beams, -1, "ok", total, *shares, change, p)
     for (step, figure), pair in sorted(pairs.items()):
         yield pair.difference(estimator, beams, step, figure)
@@ -233,15 +236,6 @@ def _compared() -> list[Metric]:
 
 def _name(metric: Metric) -> str:
     return COMPARED_AS.get(metric.name, metric.name)
-
-
-def _sign_test(lost: int, gained: int) -> float:
-    """McNemar's exact test: of the runs that went well in one only, as many in the one as in the other."""
-    from scipy.special import bdtr
-
-    if lost + gained == 0:
-        return 1.0
-    return float(min(1.0, 2 * bdtr(min(lost, gained), lost + gained, 0.5)))
 
 
 def _corrected(differences: list[Difference]) -> Iterator[Difference]:

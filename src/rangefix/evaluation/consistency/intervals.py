@@ -32,7 +32,8 @@ UNKNOWN = Interval(np.nan, np.nan, np.nan)
 class Moments:
     """Count, mean and central moments of samples that come in chunks (Pebay, SAND2008-6212).
 
-    Chunks in the same order give the same bits. Samples beyond HUGE are counted, and are in no moment.
+    Chunks in the same order give the same bits. Samples beyond HUGE are counted (`huge`; those of them that are
+    negative in `sunk`), and are in no moment.
     """
 
     count: int = 0
@@ -41,6 +42,7 @@ class Moments:
     cube: float = 0.0
     least: float = np.inf
     huge: int = 0
+    sunk: int = 0
     unknown: bool = False
 
     def add(self, samples: Array) -> None:
@@ -49,6 +51,7 @@ class Moments:
         if not finite.all():
             self.unknown |= bool(np.isnan(samples).any())
             self.huge += int((~finite).sum())
+            self.sunk += int((samples <= -HUGE).sum())
             samples = samples[finite]
         size = samples.size
         if not size:
@@ -70,10 +73,11 @@ class Moments:
 
     def interval(self, level: float = LEVEL) -> Interval:
         """The interval of `mean_interval`."""
-        if self.unknown or not self.count + self.huge:
+        if self.unknown or not self.count + self.huge or 0 < self.sunk < self.huge:
             return UNKNOWN
         if self.huge:
-            return Interval(np.inf, replace(self, huge=0).interval(level).low, np.inf)
+            _, low, high = replace(self, huge=0, sunk=0).interval(level)
+            return Interval(-np.inf, -np.inf, high) if self.sunk else Interval(np.inf, low, np.inf)
         return self.around(self.mean, level, 0.0 if self.least >= 0 else -np.inf)
 
     def around(self, value: float, level: float = LEVEL, bound: float = -np.inf) -> Interval:
@@ -114,8 +118,22 @@ class Moments:
     def p_value_of_mean(self, honest: float) -> float:
         """The p-value of the mean; 0 where it is infinite."""
         if self.unknown or self.huge:
-            return float("nan") if self.unknown else 0.0
+            return float("nan") if self.unknown or 0 < self.sunk < self.huge else 0.0
         return self.p_value(self.mean, honest)
+
+    def p_value_of_no_difference(self) -> float:
+        """Two-sided p-value of "the same on average", of differences of paired samples.
+
+        An infinite difference makes the mean infinite, however rare it is. What tells then is that as many of
+        one sign as of the other are expected, and the finite ones, if they go the same way (Bonferroni). NaN
+        where some of both signs are infinite, for then neither mean is finite.
+        """
+        if not self.huge or self.unknown or self.sunk not in (0, self.huge):
+            return self.p_value_of_mean(0.0)
+        p, rest = sign_test(self.huge, 0), replace(self, huge=0, sunk=0)
+        if rest.count > 1 and (rest.mean < 0) == (self.sunk > 0):
+            p = min(1.0, 2 * min(p, rest.p_value_of_mean(0.0)))
+        return p
 
 
 def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
@@ -133,7 +151,8 @@ def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
 
     Returns:
         The interval of samples that are nowhere negative is cut at 0. With a single sample the ends are NaN;
-        with an infinite sample the value is infinite and the lower end is that of the finite samples.
+        with infinite samples of one sign the value is infinite, and the end on the other side that of the
+        finite samples; with such of both signs there is no mean: all is NaN.
     """
     moments = Moments()
     moments.add(np.asarray(samples, dtype=float))
@@ -157,6 +176,15 @@ def share_interval(hits: int, total: int, level: float = LEVEL) -> Interval:
     centre = (share + z**2 / (2 * total)) / (1 + z**2 / total)
     half = z / (1 + z**2 / total) * (share * (1 - share) / total + z**2 / (4 * total**2)) ** 0.5
     return Interval(share, max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half)))
+
+
+def sign_test(one: int, other: int) -> float:
+    """Two-sided p-value of "as often the one as the other": McNemar's exact test, of pairs that differ."""
+    from scipy.special import bdtr
+
+    if one + other == 0:
+        return 1.0
+    return float(min(1.0, 2 * bdtr(min(one, other), one + other, 0.5)))
 
 
 def uniform_p_value(counts: Array) -> float:
