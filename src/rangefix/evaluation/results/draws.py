@@ -1,4 +1,4 @@
-"""Draws from beliefs as results keep them: few, less the estimate, in claimed standard deviations."""
+"""Draws from beliefs as results keep them: few, less the estimate, whitened by the claim."""
 
 from __future__ import annotations
 
@@ -10,16 +10,38 @@ from ...arrays import Array
 HalfArray = NDArray[np.float16]
 KEPT_DRAWS = 39  # of each belief: the truth has a rank from 0 to 39 among them, four to a bin of ten
 FARTHEST = 6e4  # claimed standard deviations; half precision ends at 65504
+LEAST_EIGENVALUE = 1e-13  # of a claim as a correlation matrix, which is not positive definite below
 
 
 def keep_draws(offsets: Array, covariance: Array) -> HalfArray:
-    """Draws less the estimate (..., S, n) in standard deviations of the claim (..., n, n): three digits."""
-    return np.clip(offsets / _stds(covariance), -FARTHEST, FARTHEST).astype(np.float16)
+    """Draws less the estimate (..., S, n), whitened by the claim (..., n, n): three digits in any direction.
+
+    In deviations of the components alone a thin ridge would be lost in the rounding of its length.
+    """
+    return np.clip(offsets @ _whitening(covariance), -FARTHEST, FARTHEST).astype(np.float16)
 
 
 def kept_offsets(draws: HalfArray, covariance: Array) -> Array:
     """What `keep_draws` was given, but for rounding."""
-    return draws.astype(float) * _stds(covariance)
+    return np.asarray(draws.astype(float) @ np.linalg.inv(_whitening(covariance)))
+
+
+def whitened(draws: HalfArray, covariance: Array) -> HalfArray:
+    """Draws that are kept in deviations of the components, as folders of older versions have them."""
+    return keep_draws(draws.astype(float) * _stds(covariance), covariance)
+
+
+def _whitening(covariance: Array) -> Array:
+    """Matrices W, so that x' W has the covariance I, (..., n, n): from Cholesky's factor, which is unique.
+
+    Where the claim is not positive definite, the deviations of the components alone count.
+    """
+    covariance, stds = np.asarray(covariance, dtype=float), _stds(covariance)
+    unit = np.eye(covariance.shape[-1])
+    scaled = np.where(np.isfinite(covariance), covariance, 0.0) / stds / np.swapaxes(stds, -1, -2)
+    sound = np.linalg.eigvalsh(scaled)[..., 0] > LEAST_EIGENVALUE
+    inverse = np.linalg.inv(np.linalg.cholesky(np.where(sound[..., None, None], scaled, unit)))
+    return np.asarray(np.swapaxes(inverse / stds, -1, -2))
 
 
 def _stds(covariance: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from .draws import KEPT_DRAWS
+from .draws import KEPT_DRAWS, whitened
 from .files import ResultsError
 from .folder import FolderLayout, trials_path, world_path
 from .npz import Form, Forms, read_part
@@ -27,6 +27,7 @@ from .outcome import (
 )
 
 Part = dict[str, NDArray[Any]]
+WHITENED, OF_COMPONENTS = "whitened_draws", "draws"  # the second in folders of older versions
 LONGEST_REASON = 2000  # letters of why a trial is not ok that are kept
 OVERHEAD = 1 << 16  # bytes of the headers of a part
 PLAN_FLOOR = 1 << 26  # bytes: a plan of less is believed whatever is there
@@ -47,7 +48,7 @@ def part_arrays(outcome: Outcome, floor: Array) -> Part:
         "reasons": np.array([outcome.reasons[place][:LONGEST_REASON] for place in failed], dtype=str),
         **outcome.beliefs,
         **outcome.diagnostics,
-        **({} if outcome.draws is None else {"draws": outcome.draws}),
+        **({} if outcome.draws is None else {WHITENED: outcome.draws}),
     }
     return {name: _bounded(array) if array.dtype == np.float64 else array for name, array in arrays.items()}
 
@@ -57,7 +58,7 @@ def outcome_of(part: Part) -> Outcome:
     reasons = dict(zip(part["failed"].tolist(), part["reasons"].tolist(), strict=True))
     beliefs = {name: array for name, array in part.items() if name.startswith(PREFIX)}
     estimates = part["mean"], part["covariance"], part["log_evidence"], part["status"]
-    return Outcome(*estimates, reasons, beliefs, diagnostics_of(part), part.get("draws"))
+    return Outcome(*estimates, reasons, beliefs, diagnostics_of(part), part.get(WHITENED))
 
 
 def read_world(folder: Path, plan: FolderLayout, first: int, end: int) -> Part:
@@ -89,6 +90,8 @@ def read_trials(folder: Path, plan: FolderLayout, estimator: str, beams: str, fi
     part = read_part(path, key, _trial_forms(plan, end - first), _most(plan, first, end))
     if fault := _fault(part):
         raise ResultsError(f"{path} is damaged ({fault}): delete it and run the study again")
+    if (draws := part.pop(OF_COMPONENTS, None)) is not None:
+        part.setdefault(WHITENED, whitened(draws, part["covariance"]))
     return part
 
 
@@ -150,7 +153,7 @@ def _trial_forms(plan: FolderLayout, runs: int) -> Forms:
         "failed": Form((None,), "<i8"),
         "reasons": Form((None,), "U"),
         **{name: Form(each, optional=True) for name in DIAGNOSTICS},
-        "draws": Form((*each, KEPT_DRAWS, size), "<f2", optional=True),
+        **{name: Form((*each, KEPT_DRAWS, size), "<f2", optional=True) for name in (WHITENED, OF_COMPONENTS)},
         **{PREFIX + name: Form((*each, *ends[name]), optional=True) for name in BeliefScores._fields},
     }
 

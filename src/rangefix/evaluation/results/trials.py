@@ -15,7 +15,7 @@ from ...errors import printable
 from .draws import HalfArray
 from .folder import FolderLayout, trials_path, world_path
 from .outcome import STATUSES, BeliefScores, Status, belief_of, diagnostics_of, failures_of
-from .parts import Part, read_trials, read_world
+from .parts import WHITENED, Part, read_trials, read_world
 
 MOST_KEPT = 1 << 23  # bytes of parts that are kept in memory when they were read
 
@@ -68,7 +68,7 @@ class Trials:
             reasons=dict(reasons),
             beliefs=belief_of(part),
             diagnostics=diagnostics_of(part),
-            draws=part.get("draws"),
+            draws=part.get(WHITENED),
         )
 
     def part(self, first: int, end: int) -> Trials:
@@ -204,7 +204,7 @@ class InFolder:
                 beliefs.setdefault(name, np.full((runs, *found.shape[1:]), np.nan))[mine] = found[its]
             for name, found in diagnostics_of(part).items():
                 diagnostics.setdefault(name, np.full((runs, steps), np.nan))[mine] = found[its]
-            if (kept := part.get("draws")) is not None:
+            if (kept := part.get(WHITENED)) is not None:
                 if draws is None:
                     draws = np.full((runs, *kept.shape[1:]), np.nan, dtype=np.float16)
                 draws[mine] = kept[its]
