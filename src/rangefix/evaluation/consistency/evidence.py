@@ -10,8 +10,8 @@ Without draws only means and covariances are known, and of these:
 - Errors that are too SMALL may not be: a far mode that holds 1 % of each belief, 20 deviations off, makes the
   claim five times larger, and in 37 % of studies of 100 runs no truth lies there. But a mode lies in one
   direction. So caution is accused where errors are too small in all directions alike, by Mauchly's test of
-  sphericity, or plainly so in each; with one component, or in a component alone, only from as many runs as
-  would show a mode of 0.2 %.
+  sphericity, or plainly so in each, and there are 20 runs at least: in fewer these tests see no mode. With
+  one component, or in a component alone, only from as many runs as would show a mode of 0.2 %.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from .row import Row
 
 ALIKE = 0.5  # p-value of Mauchly's test above which all directions count as alike
 PLAIN = 3.0  # standard errors by which every direction must be too small
+FEW_FOR_CAUTION = 20  # runs; without draws, of fewer tails of four degrees were called cautious in 9 %
 COMPONENT_RUNS = 100  # without draws and with fewer, p-values as small as components need do not hold
 SHAPE_OFF = 0.03  # share of truths that must lie elsewhere than believed for the shape to be named
 ENOUGH_FAR = 10.0  # far errors to be expected, from which their number tells
@@ -131,7 +132,7 @@ class Evidence:
         if self.drawn or runs >= SEEN:
             return True
         size = len(self.row.names)
-        if found is None or size == 1 or found[0] <= 0:
+        if found is None or size == 1 or found[0] <= 0 or runs < FEW_FOR_CAUTION:
             return False
         if found[-1] * (1 + PLAIN * math.sqrt(2 / runs)) < 1:
             return True
