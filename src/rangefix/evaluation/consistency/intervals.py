@@ -32,8 +32,8 @@ UNKNOWN = Interval(np.nan, np.nan, np.nan)
 class Moments:
     """Count, mean and central moments of samples that come in chunks (Pebay, SAND2008-6212).
 
-    Chunks in the same order give the same bits. Samples beyond HUGE are counted (`huge`; those of them that are
-    negative in `sunk`), and are in no moment.
+    Chunks in the same order give the same bits. Samples beyond HUGE are counted (`huge`; those of them
+    that are negative in `sunk`), and are in no moment.
     """
 
     count: int = 0
