@@ -24,10 +24,11 @@ from rangefix.filters import (
     Stationary,
     Uniform,
     WithVelocity,
+    pose_space,
     position_space,
     velocity_space,
 )
-from rangefix.maps import FloorPlan, OccupancyMap, RectangularRoom
+from rangefix.maps import FloorPlan, MeshRoom, OccupancyMap, RectangularRoom
 
 from ..conftest import make_problem
 
@@ -159,3 +160,23 @@ def test_a_prior_that_unknown_cells_cut_off_is_refused() -> None:
         van_trees(Problem(SPACE, Stationary(SPACE), sensor, beside))
     within = GaussianPrior([6.0, 4.0], 0.04 * np.eye(2), SPACE, room)
     assert van_trees(Problem(SPACE, Stationary(SPACE), sensor, within))
+
+
+def test_a_convex_mesh_that_lacks_a_wall_is_refused() -> None:
+    """Beams find the gap, and their range jumps to none: with the fourth wall there is a bound."""
+    corners = [(0.0, 0.0), (4.0, 0.0), (4.0, 6.0), (0.0, 6.0)]
+    vertices = np.array([(x1, x2, z) for z in (0.0, 2.0) for x1, x2 in corners])
+    floor = [(0, 1, 2), (0, 2, 3)]
+    for walls in (4, 3):
+        sides = [(i, (i + 1) % 4, 4 + i) for i in range(walls)]
+        sides += [((i + 1) % 4, 4 + (i + 1) % 4, 4 + i) for i in range(walls)]
+        room = MeshRoom(vertices, [*floor, *sides], 1.0, outline=[*corners])
+        pose = pose_space()
+        prior = GaussianPrior([2.0, 3.0, 1.0], 0.04 * np.eye(3), pose, room)
+        sensor = Rangefinder(room, np.deg2rad([0.0, 80.0, 200.0]), Gaussian(0.05), pose)
+        problem = Problem(pose, Stationary(pose), sensor, prior)
+        if walls == 4:
+            assert np.linalg.eigvalsh(van_trees(problem).matrix).min() > 0
+        else:
+            with pytest.raises(NoBoundError, match="may jump"):
+                van_trees(problem)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import TWO_PI, Array, IntArray, wrap
 from ...filters.exact.partition import Partition, TooManyPieces, partition
 from ...filters.problem import Problem
 from .bound import NoBoundError
 
 ON_HULL_M = 1e-9  # a wall's end lies on the convex hull of all
+ON_HULL_RAD = 1e-9  # as seen from the middle of the hull, between two walls that meet
 BESIDE_M = 1e-5  # to both sides of an edge of a piece, where ranges are compared
 JUMP_M = 1e-3
 LATTICE = 25  # points along each axis of a neighbourhood
@@ -88,7 +89,7 @@ def pieces_of(problem: Problem) -> Partition | None:
 
 
 def _is_convex(segments: Array) -> bool:
-    """Whether walls are the outline of a convex room and nothing more."""
+    """Whether walls are the whole outline of a convex room and nothing more."""
     if len(segments) < 3:
         return False
     ends = segments.reshape(-1, 2)
@@ -100,7 +101,20 @@ def _is_convex(segments: Array) -> bool:
         heights = (ends - np.array([x1, x2])) @ normal / length
         if heights.min() < -ON_HULL_M < ON_HULL_M < heights.max():
             return False
-    return True
+    return _leaves_no_gap(segments)
+
+
+def _leaves_no_gap(segments: Array) -> bool:
+    """Whether walls on a convex hull fill the circle of directions from its inside: a mesh may lack one."""
+    middle = segments.reshape(-1, 2).mean(axis=0)
+    x1, x2 = np.moveaxis(segments.reshape(-1, 2, 2) - middle, -1, 0)
+    start, end = np.arctan2(x2, x1).T
+    arc = wrap(end - start)
+    start = np.where(arc < 0, end, start)
+    order = np.argsort(start)
+    start, reached = start[order], np.maximum.accumulate((start + np.abs(arc))[order])
+    following = np.append(start[1:], start[0] + TWO_PI)
+    return bool((following - reached <= ON_HULL_RAD).all())
 
 
 def jumps_near(problem: Problem, state: Array, covariance: Array, deviations: float) -> bool:
