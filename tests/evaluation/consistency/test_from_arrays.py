@@ -155,6 +155,14 @@ def test_shapes_are_checked(truth, mean, covariance):
         credibility(np.zeros(truth), np.zeros(mean), np.zeros(covariance))
 
 
+def test_a_factor_in_the_place_of_a_covariance_is_refused(errors):
+    """Cholesky's factor was judged by half of it; a diagonal one cannot be told, nor rounding of 1e-7."""
+    with pytest.raises(ValueError, match="4000 of 4000 covariances are not symmetric"):
+        row(errors, np.linalg.cholesky(TRUE))
+    rounded = TRUE * [[1.0, 1.0 + 1e-7], [1.0, 1.0]]
+    assert row(errors, rounded).anees.value == pytest.approx(row(errors, TRUE).anees.value, rel=1e-6)
+
+
 def test_coverage_counts():
     radius = np.sqrt(chi2.ppf(0.9, 2))
     errors = np.array([[0.99 * radius, 0.0], [0.0, 1.01 * radius], [0.0, 0.0], [0.0, 0.0]])

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...arrays import Array, BoolArray, wrap
-from ..results import KEPT_DRAWS, HalfArray, Status, is_finite, keep_draws
+from ..results import KEPT_DRAWS, HalfArray, Status, is_finite, is_symmetric, keep_draws
 from .intervals import LEVEL, Interval, share_interval
 from .metrics import METRICS, RunBlock
 from .row import Row
@@ -77,7 +77,8 @@ def credibility(
         ("nan").
 
     Raises:
-        ValueError: If the shapes do not fit.
+        ValueError: If the shapes do not fit, or a covariance is not symmetric but for rounding, as a factor
+            of one is not.
     """
     mean = np.asarray(mean, dtype=float)
     if mean.ndim != 2:
@@ -98,6 +99,11 @@ def credibility(
     kept = None if draws is None else _kept(np.asarray(draws, dtype=float), mean, covariance, turning)
     errors = np.where(turning, wrap(truth - mean), truth - mean)
     sound = is_finite(errors, covariance)
+    if (lopsided := np.flatnonzero(~is_symmetric(np.where(sound[:, None, None], covariance, 0.0)))).size:
+        raise ValueError(
+            f"{len(lopsided)} of {runs} covariances are not symmetric, the first in run {lopsided[0]}: give "
+            "P itself, and no factor of it"
+        )
     status = np.where(sound, Status.OK.code, Status.NAN.code)
     block = RunBlock(
         names,

@@ -39,6 +39,7 @@ from .outcome import (
     failed_outcome,
     failures_of,
     is_finite,
+    is_symmetric,
     with_status,
 )
 from .parts import Part, if_valid, outcome_of, part_arrays, read_if_valid, read_trials, read_world

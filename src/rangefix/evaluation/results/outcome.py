@@ -123,10 +123,14 @@ def is_covariance(covariance: Array) -> BoolArray:
         std = np.sqrt(np.where(variance > 0, variance, 1.0))
         scaled = 0.5 * (covariance + np.swapaxes(covariance, -1, -2)) / std[..., None] / std[..., None, :]
         semidefinite = (variance >= 0).all(-1) & (np.linalg.eigvalsh(scaled)[..., 0] >= -CORRELATION_ROUNDING)
+    return np.asarray(semidefinite & is_symmetric(covariance))
+
+
+def is_symmetric(covariance: Array) -> BoolArray:
+    """Whether matrices (..., n, n) are symmetric, but for rounding."""
     gap = np.abs(covariance - np.swapaxes(covariance, -1, -2))
-    std = np.sqrt(np.abs(variance))
-    symmetric = (gap <= CORRELATION_ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1))
-    return np.asarray(semidefinite & symmetric)
+    std = np.sqrt(np.abs(np.diagonal(covariance, axis1=-2, axis2=-1)))
+    return np.asarray((gap <= CORRELATION_ROUNDING * std[..., None] * std[..., None, :]).all((-2, -1)))
 
 
 def _fault(covariance: Array) -> str:
