@@ -17,6 +17,7 @@ STILL = "scans taken where the one before was (left out: a standing robot repeat
 WITHOUT_ODOMETRY = "scans without odometry (left out)"
 BEYOND = f"readings beyond {UNLIMITED_M:g} m (taken for none: nobody says how far the laser measures)"
 FAR, LARGE_SHARE = 1.1, 0.25  # beyond so many limits a reading is too long; such a share of them is odd
+WITHOUT_END = "scans without odometry at their last beam (their ranges are left as they are)"
 WITHOUT_READINGS = "scans whose chosen beams are all invalid"
 
 
@@ -107,7 +108,9 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
         if control is not None and not choice.moved_enough(control):
             counts[STILL] += 1
             continue
-        ranges = _ranges(scan, laser, choice)[places]
+        takes_time = choice.motion_corrected and bool(laser.seconds_per_beam)
+        counts[WITHOUT_END] += takes_time and scan.odometry_at_end is None
+        ranges = (without_motion(scan, laser) if takes_time else scan.ranges_m)[places]
         far = np.isfinite(ranges) & (ranges > laser.reach_m)
         if far.any():
             counts[BEYOND] += int(far.sum())
@@ -122,12 +125,6 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
             "no scan of the recording can be used: it has no odometry at their times, by which estimators "
             "know how the robot moved"
         )
-
-
-def _ranges(scan: Scan, laser: LaserDescription, choice: Choice) -> Array:
-    if choice.motion_corrected and laser.seconds_per_beam:
-        return without_motion(scan, laser)
-    return scan.ranges_m
 
 
 @dataclass(frozen=True)

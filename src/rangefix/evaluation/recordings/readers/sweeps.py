@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from ....arrays import TWO_PI, Array, wrap
 from ..log import LaserDescription, Scan
+from .track import Track
 
 
 def onto_beams(bearings: Array, ranges: Array, wanted: Array) -> Array:
@@ -27,6 +31,22 @@ def onto_beams(bearings: Array, ranges: Array, wanted: Array) -> Array:
     behind = np.abs(wrap(angles[before] - asked))
     nearest = np.where(ahead < behind, after, before)
     return np.where(np.minimum(ahead, behind) <= 0.5 * spacing * (1 + 1e-6), values[nearest], np.nan)
+
+
+def with_ends(read: Callable[[], Iterator[Scan]], laser: LaserDescription) -> Iterator[Scan]:
+    """Scans that take time, with the odometry at their last beam, by that of the scans about that time.
+
+    Args:
+        read: Reads the scans from the first, each with the odometry at its first beam.
+        laser: The laser.
+    """
+    duration = laser.seconds_per_beam * (len(laser.bearings_rad) - 1)
+    if not duration:
+        yield from read()
+        return
+    track = Track((scan.time_s, scan.odometry) for scan in read() if scan.odometry is not None)
+    for scan in read():
+        yield scan if scan.odometry is None else replace(scan, odometry_at_end=track.at(scan.time_s, duration))
 
 
 def without_motion(scan: Scan, laser: LaserDescription) -> Array:

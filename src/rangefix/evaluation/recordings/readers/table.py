@@ -11,7 +11,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from math import prod
 from typing import IO, Any
@@ -24,6 +24,7 @@ from ....arrays import Array, wrap
 from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan, beyond
 from ..options import ReadingOptions
 from .file_log import FileLog
+from .sweeps import with_ends
 
 POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
 LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")
@@ -120,10 +121,22 @@ class TableLog(FileLog):
         return notes if has_odometry else (*notes, "no odometry: no columns " + ", ".join(POSE))
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
+        yield from with_ends(self._read, self.sensor)
+
+    def _read(self) -> Iterator[Scan]:
+        """The scans line by line, as a laser gives them."""
         laser = self.sensor
         places = [name for name in self._columns if name.startswith(RANGE)]
         has_odometry = all(name in self._columns for name in POSE)
+        told: dict[str, float] = {}
         for number, row in enumerate(self._rows(), start=2):
+            told = told or {name: row[name] for name in LASER if name in row}
+            for name, value in told.items():
+                if not (row[name] == value or np.isnan(row[name])):
+                    raise RecordingError(
+                        f"{self.path}, line {number}: {name} is {row[name]:g}, and {value:g} in the first "
+                        "scan: one laser is meant"
+                    )
             if not np.isfinite(row["time_s"]):
                 raise RecordingError(f"{self.path}, line {number}: time_s is no finite number")
             try:
@@ -221,7 +234,7 @@ class ArrayLog(FileLog):
         return notes if "odometry" in names else (*notes, "no odometry: no array odometry (T, 3)")
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
-        yield from self._read(self.sensor)
+        yield from with_ends(partial(self._read, self.sensor), self.sensor)
 
     def _read(self, laser: LaserDescription) -> Iterator[Scan]:
         """The scans row by row, as a laser gives them."""
