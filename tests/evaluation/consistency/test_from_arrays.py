@@ -85,6 +85,25 @@ def test_no_positive_covariance_is_infinitely_wrong(claimed):
     assert values.tolist() == [np.inf, 0.0]
 
 
+@pytest.mark.parametrize("half", [np.triu, np.tril, np.linalg.cholesky])
+def test_a_covariance_that_is_not_symmetric_is_refused(errors, half):
+    """Half of one was judged with half of its correlation, and its Cholesky factor as if it were one."""
+    claimed = np.broadcast_to(TRUE, (RUNS, 2, 2)).copy()
+    claimed[7] = half(np.array([[0.04, 0.03], [0.03, 0.04]]))
+    for judge in (noncredibility, lambda e, p: coverage(e, p, 0.9), lambda e, p: credibility(e, 0 * e, p)):
+        with pytest.raises(ValueError, match=f"1 of {RUNS} covariances are not symmetric"):
+            judge(errors, claimed)
+    rounded = TRUE + [[0.0, 1e-12], [0.0, 0.0]]
+    assert credibility(errors, 0 * errors, rounded).anees.value > 0
+
+
+def test_coverage_of_an_error_that_is_no_number_is_not_known(errors):
+    """It counted as a run outside of the ellipse."""
+    errors = errors.copy()
+    errors[3] = np.nan
+    assert np.isnan(coverage(errors, np.broadcast_to(TRUE, (RUNS, 2, 2)), 0.9).value)
+
+
 def test_one_indefinite_run_is_counted_and_not_hidden(errors):
     claimed = np.broadcast_to(TRUE, (RUNS, 2, 2)).copy()
     claimed[7] = np.diag([0.04, -1e-9])

@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...arrays import Array, BoolArray, wrap
 from ..results import KEPT_DRAWS, HalfArray, Status, is_finite, is_symmetric, keep_draws
-from .intervals import LEVEL, Interval, share_interval
+from .intervals import LEVEL, UNKNOWN, Interval, share_interval
 from .metrics import METRICS, RunBlock
 from .row import Row
 from .scores import nees
@@ -30,8 +31,11 @@ def noncredibility(errors: Array, covariance: Array, level: float = LEVEL) -> tu
 
     Returns:
         (NCI, inclination); inf where a P is not positive definite, NaN where G is singular.
+
+    Raises:
+        ValueError: If a covariance is not symmetric.
     """
-    errors, covariance = np.asarray(errors, dtype=float), np.asarray(covariance, dtype=float)
+    errors, covariance = np.asarray(errors, dtype=float), _symmetric(covariance)
     table = [metric for metric in METRICS if metric.name in ("nci_db", "inclination_db")]
     accumulator = Accumulator.of(RunBlock(_names(errors.shape[-1]), errors, covariance), table)
     index, inclination = accumulator.figures(level).values()
@@ -42,10 +46,16 @@ def coverage(errors: Array, covariance: Array, level: float) -> Interval:
     """Share of runs whose true state lies in the Gaussian ellipse of the given level, with Wilson interval.
 
     The ellipse is e' P^-1 e <= chi-square quantile (n). Only a Gaussian posterior covers exactly its level.
+    NaN where the error of a run is NaN.
+
+    Raises:
+        ValueError: If a covariance is not symmetric.
     """
     from scipy.special import chdtri
 
-    values = nees(errors, covariance)
+    if np.isnan(errors).any():
+        return UNKNOWN
+    values = nees(errors, _symmetric(covariance))
     inside = values <= chdtri(np.shape(errors)[-1], 1 - level)
     return share_interval(int(inside.sum()), len(values))
 
@@ -93,17 +103,13 @@ def credibility(
             f"mean is {(runs, size)}: truth must be (M, n), covariance (M, n, n), angles (n,); "
             f"got {np.shape(truth)}, {np.shape(covariance)}, {angles}"
         ) from None
+    covariance = _symmetric(covariance)
     names = tuple(names) if names is not None else _names(size)
     if len(names) != size:
         raise ValueError(f"{size} components have {len(names)} names")
     kept = None if draws is None else _kept(np.asarray(draws, dtype=float), mean, covariance, turning)
     errors = np.where(turning, wrap(truth - mean), truth - mean)
     sound = is_finite(errors, covariance)
-    if (lopsided := np.flatnonzero(~is_symmetric(np.where(sound[:, None, None], covariance, 0.0)))).size:
-        raise ValueError(
-            f"{len(lopsided)} of {runs} covariances are not symmetric, the first in run {lopsided[0]}: give "
-            "P itself, and no factor of it"
-        )
     status = np.where(sound, Status.OK.code, Status.NAN.code)
     block = RunBlock(
         names,
@@ -113,6 +119,25 @@ def credibility(
         draws=None if kept is None else kept[sound],
     )
     return Accumulator.of(block).row(label)
+
+
+def _symmetric(covariance: ArrayLike) -> Array:
+    """The covariances (..., n, n) as float64.
+
+    Raises:
+        ValueError: If one differs from its transpose beyond rounding; those with a number that is not finite do not count.
+    """
+    array = np.asarray(covariance, dtype=float)
+    if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
+        return array
+    known = np.isfinite(array).all((-2, -1))
+    off = ~is_symmetric(np.where(known[..., None, None], array, 0.0))
+    if off.any():
+        raise ValueError(
+            f"{np.count_nonzero(off)} of {off.size} covariances are not symmetric: half of one, or its Cholesky "
+            "factor, is none"
+        )
+    return array
 
 
 def _kept(draws: Array, mean: Array, covariance: Array, turning: BoolArray) -> HalfArray:

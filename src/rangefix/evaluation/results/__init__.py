@@ -29,6 +29,7 @@ from .map_snapshot import Scene, scene
 from .notebook import html_table
 from .npz import read_npz, read_part, write_npz, write_part
 from .outcome import (
+    CORRELATION_ROUNDING,
     FAILURES,
     PREFIX,
     STATUSES,
@@ -38,6 +39,7 @@ from .outcome import (
     concatenate,
     failed_outcome,
     failures_of,
+    fault_of,
     is_finite,
     is_symmetric,
     with_status,

@@ -107,6 +107,12 @@ def with_status(mean: Array, covariance: Array, log_evidence: Array) -> Outcome:
     return Outcome(mean, covariance, log_evidence, status, reasons)
 
 
+def fault_of(mean: Array, covariance: Array, log_evidence: float) -> str:
+    """Why an estimate (n,), (n, n) is not "ok", as `with_status` has it; "" where it is."""
+    reasons = with_status(mean[None, None], covariance[None, None], np.full((1, 1), log_evidence)).reasons
+    return reasons.get(0, "").removesuffix(" at measurement 1")
+
+
 def is_finite(mean: Array, covariance: Array) -> BoolArray:
     """Whether estimates (..., n), (..., n, n) are numbers whose squares can be summed over runs."""
     means, covariances = np.abs(mean) <= LARGEST, np.abs(covariance) <= LARGEST
