@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, real_floats
 from .problem import Problem
 
 
@@ -25,6 +25,26 @@ class Estimate(NamedTuple):
     mean: Array
     covariance: Array
     log_evidence: Array | float = np.nan
+
+
+def checked_estimate(estimate: Any, runs: int, size: int) -> tuple[Array, Array, Array]:
+    """What `estimate` of an estimator gives for M runs: (M, n), (M, n, n), (M,), whoever wrote it.
+
+    Raises:
+        ValueError: If it is not mean, covariance and log evidence of real numbers in these shapes; one number
+            for the log evidence of all runs is taken.
+    """
+    values = tuple(estimate)
+    if len(values) != 3:
+        raise ValueError(f"it gave {len(values)} things, not mean, covariance and log evidence")
+    mean, covariance, log_evidence = map(real_floats, Estimate._fields, values)
+    if not log_evidence.ndim:
+        log_evidence = np.full(runs, log_evidence)
+    shapes = (runs, size), (runs, size, size), (runs,)
+    for name, array, wanted in zip(Estimate._fields, (mean, covariance, log_evidence), shapes, strict=True):
+        if array.shape != wanted:
+            raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
+    return mean, covariance, log_evidence
 
 
 class BriefRepr:

@@ -298,6 +298,99 @@ def test_one_that_cannot_and_one_that_is_lost(recording: Path, capsys: pytest.Ca
     assert rows["ekf"]["scans"] == 24
 
 
+CLAIMS = """
+import sys
+import numpy as np
+from rangefix.filters import Estimate
+
+class Still:
+    evidence = np.nan
+    covariance = np.diag([0.04, 0.04, 0.01])
+
+    def __init__(self, problem):
+        self.motion = problem.motion
+
+    def init(self, prior, rngs):
+        return np.tile(prior.mean, (len(rngs), 1))
+
+    def predict(self, belief, control, rngs):
+        return self.motion.mean(belief, control)
+
+    def update(self, belief, measurement, rngs):
+        return belief
+
+    def estimate(self, belief):
+        return Estimate(belief, np.array([self.covariance]), self.evidence)
+
+class Evident(Still):
+    evidence = np.array([-1.0])
+
+class Half(Evident):
+    covariance = np.array([[0.04, 0.03, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.01]])
+
+class Negative(Evident):
+    covariance = np.diag([-0.04, 0.04, 0.01])
+
+class Indefinite(Evident):
+    covariance = np.array([[0.04, 0.05, 0.0], [0.05, 0.04, 0.0], [0.0, 0.0, 0.01]])
+
+class Small(Evident):
+    covariance = np.eye(2)
+
+class Nowhere(Evident):
+    def predict(self, belief, control, rngs):
+        return np.nan * belief
+
+class Key(Evident):
+    def update(self, belief, measurement, rngs):
+        return {}["weights"]
+
+class One(Evident):
+    def estimate(self, belief):
+        return Estimate(belief[0], self.covariance, 0.0)
+
+class Leaves(Evident):
+    def update(self, belief, measurement, rngs):
+        sys.exit(0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "done", "said"),
+    [
+        ("Still", 24, ""),
+        ("Evident", 24, ""),
+        ("Half", 0, "the covariance is not symmetric at scan 1, 0 of 24 done"),
+        ("Negative", 0, "the covariance is not positive definite (smallest eigenvalue -0.04) at scan 1"),
+        ("Indefinite", 0, "the covariance is not positive definite (smallest eigenvalue -0.01) at scan 1"),
+        ("Small", 0, "covariance has shape (1, 2, 2), not (1, 3, 3)"),
+        ("Nowhere", 1, "an estimate is not finite at scan 2, 1 of 24 done"),
+        ("Key", 0, "KeyError: weights (theirs.py, line 46, in update)"),
+        ("One", 0, "mean has shape (3,), not (1, 3)"),
+        ("Leaves", 0, "SystemExit: 0 (theirs.py, line 54, in update)"),
+    ],
+)
+def test_what_plug_ins_claim_is_looked_at(
+    recording: Path, capsys: pytest.CaptureFixture[str], name: str, done: int, said: str
+) -> None:
+    """As in a study: what is no covariance is said to be none, evidence is optional, and nothing is a crash.
+
+    Half a covariance was judged as if it were one, and estimates without evidence were refused, for a reason
+    that was none of theirs.
+    """
+    (recording.parent / "theirs.py").write_text(CLAIMS)
+    plugin = f"{recording.parent / 'theirs.py'}:{name}"
+    code, shown, err = call(
+        ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth", "odometry", "-e",
+         f"{plugin},ekf", "--out", recording.parent / "out", "--json"], capsys
+    )  # fmt: skip
+    row, ekf = json.loads(shown)["estimators"]
+    assert (row["scans"], code) == (done, 0 if not said else 1)
+    assert said in row["reason"] if said else not row["reason"]
+    assert ekf["scans"] == 24
+    assert "Warning" not in err
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

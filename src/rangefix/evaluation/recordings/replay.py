@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from time import process_time
 from typing import Any
 
@@ -12,10 +13,12 @@ from numpy.random import Generator
 
 from ...arrays import Array
 from ...filters import Estimator, Problem
+from ...filters.estimate import checked_estimate
 from ...filters.estimator import filtered_stream
 from ...filters.optional_methods import Image, sample_belief, show_belief
 from ...filters.sampling import gaussian_draws
 from ..consistency.lost import Fit, LostTest, Watch
+from ..results import fault_of
 from ..seeds import stream as random_stream
 from .readers.track import Track
 from .steps import Step
@@ -33,7 +36,7 @@ class Believed:
         step: The scan as it took it.
         mean: x1, x2 (m), heading (rad), (3,).
         covariance: (3, 3).
-        log_evidence: Of all readings so far, nats; -inf = no pose explains them.
+        log_evidence: Of all readings so far, nats; -inf = no pose explains them; NaN = it does not tell.
         truth: The true pose, (3,); None where it is not known.
         residuals: Readings less what is expected at the mean, (B,), m; NaN where one of them is no range.
         seconds: Of processor time for the move, the update and the estimate.
@@ -57,11 +60,10 @@ class Believed:
         """Whether readings say that the pose, or the map, is wrong."""
         return self.fit is not None and self.fit.lost
 
-    @property
-    def is_sound(self) -> bool:
-        """Whether there is an estimate: finite, of a reading that some pose explains."""
-        moments = np.isfinite(self.mean).all() and np.isfinite(self.covariance).all()
-        return bool(moments and np.isfinite(self.log_evidence))
+    @cached_property
+    def fault(self) -> str:
+        """Why this is no estimate, as a study has it; "" where it is one."""
+        return fault_of(self.mean, self.covariance, self.log_evidence)
 
 
 Truth = Callable[[Step], Array | None]
@@ -163,24 +165,24 @@ def replay(
             began, reading_s = process_time(), 0.0
         if verb != "update":
             continue
-        estimate = estimator.estimate(belief)
+        estimate = checked_estimate(estimator.estimate(belief), 1, problem.space.size)
         seconds = process_time() - began - reading_s
         step = taken.pop()
-        mean = np.asarray(estimate.mean[0], dtype=float)
-        sound = np.isfinite(mean).all() and np.isfinite(np.asarray(estimate.covariance[0])).all()
+        mean, covariance, log_evidence = estimate[0][0], estimate[1][0], float(estimate[2][0])
         believed = Believed(
             step,
             mean,
-            np.asarray(estimate.covariance[0], dtype=float),
-            float(np.asarray(estimate.log_evidence)[0]),
+            covariance,
+            log_evidence,
             truth(step),
             residuals(problem, mean, step.measurement),
             seconds,
             show_belief(estimator, belief, 0) if number in shown else None,
-            lookout.take(step, estimator, belief) if lookout is not None and sound else None,
         )
+        if lookout is not None and not believed.fault:
+            believed = replace(believed, fit=lookout.take(step, estimator, belief))
         yield believed
-        if not believed.is_sound:
+        if believed.fault:
             return
         began, reading_s = process_time(), 0.0
 

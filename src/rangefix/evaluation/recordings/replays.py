@@ -16,6 +16,7 @@ from ...arrays import Array
 from ...errors import one_line
 from ...filters import Problem, RangeMap
 from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.plugin_line import plugin_line
 from ...filters.registry import build
 from ..consistency.lost import FALSE_ALARMS, LostTest
 from ..results.files import ResultsError, read_json
@@ -39,6 +40,7 @@ TOPIC = "topic:"
 PARTICLES, PARTICLES_ANYWHERE = 2000, 20_000  # at first: from a start that is known, or anywhere
 LEAST_PARTICLES = 1000  # once the belief needs no more
 LONGEST_NAME = 100  # letters of an estimator's label in the names of its files
+TOLD = ValueError, TypeError, ArithmeticError, MemoryError, RuntimeError  # whose messages say enough
 TABLE = "replay.json"  # of a folder: it names the files beside it
 
 
@@ -174,19 +176,22 @@ class Replays:
             source = steps(self.log, self.choice)
             believed = replay(estimator, problem, source, self.true_poses(), self.seed, shown, lost)
             for done, now in enumerate(believed):
-                if not now.is_sound:
+                if now.fault:
+                    why = "no pose explains the readings" if now.log_evidence == -np.inf else now.fault
                     where = f"scan {now.step.scan}, {done} of {first.used} done"
-                    return score.row(contestant.label, f"no pose explains the readings at {where}"), trace
+                    return score.row(contestant.label, f"{why} at {where}"), trace
                 score.add(now)
                 trace.add(now, done in shown)
                 if files is not None:
                     files.write(now)
                 advance(done + 1)
-        except RecordingError:
+        except (RecordingError, OSError):
             raise
-        except (ValueError, TypeError, ArithmeticError, MemoryError, RuntimeError) as error:
-            where = f" (after {score.scans} scans)" if score.scans else ""
-            return score.row(contestant.label, f"{one_line(error)}{where}"), trace
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything
+            line, after = plugin_line(error.__traceback__), f" (after {score.scans} scans)"
+            kind = "" if isinstance(error, TOLD) and not line else f"{type(error).__name__}: "
+            why = f"{kind}{one_line(error)}{line}{after if score.scans else ''}"
+            return score.row(contestant.label, why), trace
         return score.row(contestant.label), trace
 
 

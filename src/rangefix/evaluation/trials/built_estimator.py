@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, real_floats
+from ...arrays import Array
 from ...errors import message_of
-from ...filters import EachRun, Estimate, Estimator
+from ...filters import EachRun, Estimator
+from ...filters.estimate import checked_estimate
 from ...filters.estimator import filtered
 from ...filters.optional_methods import diagnostics_of
 from ...filters.plugin_line import plugin_line
@@ -112,14 +113,9 @@ class BuiltEstimator(NamedTuple):
                 if verb != "update":
                     continue
                 begin("estimate", step)
-                estimate = tuple(self.estimator.estimate(belief))
-                if len(estimate) != 3:
-                    raise ValueError(f"it gave {len(estimate)} things, not mean, covariance and log evidence")
-                for name, target, value in zip(Estimate._fields, outcome[:3], estimate, strict=True):
-                    array = real_floats(name, value)
-                    wanted = target[:, step].shape
-                    if array.shape != wanted and (name != "log_evidence" or array.ndim):
-                        raise ValueError(f"{name} has shape {array.shape}, not {wanted}")
+                size = outcome.mean.shape[-1]
+                told = checked_estimate(self.estimator.estimate(belief), len(measurement), size)
+                for target, array in zip(outcome[:3], told, strict=True):
                     target[:, step] = array
                 for name, numbers in diagnostics_of(self.estimator, belief, len(measurement)).items():
                     blank = np.full(measurement.shape[:2], np.nan)

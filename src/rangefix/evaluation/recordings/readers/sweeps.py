@@ -46,7 +46,9 @@ def with_ends(read: Callable[[], Iterator[Scan]], laser: LaserDescription) -> It
         return
     track = Track((scan.time_s, scan.odometry) for scan in read() if scan.odometry is not None)
     for scan in read():
-        yield scan if scan.odometry is None else replace(scan, odometry_at_end=track.at(scan.time_s, duration))
+        yield (
+            scan if scan.odometry is None else replace(scan, odometry_at_end=track.at(scan.time_s, duration))
+        )
 
 
 def without_motion(scan: Scan, laser: LaserDescription) -> Array:
