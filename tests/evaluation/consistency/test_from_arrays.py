@@ -93,7 +93,7 @@ def test_a_covariance_that_is_not_symmetric_is_refused(errors, half):
     for judge in (noncredibility, lambda e, p: coverage(e, p, 0.9), lambda e, p: credibility(e, 0 * e, p)):
         with pytest.raises(ValueError, match=f"1 of {RUNS} covariances are not symmetric"):
             judge(errors, claimed)
-    rounded = TRUE + [[0.0, 1e-12], [0.0, 0.0]]
+    rounded = TRUE + np.array([[0.0, 1e-12], [0.0, 0.0]])
     assert credibility(errors, 0 * errors, rounded).anees.value > 0
 
 

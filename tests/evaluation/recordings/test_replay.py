@@ -273,6 +273,52 @@ def test_global_start(recording: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.mark.study
+@pytest.mark.parametrize(
+    ("change", "judged", "said"),
+    [
+        (lambda lines: lines, 24, ""),
+        (lambda lines: lines[:6], 7, "17 scans at whose time the true pose is not known"),  # and nearly 0.2 s beyond
+        (lambda lines: [lines[0], lines[2], lines[1], *lines[3:]], 24, "1 true poses whose time goes back"),
+        (
+            lambda lines: [*lines[:3], lines[2].replace(" 0 0 0 ", " 1 0 0 "), *lines[3:]], 24, "",
+        ),  # elsewhere in height only
+        (
+            lambda lines: [*lines[:3], " ".join([lines[2].split()[0], *lines[9].split()[1:]]), *lines[3:]],
+            24, "1 true poses at the time of the one before, but elsewhere",
+        ),
+    ],
+)  # fmt: skip
+def test_how_much_of_the_truth_is_known_is_told(
+    recording: Path, capsys: pytest.CaptureFixture[str], change: Any, judged: int, said: str
+) -> None:
+    """Scans without a true pose were left out of the figures, and poses of the truth out of it, silently."""
+    times, poses = drive(24)
+    lines = [tum_line(time, pose).strip() for time, pose in zip(times, poses, strict=True)]
+    (recording.parent / "truth.tum").write_text("\n".join(change(lines)) + "\n")
+    code, shown, _ = call(
+        ["replay", "-m", recording.parent / "room.toml", "-l", recording, "--truth",
+         recording.parent / "truth.tum", "-e", "ekf", "--json"], capsys
+    )  # fmt: skip
+    told = json.loads(shown)
+    assert code == 0
+    assert told["estimators"][0]["judged"] == judged
+    assert said in " ".join(told["notes"])
+    assert bool(said) == ("true pose" in " ".join(told["oddities"]))
+
+
+def test_a_truth_of_other_times_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its clock counts nanoseconds, or from another year: nothing was judged, and nobody said so."""
+    times, poses = drive(24)
+    lines = [tum_line(1e3 * time, pose) for time, pose in zip(times, poses, strict=True)]
+    (recording.parent / "truth.tum").write_text("".join(lines))
+    where = ["--map", recording.parent / "room.toml", "--log", recording]
+    where += ["--truth", recording.parent / "truth.tum"]
+    for command in (["replay", "--start", "3,1.6,90"], ["calibrate", "--out", recording.parent / "c.toml"]):
+        code, _, err = call([*command, *where], capsys)
+        assert code == 2
+        assert "the true pose is known at the time of no scan" in err
+
+
 def test_an_animation(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from PIL import Image
 

@@ -96,13 +96,14 @@ def calibrate(
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
     doing("")
     fitted = found.fitted
+    notes = [*log.notes, *(f"{count} {kind}" for kind, count in residuals.oddities.items())]
     if as_json:
         print_json(
             {
                 "scans": len(residuals.readings),
                 "beams": len(residuals.beams),
                 "from_truth": residuals.from_truth,
-                "notes": [*filter(None, [residuals.warning]), *log.notes],
+                "notes": [*filter(None, [residuals.warning]), *notes],
                 "independent_beams": found.independent_beams,
                 "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),
@@ -113,7 +114,7 @@ def calibrate(
         )
         return
     _tell(found)
-    for note in log.notes:
+    for note in notes:
         say(f"- {note}")
     say(f"wrote {files[0]} and {files[1]}")
 

@@ -134,8 +134,8 @@ def _symmetric(covariance: ArrayLike) -> Array:
     off = ~is_symmetric(np.where(known[..., None, None], array, 0.0))
     if off.any():
         raise ValueError(
-            f"{np.count_nonzero(off)} of {off.size} covariances are not symmetric: half of one, or its Cholesky "
-            "factor, is none"
+            f"{np.count_nonzero(off)} of {off.size} covariances are not symmetric: half of one, or its "
+            "Cholesky factor, is none"
         )
     return array
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import process_time
@@ -21,7 +21,7 @@ from ..consistency.lost import Fit, LostTest, Watch
 from ..results import fault_of
 from ..seeds import stream as random_stream
 from .readers.track import Track
-from .steps import Step
+from .steps import Step, Truth
 
 PURPOSE = "replay"  # of the random numbers that an estimator draws
 LOOKOUT = "lost"  # of those that draw from what it believes, which must not change it
@@ -64,9 +64,6 @@ class Believed:
     def fault(self) -> str:
         """Why this is no estimate, as a study has it; "" where it is one."""
         return fault_of(self.mean, self.covariance, self.log_evidence)
-
-
-Truth = Callable[[Step], Array | None]
 
 
 def truth_by_time(track: Track) -> Truth:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -27,10 +28,10 @@ from .pose_files import PoseFiles
 from .readers.rosbag import RosbagLog
 from .readers.track import Track
 from .readers.tum import read_tum
-from .replay import Truth, odometry_is_true, replay, truth_by_time, unknown
+from .replay import odometry_is_true, replay, truth_by_time, unknown
 from .score import Row, Score
 from .setting import Assumptions, Start, problem_of, usual_law
-from .steps import Choice, Survey, steps, survey
+from .steps import Choice, Survey, Truth, steps, survey
 from .trace import Trace
 
 LONGEST_GAP_S = 1.0  # between two true poses, across which none is interpolated
@@ -91,11 +92,19 @@ class Replays:
     false_alarms: float = FALSE_ALARMS
 
     def surveyed(self) -> Survey:
-        """A first pass over the recording."""
-        return survey(self.log, self.choice, self.room)
+        """A first pass over the recording.
 
-    def true_poses(self) -> Truth:
+        Raises:
+            RecordingError: If it is damaged, no scan can be used, or the true pose is known at none.
+        """
+        tally = Counter[str]()
+        return survey(self.log, self.choice, self.room, self.true_poses(tally) if self.truth else None, tally)
+
+    def true_poses(self, tally: Counter[str] | None = None) -> Truth:
         """The true pose at a step, from the beginning.
+
+        Args:
+            tally: Where true poses that are left out are counted.
 
         Raises:
             RecordingError: If a topic is asked for of what is no bag.
@@ -110,7 +119,7 @@ class Replays:
             poses = self.log.poses(self.truth.removeprefix(TOPIC))
         else:
             poses = read_tum(Path(self.truth))
-        return truth_by_time(Track(poses, LONGEST_GAP_S))
+        return truth_by_time(Track(poses, LONGEST_GAP_S, "true poses", tally))
 
     def problem(self, first: Survey) -> Problem:
         """What estimators are told.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,9 @@ from ...filters.models.wrapped_noise import LostBeams, Tempered
 from .log import LaserDescription, Log, RecordingError
 from .readers.track import Track
 from .readers.tum import read_tum
-from .replay import truth_by_time
+from .replay import odometry_is_true, truth_by_time
 from .setting import DRIFT, DRIFT_FLOOR
-from .steps import Choice, Step, steps, survey
+from .steps import Choice, Step, Truth, steps, survey
 
 MOST_SCANS = 1500
 ODOMETRY = "odometry"  # the truth where odometry is taken for it
@@ -51,6 +52,7 @@ class Residuals:
         way_m: How far the robot went.
         turned_rad: How much it turned.
         warning: As of `Survey`.
+        oddities: What is odd about the recording, with how often.
     """
 
     sensor: Rangefinder
@@ -61,6 +63,7 @@ class Residuals:
     way_m: float
     turned_rad: float
     warning: str = ""
+    oddities: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.way_m < STANDING_WAY_M and self.turned_rad < STANDING_TURN_RAD:
@@ -108,7 +111,8 @@ def find_residuals(
         raise RecordingError(
             "residuals need poses: give a truth, or the start from which a filter follows them"
         )
-    told = survey(log, choice, room)
+    tally = Counter[str]()
+    told = survey(log, choice, room, None if truth is None else _truth_of(truth, tally), tally)
     laser, places = log.sensor, choice.places(log.sensor)
     wide = LostBeams(BeamMixture(0.8, 0.08, 0.0, 0.12, 0.1, 1.0, laser.reach_m), 0.05)
     sensor = sensor_of(laser, places, room, Tempered(wide, min(1.0, 4 / len(places))))
@@ -134,15 +138,20 @@ def find_residuals(
         told.way_m,
         told.turned_rad,
         told.warning,
+        told.oddities,
     )
 
 
 def _true(log: Log, choice: Choice, truth: str | Path) -> Iterator[tuple[Step, Array | None]]:
-    if str(truth) == ODOMETRY:
-        yield from ((step, step.odometry) for step in steps(log, choice))
-        return
-    at = truth_by_time(Track(read_tum(Path(truth)), GAP_S))
+    at = _truth_of(truth)
     yield from ((step, at(step)) for step in steps(log, choice))
+
+
+def _truth_of(truth: str | Path, tally: Counter[str] | None = None) -> Truth:
+    """The true pose at a step, from the beginning."""
+    if str(truth) == ODOMETRY:
+        return odometry_is_true
+    return truth_by_time(Track(read_tum(Path(truth)), GAP_S, "true poses", tally))
 
 
 def _followed(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ WITHOUT_ODOMETRY = "scans without odometry (left out)"
 BEYOND = f"readings beyond {UNLIMITED_M:g} m (taken for none: nobody says how far the laser measures)"
 FAR, LARGE_SHARE = 1.1, 0.25  # beyond so many limits a reading is too long; such a share of them is odd
 WITHOUT_END = "scans without odometry at their last beam (their ranges are left as they are)"
+WITHOUT_TRUTH = "scans at whose time the true pose is not known (not compared with it)"
 WITHOUT_READINGS = "scans whose chosen beams are all invalid"
 
 
@@ -127,6 +128,9 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
         )
 
 
+Truth = Callable[[Step], Array | None]
+
+
 @dataclass(frozen=True)
 class Survey:
     """What a first pass over a recording tells.
@@ -192,18 +196,26 @@ class _TooLong:
         return ""
 
 
-def survey(log: Log, choice: Choice, room: RangeMap | None = None) -> Survey:
+def survey(
+    log: Log,
+    choice: Choice,
+    room: RangeMap | None = None,
+    truth: Truth | None = None,
+    tally: Counter[str] | None = None,
+) -> Survey:
     """Read a recording once, without filtering it.
 
     Args:
         log: The recording.
         choice: Which scans and beams.
         room: The map that readings should not be longer than.
+        truth: The true pose at a step, if it is to be known.
+        tally: Where what is odd is counted.
 
     Raises:
-        RecordingError: If it is damaged, or no scan can be used.
+        RecordingError: If it is damaged, no scan can be used, or the true pose is known at none.
     """
-    tally: Counter[str] = Counter()
+    tally = Counter[str]() if tally is None else tally
     extent = np.inf if room is None else float(np.hypot(*np.subtract(*room.bounds)))
     too_long = _TooLong(log.sensor, extent)
     first = last = None
@@ -212,11 +224,17 @@ def survey(log: Log, choice: Choice, room: RangeMap | None = None) -> Survey:
         first = step if first is None else first
         last, used = step, used + 1
         too_long.add(step.lengths)
+        tally[WITHOUT_TRUTH] += truth is not None and truth(step) is None
         if step.control is not None:
             way += float(np.hypot(step.control[0], step.control[1]))
             turned += abs(float(step.control[2]))
     assert first is not None
     assert last is not None
+    if tally[WITHOUT_TRUTH] == used:
+        raise RecordingError(
+            "the true pose is known at the time of no scan: do the times of the truth fit those of the "
+            "recording?"
+        )
     scans = used + tally[STILL] + tally[WITHOUT_ODOMETRY]
     told = {kind: count for kind, count in tally.items() if count}
     duration = last.time_s - first.time_s

@@ -190,7 +190,7 @@ class RosbagLog(FileLog):
 
     def _scans(self, tally: Counter[str]) -> Iterator[Scan]:
         laser, wanted = self.sensor, self.sensor.bearings_rad
-        odometry = Track(self.poses()) if self._odometry else None
+        odometry = Track(self.poses(), tally=tally) if self._odometry else None
         duration = laser.seconds_per_beam * (len(wanted) - 1)
         first = self._first
         shape = (len(first.ranges), float(first.angle_min), float(first.angle_increment))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -26,10 +26,19 @@ class Track:
     Args:
         poses: Times (s) and poses x1, x2 (m), heading (rad), as they come.
         longest_gap_s: Between poses farther apart nothing is known, s.
+        what: What these poses are, in words.
+        tally: Where those that are left out are counted.
     """
 
-    def __init__(self, poses: Iterator[tuple[float, Array]], longest_gap_s: float = np.inf) -> None:
+    def __init__(
+        self,
+        poses: Iterator[tuple[float, Array]],
+        longest_gap_s: float = np.inf,
+        what: str = "poses by odometry",
+        tally: Counter[str] | None = None,
+    ) -> None:
         self._poses, self._gap = poses, longest_gap_s
+        self._what, self._tally = what, Counter[str]() if tally is None else tally
         self._times: deque[float] = deque()
         self._known: deque[Array] = deque()
         self._next_part: tuple[float, Array] | None = None
@@ -66,6 +75,10 @@ class Track:
                 self._times.append(time)
                 self._known.append(pose)
                 return True
+            if time < self._times[-1]:
+                self._tally[f"{self._what} whose time goes back (left out)"] += 1
+            elif not np.array_equal(pose, self._known[-1]):
+                self._tally[f"{self._what} at the time of the one before, but elsewhere (left out)"] += 1
         return False
 
     def _begin_anew(self, time: float) -> None:
