@@ -17,6 +17,8 @@ from .centre_lines import centre_lines
 
 FREE, WALL, UNKNOWN = 0, 1, 2
 SHORTEST_CELL, LONGEST = 1e-6, 1e6  # m
+FARTHEST = 1e8  # m from the origin of the map: twice round the world
+SHARPEST = 1e-4  # of a cell, to which float64 must tell places
 Unknown = Literal["excluded", "free", "wall"]
 UNKNOWNS: tuple[Unknown, ...] = ("excluded", "free", "wall")
 WallLines = Literal["edges", "centre"]
@@ -71,6 +73,12 @@ class OccupancyMap(InWalls):
             raise MapError(
                 f"{name}: {cells.shape[0]} x {cells.shape[1]} cells of {resolution:g} m: cells are of "
                 f"{SHORTEST_CELL:g} m or more, and maps up to {LONGEST / 1000:g} km long"
+            )
+        far = float(np.abs(corner).max()) + longest
+        if far > FARTHEST or np.spacing(far) > SHARPEST * resolution:
+            raise MapError(
+                f"{name}: cells of {resolution:g} m at ({corner[0]:g}, {corner[1]:g}) m are too far from the "
+                f"map's origin: {FARTHEST:g} m at most, and so that numbers tell their edges apart"
             )
         if unknown not in UNKNOWNS:
             raise MapError(f"{name}: unknown cells are {', '.join(UNKNOWNS)}, not {unknown!r}")

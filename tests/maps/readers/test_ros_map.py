@@ -166,6 +166,30 @@ BAD = {
         "image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\nfree_thresh: 0.7\n",
         "free_thresh <= occupied_thresh",
     ),
+    "true": (
+        "image: map.pgm\nresolution: true\norigin: [0, 0, 0]\n",
+        "resolution must be a finite number above 0, got True",
+    ),
+    "degrees": (
+        "image: map.pgm\nresolution: 1\norigin: [0, 0, 90]\n",
+        "yaw of its origin is in rad, up to a full turn, got 90",
+    ),
+    "misspelt": (
+        "image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\noccupied_tresh: 0.9\n",
+        "unknown key 'occupied_tresh'; did you mean occupied_thresh",
+    ),
+    "capitals": (
+        "image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\nNegate: 1\n",
+        "unknown key 'Negate'; did you mean negate",
+    ),
+    "too far": (
+        "image: map.pgm\nresolution: 1\norigin: [1e300, 0, 0]\n",
+        "too far from the map's origin",
+    ),
+    "too fine for its place": (
+        "image: map.pgm\nresolution: 0.00001\norigin: [0, 9e6, 0]\n",
+        "so that numbers tell their edges apart",
+    ),
     "twice": ("image: map.pgm\nimage: map.pgm\nresolution: 1\norigin: [0, 0, 0]\n", "image stands twice"),
     "tag": ("image: !!python/object/apply:os.system ['true']\n", "tags are not read"),
     "aliases": ("a: &a [1, 1]\nb: &b [*a, *a]\nc: [*b, *b]\n", "anchors and aliases are not read"),
@@ -185,6 +209,16 @@ def test_bad_yaml(tmp_path, text):
         open_map(path)
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
+
+
+def test_keys_of_other_programs_are_passed_over(tmp_path):
+    """Only those that look like one of ours are refused: they had no effect."""
+    saved(tmp_path, room_of([[254, 254]]))
+    path = tmp_path / "map.yaml"
+    path.write_text(
+        "image: map.pgm\nresolution: 1\norigin: [0, 9e6, -6.2]\nnegate: no\nmap_id: 3\nframe: map\n"
+    )
+    assert open_map(path).free_area == 2.0
 
 
 def test_bad_images(tmp_path):

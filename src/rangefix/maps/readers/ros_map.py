@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from ...arrays import Array, BoolArray
+from ...arrays import TWO_PI, Array, BoolArray
 from ...errors import one_line
 from ..base import MapError
 from ..occupancy import FREE, UNKNOWN, WALL, OccupancyMap, Unknown, WallLines
@@ -20,6 +21,8 @@ YAMLS = (".yaml", ".yml")
 MOST_BYTES = 1 << 20  # of the .yaml
 BYTES_A_PIXEL = 24  # that reading takes at its peak, measured
 MODES = ("trinary", "scale", "raw")
+KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+ALIKE = 0.8  # of a key to one of these, from which on it is one that is misspelt
 MOST_DEEP = 20  # lists and tables in one another
 
 
@@ -106,6 +109,9 @@ def read_yaml(path: Path) -> MapYaml:
         raise MapError(f"{path}: origin is [x, y, yaw] in m and rad, got {origin!r}")
     if not isinstance(content["image"], str) or not content["image"].strip():
         raise MapError(f"{path}: image is the name of a file, got {content['image']!r}")
+    for key in content:
+        if key not in KEYS and (meant := get_close_matches(str(key).lower(), KEYS, n=1, cutoff=ALIKE)):
+            raise MapError(f"{path}: unknown key {key!r:.60}; did you mean {meant[0]}?")
     mode = content.get("mode", "trinary")
     if mode not in MODES:
         raise MapError(f"{path}: mode is {', '.join(MODES)}, not {mode!r}")
@@ -117,7 +123,7 @@ def read_yaml(path: Path) -> MapYaml:
             _number(path, "origin y", origin[1]),
             _number(path, "origin yaw", origin[2]),
         ),
-        negate=bool(_number(path, "negate", content.get("negate", 0))),
+        negate=bool(_number(path, "negate", _as_number(content.get("negate", 0)))),
         mode=mode,
         occupied_thresh=_number(path, "occupied_thresh", content.get("occupied_thresh", 0.65)),
         free_thresh=_number(path, "free_thresh", content.get("free_thresh", 0.196)),
@@ -125,6 +131,8 @@ def read_yaml(path: Path) -> MapYaml:
     if not 0 <= told.free_thresh <= told.occupied_thresh <= 1:
         between = f"got {told.free_thresh:g} and {told.occupied_thresh:g}"
         raise MapError(f"{path}: 0 <= free_thresh <= occupied_thresh <= 1 must hold, {between}")
+    if abs(told.origin[2]) > TWO_PI * (1 + 1e-6):
+        raise MapError(f"{path}: the yaw of its origin is in rad, up to a full turn, got {told.origin[2]:g}")
     return told
 
 
@@ -149,13 +157,23 @@ def _plain_yaml(text: str) -> dict[str, Any]:
     return content
 
 
+def _as_number(value: Any) -> Any:
+    """True and false as one and zero, which they stand for where something is or is not."""
+    return int(value) if isinstance(value, bool) else value
+
+
 def _number(path: Path, key: str, value: Any, above: float = -np.inf) -> float:
     """A finite number of the .yaml."""
     if isinstance(value, str):  # YAML 1.1 takes 1e-3 for a text
         with suppress(ValueError):
             value = float(value)
     with suppress(OverflowError):  # of a whole number of more than 308 digits
-        if isinstance(value, int | float) and np.isfinite(float(value)) and value > above:
+        if (
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and np.isfinite(float(value))
+            and value > above
+        ):
             return float(value)
     raise MapError(
         f"{path}: {key} must be a finite number{' above 0' if above == 0 else ''}, got {value!r:.60}"
