@@ -225,6 +225,24 @@ def test_files_of_all_kinds(name, options, place, expected):
     np.testing.assert_allclose(room.ranges([*place, 0.0], ROUND), expected, atol=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["obj", "off", "stl"])
+def test_a_mark_of_utf_8_costs_no_vertex(tmp_path, kind):
+    """In an .obj the first vertex was passed over, and all faces turned to others, where one was left."""
+    corners = [[0, 0, 0], [4, 0, 0], [0, 6, 0], [9, 9, 9]]
+    text = {
+        "obj": "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\n",
+        "off": "OFF\n4 1 0\n" + "".join(f"{x} {y} {z}\n" for x, y, z in corners) + "3 0 1 2\n",
+        "stl": "solid a\nfacet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners[:3])
+        + "endloop\nendfacet\nendsolid a\n",
+    }
+    for mark in ("", "\ufeff"):
+        path = tmp_path / f"a.{kind}"
+        path.write_text(mark + text[kind], encoding="utf-8")
+        found = read_mesh(path)
+        np.testing.assert_array_equal(found.vertices[found.triangles[0]], corners[:3])
+
+
 @pytest.mark.parametrize(("name", "words"), ASKED)
 def test_what_is_open_is_asked_for(name, words):
     """The unit with the sizes that it would give, and which way is up."""

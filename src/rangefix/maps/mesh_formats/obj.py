@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF8
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,13 @@ def read_obj(path: Path) -> tuple[Array, IntArray]:
     Raises:
         ValueError: If it is broken or cut short.
     """
-    content = path.read_bytes().replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ")
+    content = (
+        path.read_bytes()
+        .removeprefix(BOM_UTF8)
+        .replace(b"\r\n", b"\n")
+        .replace(b"\r", b"\n")
+        .replace(b"\\\n", b" ")
+    )
     if content[content.rfind(b"\n") + 1 :].lstrip()[:2] in (b"v ", b"f "):
         raise ValueError("its last line has no end: cut short? If it is whole, end it with a newline")
     vertices, faces, before = [], [], []

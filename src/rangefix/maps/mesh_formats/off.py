@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ def read_off(path: Path) -> tuple[Array, IntArray]:
     Raises:
         ValueError: If it is broken or cut short.
     """
-    content = path.read_bytes().replace(b"\r", b"\n")
+    content = path.read_bytes().removeprefix(BOM_UTF8).replace(b"\r", b"\n")
     lines = (
         [line.partition(b"#")[0] for line in content.split(b"\n")]
         if b"#" in content

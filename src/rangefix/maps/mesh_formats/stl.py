@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF8
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ def read_stl(path: Path) -> tuple[Array, IntArray]:
     count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
     if count >= 0 and len(content) == 84 + FACET.itemsize * count:
         points = np.frombuffer(content, FACET, count, offset=84)["corners"].reshape(-1, 3).astype(np.float64)
-    elif content.lstrip()[:5].lower() == b"solid":
+    elif content.removeprefix(BOM_UTF8).lstrip()[:5].lower() == b"solid":
         points = _in_text(content)
     else:
         raise ValueError(f"{count} facets are announced in {len(content)} bytes")
