@@ -171,6 +171,13 @@ def test_the_inside_of_a_room_is_closed():
             r"outer: corners are pairs \[x1, x2\], got an array of shape \(3, 3\)",
         ),
         (("room",), "outer: corners are pairs of numbers"),
+        (([(False, False), (True, False), (True, True)],), "outer: corners are pairs of numbers"),
+        (([("0", "0"), ("4", "0"), ("4", "6")],), "outer: corners are pairs of numbers"),
+        ((SQUARE, (), [("1", "1", "2", "2")]), "walls are"),
+        (
+            (SQUARE, (), [(0, 1, 0, 2), (1000, 2000, 3000, 2000)]),
+            r"wall \[1000.0, 2000.0, 3000.0, 2000.0\] lies outside the outline, .* its unit",
+        ),
         ((SQUARE, [[(9, 9), (11, 9), (9, 8)]]), r"hole 1: corner \[11.0, 9.0\] lies outside the outline"),
         ((SQUARE, [PILLAR, [(1, 1), (2, 2)]]), "hole 2: a polygon needs at least 3 corners"),
         ((SQUARE, 3), "holes are a list of polygons, got 3"),
@@ -184,6 +191,12 @@ def test_impossible_plans(arguments, message):
     with pytest.raises(MapError, match=message) as caught:
         FloorPlan(*arguments)
     assert "\n" not in str(caught.value)
+
+
+def test_walls_may_reach_out_of_the_outline():
+    """As people draw them; beams end at what of them is within."""
+    plan = FloorPlan(SQUARE, walls=[(5, -5, 5, 4), (-1, 8, 11, 8)])
+    np.testing.assert_allclose(plan.ranges([1.0, 2.0, 0.0], np.deg2rad([0.0, 90.0])), [6.0, 4.0])
 
 
 def test_a_hole_across_a_notch():

@@ -13,7 +13,7 @@ from ..arrays import Array, BoolArray
 from .base import MapError, check_points
 from .casting.caster import InWalls
 from .casting.walls import Walls
-from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting
+from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting, plain_numbers
 
 Corners = tuple[tuple[float, float], ...]
 Wall = tuple[float, float, float, float]
@@ -32,7 +32,8 @@ class FloorPlan(InWalls):
             with a door is two walls with a gap between.
 
     Raises:
-        MapError: If a polygon is not sound, a hole reaches out of the outline, or a wall has no length.
+        MapError: If a polygon is not sound, a hole reaches out of the outline, or a wall
+            has no length or lies outside.
     """
 
     outer: Corners
@@ -51,10 +52,18 @@ class FloorPlan(InWalls):
             if out.any() or len(meeting(edges(hole), edges(outline), touch=False)):
                 where = f"corner {hole[out][0].tolist()}" if out.any() else "a side"
                 raise MapError(f"hole {i}: {where} lies outside the outline; keep holes within `outer`")
+        lines = _check_walls(walls)
+        within = np.array((locate(lines.reshape(-1, 2), outline) >= 0).reshape(-1, 2).any(axis=1))
+        within[meeting(lines, edges(outline))[:, 0]] = True
+        if not within.all():
+            raise MapError(
+                f"wall {lines[~within][0].tolist()} lies outside the outline, where no beam meets it; is its "
+                "unit another one?"
+            )
         set_field = object.__setattr__
         set_field(self, "outer", _corners(outline))
         set_field(self, "holes", tuple(map(_corners, polygons)))
-        set_field(self, "walls", tuple((a, b, c, d) for a, b, c, d in _check_walls(walls).tolist()))
+        set_field(self, "walls", tuple((a, b, c, d) for a, b, c, d in lines.tolist()))
 
     def __repr__(self) -> str:
         (left, low), (right, high) = self.bounds
@@ -105,7 +114,7 @@ def _corners(polygon: Array) -> Corners:
 def _check_walls(walls: Iterable[ArrayLike]) -> Array:
     expected = "walls are (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)), in metres"
     try:
-        rows = [np.array(wall, dtype=np.float64) for wall in walls]
+        rows = [plain_numbers(wall) for wall in walls]
     except (TypeError, ValueError, OverflowError):
         raise MapError(expected) from None
     for row in rows:

@@ -18,6 +18,17 @@ def edges(corners: Array) -> Array:
     return np.hstack([corners, np.roll(corners, -1, axis=0)])
 
 
+def plain_numbers(values: ArrayLike) -> Array:
+    """A copy as float64.
+
+    Raises:
+        TypeError, ValueError, OverflowError: If there are texts, or true or false alone.
+    """
+    if np.asarray(values).dtype.kind not in "fiuO":
+        raise TypeError("no numbers")
+    return np.array(values, dtype=np.float64)
+
+
 def check_polygon(corners: ArrayLike, name: str) -> Array:
     """The corners (n, 2) as float64, the first not repeated at the end.
 
@@ -26,7 +37,7 @@ def check_polygon(corners: ArrayLike, name: str) -> Array:
             crosses, touches or retraces itself.
     """
     try:
-        points = np.array(corners, dtype=np.float64)
+        points = plain_numbers(corners)
     except (TypeError, ValueError, OverflowError):
         raise MapError(f"{name}: corners are pairs of numbers [x1, x2] in metres") from None
     if points.ndim != 2 or points.shape[1] != 2:

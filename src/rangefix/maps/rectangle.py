@@ -46,7 +46,8 @@ class RectangularRoom:
         wrong = []
         for name, side in (("width", self.width), ("length", self.length)):
             if (
-                not isinstance(side, (int, float, np.integer, np.floating))
+                isinstance(side, bool)
+                or not isinstance(side, (int, float, np.integer, np.floating))
                 or not 0 < side <= sys.float_info.max
             ):
                 wrong.append(f"{name} must be positive and finite, got {side!r}")

@@ -78,6 +78,15 @@ def test_polygons_that_cover_one_another(tmp_path):
         open_map(geojson(tmp_path / "filled.geojson", polygon(HALL), *rooms), unit="m")
 
 
+def test_a_start_that_is_in_no_area_of_polygons(tmp_path):
+    """It had no effect: the plan was opened as if it were not there."""
+    path = geojson(tmp_path / "plan.geojson", polygon(HALL, PILLAR))
+    assert open_map(path, unit="m", reachable_from=[1, 1]).bounds[1].tolist() == [8, 5]
+    for place in ([9, 1], [4.5, 1.5]):
+        with pytest.raises(MapError, match="is not in the area that its polygons make"):
+            open_map(path, unit="m", reachable_from=place)
+
+
 def test_degrees_are_not_guessed(tmp_path):
     """Within +-180 and +-90 the unit is asked for; beyond, numbers are metres."""
     path = geojson(tmp_path / "plan.geojson", polygon(HALL))

@@ -48,6 +48,7 @@ def read_geojson(
         content: What is in it, if it is read already.
         unit: Of its numbers; must be given where they could be degrees.
         reachable_from: A point of the area that is meant, m, where lines enclose several; the largest else.
+            One that is not in the area that polygons make is refused.
 
     Raises:
         MapError: If it is none, its unit is open, or it makes no floor plan.
@@ -194,6 +195,7 @@ def _plan_of(
         raise MapError(f"{path}: a polygon crosses itself: {shapely.is_valid_reason(broken)}")
     if polygons:
         outline, walls = _of_polygons(polygons, shapely, path)
+        _check_start(reachable_from, outline, shapely, path)
         walls += lines
     else:
         outline, walls = _of_lines(lines, shapely, path, reachable_from)
@@ -234,6 +236,15 @@ def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, li
             )
         return _one_polygon(outline, path), []
     return _one_polygon(shapely.unary_union(polygons), path), [polygon.boundary for polygon in polygons]
+
+
+def _check_start(reachable_from: ArrayLike | None, outline: Any, shapely: Any, path: Path) -> None:
+    """Refuse a point that is not in the one area that polygons make."""
+    if reachable_from is None:
+        return
+    place = np.array(reachable_from, dtype=np.float64)
+    if place.shape != (2,) or not outline.covers(shapely.Point(place)):
+        raise MapError(f"{path}: reachable_from {place.tolist()} is not in the area that its polygons make")
 
 
 def _one_polygon(shape: Any, path: Path) -> Any:
