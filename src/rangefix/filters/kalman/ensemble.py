@@ -21,7 +21,7 @@ from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
 from .belief import check_joint_beams, refuse_noise
-from .no_returns import is_counted
+from .no_returns import is_counted, log_returned
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,7 +120,8 @@ class EnsembleKalmanFilter(BriefRepr):
         used = np.isfinite(reading) & np.isfinite(expected).all(0)
         if not used.any():
             return members, self._missing_returns(members, reading)
-        noise = sensor.noise.variance(np.where(used, expected, 0.0).mean(0))[used]
+        centre = np.where(used, expected, 0.0).mean(0)
+        noise = sensor.noise.variance(centre)[used]
         expected, freedom = expected[:, used], self.members - 1
         mean, _ = space.moments(members, np.full(self.members, 1.0 / self.members))
         off = expected - expected.mean(0)
@@ -136,6 +137,7 @@ class EnsembleKalmanFilter(BriefRepr):
             return members, -np.inf
         log_determinant = np.linalg.slogdet(spread)[1]
         log_density = float(-0.5 * (square + log_determinant + len(innovation) * LOG_TWO_PI))
+        log_density += float(np.sum(log_returned(sensor.noise, centre, used)))
         return moved, log_density + self._missing_returns(moved, reading)
 
     def _missing_returns(self, members: Array, reading: Array) -> float:

@@ -20,7 +20,7 @@ from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions, check_joint_beams
-from .no_returns import with_missing_returns
+from .no_returns import log_returned, with_missing_returns
 
 
 class OneRunFilter:
@@ -100,7 +100,8 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
                 Hx=lambda _, ahead=ahead: ahead,
             )
             point = space.wrap(ekf.x)
-            result = _checked(belief, point, ekf.P, ekf.y, ekf.S)
+            returned = log_returned(sensor.noise, np.where(used, expected, 0.0), used)
+            result = _checked(belief, point, ekf.P, ekf.y, ekf.S, float(returned))
             if not np.isfinite(point).all():
                 point = belief.mean
         return result
@@ -163,7 +164,8 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
         rows = iter(expected[:, used])
         centre = _mean_about_first(np.where(used, expected, 0.0), ukf.Wm)
         ukf.update(measurement[used], np.diag(sensor.noise.variance(centre)[used]), hx=lambda _: next(rows))
-        return _checked(belief, space.wrap(ukf.x), ukf.P, ukf.y, ukf.S)
+        returned = float(log_returned(sensor.noise, centre, used))
+        return _checked(belief, space.wrap(ukf.x), ukf.P, ukf.y, ukf.S, returned)
 
     def _unscented(self, belief: GaussianBelief, beams: int) -> Any:
         from filterpy.kalman import MerweScaledSigmaPoints
@@ -210,8 +212,12 @@ def _checked(
     covariance: Array,
     innovation: Array | None = None,
     spread: Array | None = None,
+    returned: float = 0.0,
 ) -> GaussianBelief:
-    """The new belief, with log N(innovation; 0, spread) added to its evidence, or the old one flagged."""
+    """The new belief, with log N(innovation; 0, spread) added to its evidence, or the old one flagged.
+
+    And with the log probability that its beams returned.
+    """
     covariance = 0.5 * (covariance + covariance.T)
     log_density = 0.0
     try:
@@ -224,4 +230,4 @@ def _checked(
         log_density = -np.inf
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and np.isfinite(log_density)):
         return _flagged(belief)
-    return GaussianBelief(mean, covariance, belief.log_evidence + log_density)
+    return GaussianBelief(mean, covariance, belief.log_evidence + log_density + returned)
