@@ -16,11 +16,11 @@ from ...compiled import in_threads
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
-from ..models.gaussian_prior import GaussianPrior
+from ..models.gaussian_prior import REACH, GaussianPrior
 from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
 from ..models.uniform_prior import Uniform
-from ..models.wrapped_noise import reading_bias, reading_spread
+from ..models.wrapped_noise import perfect_fit, reading_bias, reading_spread
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import JUMP_NATS, VALUES_TO_A_PIECE, moments_of_any
@@ -40,6 +40,9 @@ BEAMS_AT_ONCE = 128  # of some runs, whose densities are tabulated at once
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
 MAX_DISAGREEING_SHARE = 0.01  # of the places
+FAR_REACH = 40.0  # deviations of a Gaussian prior, to where readings that contradict it may lead
+LEANING_STDS = 5.0  # of the posterior, to where a prior's box ends: nearer, what lies beyond is asked too
+BY_CHANCE = 1e-6  # how seldom readings fit so badly at the truth that they may fit beyond the box
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,9 @@ class ExactPositionFilter(BriefRepr):
     Numerical errors are of the order of 1e-9 of the posterior's deviations with Gaussian noise and 1e-5 with
     other noise; `error` tells them. Where densities of many readings would take tens of thousands of
     halvings the answer is coarser. The yardstick of this package where it applies.
+
+    Pieces cover a Gaussian prior to 6 deviations. Readings that lead farther, or fit nowhere there, are asked
+    once more of pieces that cover it to 40; where those are too many, `error` is inf.
 
     Args:
         problem: The problem: known heading, `Stationary`, a map of walls (`segments`), and a prior that is
@@ -167,6 +173,9 @@ class ExactPositionFilter(BriefRepr):
         off = (np.abs(again - mean[some]) / std).max(axis=1)
         scales = std[:, :, None] * std[:, None, :]
         errors[some] = least + np.maximum(off, (np.abs(spread - covariance[some]) / scales).max(axis=(1, 2)))
+        beyond = self._beyond(belief.readings[some], (again, spread, np.asarray(log_evidence)[some]))
+        if beyond.any() and self._wider is None:
+            errors[some[beyond]] = np.inf
         return errors
 
     def sample(self, belief: ExactBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -179,7 +188,8 @@ class ExactPositionFilter(BriefRepr):
         )
         for run, rng in enumerate(rngs):
             if np.asarray(belief.estimate.log_evidence)[run] > -np.inf:
-                draws[run] = self._drawn(belief.readings[run], size, rng)
+                whole = self._for(belief.readings[[run]])
+                draws[run] = whole._drawn(belief.readings[run], size, rng)
         return draws
 
     def restricted(self, kept: Sequence[BoolArray]) -> tuple[ExactPositionFilter, float]:
@@ -211,6 +221,7 @@ class ExactPositionFilter(BriefRepr):
         total = float(np.logaddexp.reduce([part.log_share for part in parts]))
         other = copy(self)
         other.__dict__["parts"] = tuple(replace(part, log_share=part.log_share - total) for part in parts)
+        other.__dict__["_ends"] = None
         return other, math.exp(total)
 
     @cached_property
@@ -226,10 +237,12 @@ class ExactPositionFilter(BriefRepr):
         gaussian = self.problem.sensor.gaussian_stds is not None
         return rules(NODES_OF_RULES if gaussian else NODES_WHERE_SMOOTH, more)
 
-    def _parts(self, prior: Prior, log_share: float) -> tuple[PriorPart, ...]:
+    def _parts(self, prior: Prior, log_share: float, reach: float = REACH) -> tuple[PriorPart, ...]:
         if isinstance(prior, Mixture):
             pairs = zip(prior.priors, np.log(prior.shares), strict=True)
-            return tuple(part for inner, log in pairs for part in self._parts(inner, log_share + float(log)))
+            return tuple(
+                part for inner, log in pairs for part in self._parts(inner, log_share + float(log), reach)
+            )
         factor = np.zeros(5)
         if isinstance(prior, GaussianPrior):
             precision = np.linalg.inv(prior.root @ prior.root.T)
@@ -239,8 +252,7 @@ class ExactPositionFilter(BriefRepr):
                 f"the exact filter takes uniform and Gaussian priors and mixtures, not {prior!r}"
             )
         free = (lambda points: np.ones(len(points), dtype=bool)) if prior.room is None else prior.room.is_free
-        lower, upper = prior.support
-        pieces = self._pieces(lower, upper, free)
+        pieces = self._pieces(*_box(prior, reach), free)
         log_integral = self._whole(pieces, factor)
         if log_integral == -np.inf:
             raise ValueError("the prior has no free space")
@@ -300,6 +312,67 @@ class ExactPositionFilter(BriefRepr):
 
     def _answers(self, readings: Array, rule: Rules) -> tuple[Array, Array, Array]:
         """Means (M, 2), covariances (M, 2, 2) and log evidences (M,) for readings (M, T, B) of M runs."""
+        answers = self._within(readings, rule)
+        beyond = self._beyond(readings, answers)
+        if beyond.any() and self._wider is not None:
+            for mine, theirs in zip(answers, self._wider._within(readings[beyond], rule), strict=True):
+                mine[beyond] = theirs
+        return answers
+
+    def _beyond(self, readings: Array, answers: tuple[Array, Array, Array]) -> BoolArray:
+        """Which runs may lie where the pieces end though a Gaussian prior does not, (M,).
+
+        Those whose posterior leans on such an end, and those whose readings (M, T, B) fit too badly within.
+        """
+        from scipy.special import chdtri  # a tenth of a second
+
+        if self._ends is None:
+            return np.zeros(len(readings), dtype=np.bool_)
+        (low, high), (mean, covariance, log_evidence) = self._ends, answers
+        reach = LEANING_STDS * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        leaning = ((mean - low < reach) | (high - mean < reach)).any(axis=1)
+        areas = (_determinants(each) for each in (self.problem.prior.covariance, covariance))
+        narrower = 0.5 * np.log(np.maximum(next(areas) / next(areas), 1.0))
+        told, kind = np.unique((~np.isnan(readings)).sum(axis=(1, 2)), return_inverse=True)
+        with np.errstate(over="ignore"):
+            short = perfect_fit(self.problem.sensor, readings).sum(axis=1) - log_evidence - narrower
+        return np.asarray(leaning | (short > chdtri(told + 2, BY_CHANCE)[kind] / 2))
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array] | None:
+        """Where pieces end though a prior does not, (2,) each, -inf and inf where they end with it.
+
+        None where no component has such an end.
+        """
+        priors = _components(self.problem.prior)
+        near, far = (np.array([_box(prior, reach) for prior in priors]) for reach in (REACH, FAR_REACH))
+        if (near == far).all():
+            return None
+        low, high = near[:, 0].min(axis=0), near[:, 1].max(axis=0)
+        ends_low, ends_high = far[:, 0].min(axis=0) < low, far[:, 1].max(axis=0) > high
+        return np.where(ends_low, low, -np.inf), np.where(ends_high, high, np.inf)
+
+    @cached_property
+    def _wider(self) -> ExactPositionFilter | None:
+        """The same filter with pieces that reach farther; None where they are too many."""
+        other = copy(self)
+        other.__dict__.pop("_farthest", None)
+        other.__dict__["_ends"] = None
+        try:
+            other.__dict__["parts"] = self._parts(self.problem.prior, 0.0, FAR_REACH)
+            other._check_pieces()
+        except ValueError:
+            return None
+        return other
+
+    def _for(self, readings: Array) -> ExactPositionFilter:
+        """The filter whose pieces hold the posterior of one run's readings, (1, T, B)."""
+        if self._ends is None or not self._beyond(readings, self._within(readings, self._rules)).any():
+            return self
+        return self._wider or self
+
+    def _within(self, readings: Array, rule: Rules) -> tuple[Array, Array, Array]:
+        """What `_answers` gives, of the places within the pieces alone."""
         runs, parts = len(readings), len(self.parts)
         means, covariances = np.zeros((parts, runs, 2)), np.tile(np.eye(2), (parts, runs, 1, 1))
         logs = np.empty((parts, runs))
@@ -412,6 +485,29 @@ class ExactPositionFilter(BriefRepr):
         return places[:, :2] + np.stack(
             [turns[:, 0] * s - turns[:, 1] * t, turns[:, 1] * s + turns[:, 0] * t], axis=1
         )
+
+
+def _determinants(covariance: Array) -> Array:
+    """Of covariances (..., 2, 2), (...)."""
+    return np.asarray(covariance[..., 0, 0] * covariance[..., 1, 1] - covariance[..., 0, 1] ** 2)
+
+
+def _components(prior: Prior) -> list[Prior]:
+    """What a prior is a mixture of."""
+    if isinstance(prior, Mixture):
+        return [part for inner in prior.priors for part in _components(inner)]
+    return [prior]
+
+
+def _box(prior: Prior, reach: float) -> tuple[Array, Array]:
+    """Ends of what pieces cover, (2,) each: of a Gaussian prior so many deviations, as far as its room."""
+    lower, upper = prior.support
+    if isinstance(prior, GaussianPrior) and reach > REACH:
+        away = reach * np.sqrt(np.diagonal(prior.root @ prior.root.T))
+        lower, upper = prior.peak - away, prior.peak + away
+        if prior.room is not None:
+            lower, upper = np.maximum(lower, prior.room.bounds[0]), np.minimum(upper, prior.room.bounds[1])
+    return lower, upper
 
 
 def _weighed(readings: Array, stds: Array) -> tuple[Array, Array, Array]:

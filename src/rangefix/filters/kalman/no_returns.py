@@ -71,7 +71,7 @@ def _log_finite(noise: Noise, expected: Array) -> Array:
     if isinstance(noise, ScaledNoise):
         return np.zeros(expected.shape)
     if isinstance(noise, LostBeams):
-        return np.log1p(-noise.probability) + _log_finite(noise.noise, expected)
+        return np.asarray(np.log1p(-noise.probability) + _log_finite(noise.noise, expected))
     with np.errstate(divide="ignore"):
         if isinstance(noise, BeamMixture):  # no hit reaches beyond the maximum range from most walls
             logs = np.full(expected.shape, np.log1p(-noise.max))
