@@ -115,6 +115,7 @@ filters.point_mass
 filters.adaptive
 filters.exact filters.particle filters.kalman filters.registry
 filters.refined_cells
+filters.prior_ends
 filters.models filters.images
 filters.estimator filters.sampling filters.plugin_line filters.option_units filters.unknown_name
 filters.measurement filters.optional_methods filters.estimate

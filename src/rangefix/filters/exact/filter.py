@@ -20,7 +20,8 @@ from ..models.gaussian_prior import REACH, GaussianPrior
 from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
 from ..models.uniform_prior import Uniform
-from ..models.wrapped_noise import perfect_fit, reading_bias, reading_spread
+from ..models.wrapped_noise import reading_bias, reading_spread
+from ..prior_ends import FAR_REACH, Ends, box_of, may_lie_beyond, open_ends
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import JUMP_NATS, VALUES_TO_A_PIECE, moments_of_any
@@ -40,9 +41,6 @@ BEAMS_AT_ONCE = 128  # of some runs, whose densities are tabulated at once
 PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
 AGREEING_M = 1e-6  # the most that they may differ
 MAX_DISAGREEING_SHARE = 0.01  # of the places
-FAR_REACH = 40.0  # deviations of a Gaussian prior, to where readings that contradict it may lead
-LEANING_STDS = 5.0  # of the posterior, to where a prior's box ends: nearer, what lies beyond is asked too
-BY_CHANCE = 1e-6  # how seldom readings fit so badly at the truth that they may fit beyond the box
 
 
 @dataclass(frozen=True)
@@ -252,7 +250,7 @@ class ExactPositionFilter(BriefRepr):
                 f"the exact filter takes uniform and Gaussian priors and mixtures, not {prior!r}"
             )
         free = (lambda points: np.ones(len(points), dtype=bool)) if prior.room is None else prior.room.is_free
-        pieces = self._pieces(*_box(prior, reach), free)
+        pieces = self._pieces(*box_of(prior, reach), free)
         log_integral = self._whole(pieces, factor)
         if log_integral == -np.inf:
             raise ValueError("the prior has no free space")
@@ -324,33 +322,14 @@ class ExactPositionFilter(BriefRepr):
 
         Those whose posterior leans on such an end, and those whose readings (M, T, B) fit too badly within.
         """
-        from scipy.special import chdtri  # a tenth of a second
-
         if self._ends is None:
             return np.zeros(len(readings), dtype=np.bool_)
-        (low, high), (mean, covariance, log_evidence) = self._ends, answers
-        reach = LEANING_STDS * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        leaning = ((mean - low < reach) | (high - mean < reach)).any(axis=1)
-        areas = (_determinants(each) for each in (self.problem.prior.covariance, covariance))
-        narrower = 0.5 * np.log(np.maximum(next(areas) / next(areas), 1.0))
-        told, kind = np.unique((~np.isnan(readings)).sum(axis=(1, 2)), return_inverse=True)
-        with np.errstate(over="ignore"):
-            short = perfect_fit(self.problem.sensor, readings).sum(axis=1) - log_evidence - narrower
-        return np.asarray(leaning | (short > chdtri(told + 2, BY_CHANCE)[kind] / 2))
+        return may_lie_beyond(self.problem.sensor, self.problem.prior, self._ends, readings, answers)
 
     @cached_property
-    def _ends(self) -> tuple[Array, Array] | None:
-        """Where pieces end though a prior does not, (2,) each, -inf and inf where they end with it.
-
-        None where no component has such an end.
-        """
-        priors = _components(self.problem.prior)
-        near, far = (np.array([_box(prior, reach) for prior in priors]) for reach in (REACH, FAR_REACH))
-        if (near == far).all():
-            return None
-        low, high = near[:, 0].min(axis=0), near[:, 1].max(axis=0)
-        ends_low, ends_high = far[:, 0].min(axis=0) < low, far[:, 1].max(axis=0) > high
-        return np.where(ends_low, low, -np.inf), np.where(ends_high, high, np.inf)
+    def _ends(self) -> Ends | None:
+        """Where pieces end though the prior does not."""
+        return open_ends(self.problem.prior)
 
     @cached_property
     def _wider(self) -> ExactPositionFilter | None:
@@ -485,29 +464,6 @@ class ExactPositionFilter(BriefRepr):
         return places[:, :2] + np.stack(
             [turns[:, 0] * s - turns[:, 1] * t, turns[:, 1] * s + turns[:, 0] * t], axis=1
         )
-
-
-def _determinants(covariance: Array) -> Array:
-    """Of covariances (..., 2, 2), (...)."""
-    return np.asarray(covariance[..., 0, 0] * covariance[..., 1, 1] - covariance[..., 0, 1] ** 2)
-
-
-def _components(prior: Prior) -> list[Prior]:
-    """What a prior is a mixture of."""
-    if isinstance(prior, Mixture):
-        return [part for inner in prior.priors for part in _components(inner)]
-    return [prior]
-
-
-def _box(prior: Prior, reach: float) -> tuple[Array, Array]:
-    """Ends of what pieces cover, (2,) each: of a Gaussian prior so many deviations, as far as its room."""
-    lower, upper = prior.support
-    if isinstance(prior, GaussianPrior) and reach > REACH:
-        away = reach * np.sqrt(np.diagonal(prior.root @ prior.root.T))
-        lower, upper = prior.peak - away, prior.peak + away
-        if prior.room is not None:
-            lower, upper = np.maximum(lower, prior.room.bounds[0]), np.minimum(upper, prior.room.bounds[1])
-    return lower, upper
 
 
 def _weighed(readings: Array, stds: Array) -> tuple[Array, Array, Array]:

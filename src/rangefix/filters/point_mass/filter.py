@@ -16,6 +16,7 @@ from ..images import image_of_cells
 from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..optional_methods import Image
+from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import StateSpace, deviations_apart, is_definite
@@ -182,7 +183,8 @@ class PointMassFilter(BriefRepr):
 
         Half as much again as the difference to what cells answer that are shifted against these, to either
         side: together they see a wall or a jump as finer cells would. Those to the other side are asked only
-        where the first are not of one mind with these. A mode that all miss is not told.
+        where the first are not of one mind with these. A mode that all miss is not told. Of a posterior that
+        leans on where the grid ends, 6 deviations from a Gaussian prior's mean, nothing is known: inf.
         """
         space, estimate = self.problem.space, belief.estimate
         first, second = self.other_cells
@@ -195,6 +197,8 @@ class PointMassFilter(BriefRepr):
             reference = mixed(space, (half, second._told_the_same(_some(belief, unsure))))
             both = ERROR_FACTOR * deviations_apart(space, mine, reference)
             apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
+        if (ends := open_ends(belief.prior)) is not None:
+            apart[leaning(ends, (estimate.mean, estimate.covariance, estimate.log_evidence))] = np.inf
         return np.where(np.asarray(estimate.log_evidence) > -np.inf, apart, 0.0)
 
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:

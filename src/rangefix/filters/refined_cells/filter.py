@@ -16,6 +16,7 @@ from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..optional_methods import Image
+from ..prior_ends import may_lie_beyond, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import deviations_apart, is_definite
@@ -156,7 +157,8 @@ class RefinedPointMassFilter(BriefRepr):
 
         The greater of what the cells say themselves (rules of fewer nodes, jumps that cross cells, cells that
         are still wide) and of the difference to what a second lattice answers, shifted against the first;
-        SAFETY times that where the noise is not Gaussian, for both meet the same steps of its density.
+        SAFETY times that where the noise is not Gaussian, for both meet the same steps of its density. Of
+        what may lie where cells end, 6 deviations from a Gaussian prior's mean, nothing is known: inf.
         """
         mean, covariance, log_evidence = belief.estimate
         errors = belief.error.copy()
@@ -169,6 +171,12 @@ class RefinedPointMassFilter(BriefRepr):
             differs = deviations_apart(self.problem.space, mine, theirs)
             differs = np.where(other.log_integral > -np.inf, differs, np.inf)
             errors[part] = np.maximum(errors[part], differs)
+        if (ends := open_ends(self.problem.prior)) is not None and len(some):
+            answers = mean[some], covariance[some], np.asarray(log_evidence)[some]
+            beyond = may_lie_beyond(
+                self.problem.sensor, self.problem.prior, ends, belief.readings[some], answers
+            )
+            errors[some[beyond]] = np.inf
         return errors if self.problem.sensor.gaussian_stds is not None else SAFETY * errors
 
     def sample(self, belief: RefinedBelief, size: int, rngs: Sequence[Generator]) -> Array:

@@ -1,0 +1,91 @@
+"""Where filters stop covering a Gaussian prior, which has no end, and which posteriors may lie beyond."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array, BoolArray
+from .models.gaussian_prior import REACH, GaussianPrior
+from .models.mixture_prior import Mixture
+from .models.wrapped_noise import perfect_fit
+from .problem import Prior, Sensor
+
+FAR_REACH = 40.0  # deviations of a Gaussian prior, to where readings that contradict it may lead
+LEANING_STDS = 5.0  # of the posterior, to where a prior's box ends: nearer, some of it lies beyond
+BY_CHANCE = 1e-6  # how seldom readings fit so badly at the truth that they may fit beyond the box
+
+Answers = tuple[Array, Array, ArrayLike]  # means (M, n), covariances (M, n, n) and log evidences (M,)
+Ends = tuple[Array, Array]  # lower and upper ones, (n,) each
+
+
+def box_of(prior: Prior, reach: float = REACH) -> Ends:
+    """A box that holds a prior, of a Gaussian one so many deviations, as far as its room goes, (n,) each."""
+    lower, upper = prior.support
+    if isinstance(prior, GaussianPrior) and reach > REACH:
+        away = reach * np.sqrt(np.diagonal(prior.root @ prior.root.T))
+        away = np.where(prior.space.is_angle, np.minimum(away, np.pi), away)
+        lower, upper = prior.peak - away, prior.peak + away
+        if prior.room is not None:
+            where = prior.space.position_indices
+            lower[where] = np.maximum(lower[where], prior.room.bounds[0])
+            upper[where] = np.minimum(upper[where], prior.room.bounds[1])
+    return lower, upper
+
+
+def open_ends(prior: Prior) -> Ends | None:
+    """Where `prior.support` ends though the prior does not; -inf and inf where both do, and for angles.
+
+    None where no Gaussian component of it has such an end.
+    """
+    parts = _components(prior)
+    near, far = (np.array([box_of(part, reach) for part in parts]) for reach in (REACH, FAR_REACH))
+    if (near == far).all():
+        return None
+    low, high = near[:, 0].min(axis=0), near[:, 1].max(axis=0)
+    angle = parts[0].space.is_angle if isinstance(parts[0], GaussianPrior) else np.zeros(len(low), np.bool_)
+    ends_low, ends_high = far[:, 0].min(axis=0) < low, far[:, 1].max(axis=0) > high
+    return np.where(ends_low & ~angle, low, -np.inf), np.where(ends_high & ~angle, high, np.inf)
+
+
+def leaning(ends: Ends, answers: Answers) -> BoolArray:
+    """Which posteriors lie so near such an end that some of them lies beyond, (M,)."""
+    (low, high), (mean, covariance, _) = ends, answers
+    reach = LEANING_STDS * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return np.asarray(((mean - low < reach) | (high - mean < reach)).any(axis=1))
+
+
+def may_lie_beyond(sensor: Sensor, prior: Prior, ends: Ends, readings: Array, answers: Answers) -> BoolArray:
+    """Which runs may lie beyond such ends, (M,): those that lean on one, or fit too badly within.
+
+    Args:
+        sensor: The rangefinder.
+        prior: The prior.
+        ends: What `open_ends` says of it.
+        readings: All of each run, (M, T, B), m.
+        answers: Their posteriors within the prior's support.
+    """
+    from scipy.special import chdtri  # a tenth of a second
+
+    areas = (_determinants(each) for each in (prior.covariance, answers[1]))
+    narrower = 0.5 * np.log(np.maximum(next(areas) / next(areas), 1.0))
+    told, kind = np.unique((~np.isnan(readings)).sum(axis=(1, 2)), return_inverse=True)
+    with np.errstate(over="ignore"):
+        short = perfect_fit(sensor, readings).sum(axis=1) - answers[2] - narrower
+    return np.asarray(leaning(ends, answers) | (short > chdtri(told + 2, BY_CHANCE)[kind] / 2))
+
+
+def _components(prior: Prior) -> list[Prior]:
+    """What a prior is a mixture of."""
+    if isinstance(prior, Mixture):
+        return [part for inner in prior.priors for part in _components(inner)]
+    return [prior]
+
+
+def _determinants(covariance: Array) -> Array:
+    """Of covariances (..., n, n), (...); those of two components at once."""
+    if covariance.shape[-1] == 2:
+        return np.asarray(
+            covariance[..., 0, 0] * covariance[..., 1, 1] - covariance[..., 0, 1] * covariance[..., 1, 0]
+        )
+    return np.asarray(np.linalg.det(covariance))
