@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, BoolArray
 from .models.gaussian_prior import REACH, GaussianPrior
 from .models.mixture_prior import Mixture
+from .models.product_prior import Product
 from .models.wrapped_noise import perfect_fit
 from .problem import Prior, Sensor
 
@@ -30,6 +31,10 @@ def box_of(prior: Prior, reach: float = REACH) -> Ends:
             where = prior.space.position_indices
             lower[where] = np.maximum(lower[where], prior.room.bounds[0])
             upper[where] = np.minimum(upper[where], prior.room.bounds[1])
+    elif isinstance(prior, Product):
+        where = [prior.space.names.index(name) for name in prior.prior.space.names]
+        lower, upper = lower.copy(), upper.copy()
+        lower[where], upper[where] = box_of(prior.prior, reach)
     return lower, upper
 
 
@@ -43,7 +48,9 @@ def open_ends(prior: Prior) -> Ends | None:
     if (near == far).all():
         return None
     low, high = near[:, 0].min(axis=0), near[:, 1].max(axis=0)
-    angle = parts[0].space.is_angle if isinstance(parts[0], GaussianPrior) else np.zeros(len(low), np.bool_)
+    angle = np.zeros(len(low), dtype=np.bool_)
+    if isinstance(parts[0], GaussianPrior | Product):
+        angle = parts[0].space.is_angle
     ends_low, ends_high = far[:, 0].min(axis=0) < low, far[:, 1].max(axis=0) > high
     return np.where(ends_low & ~angle, low, -np.inf), np.where(ends_high & ~angle, high, np.inf)
 
