@@ -131,3 +131,15 @@ def test_a_missing_return_far_out(noise, max_range):
     problem = linear_problem(noise, max_range=max_range)
     found, exact = evidence("ekf", problem, [INF, NAN]), evidence("exact", problem, [INF, NAN])
     assert found == pytest.approx(exact, abs=0.01)
+
+
+@pytest.mark.parametrize("noise", LOSING.values(), ids=LOSING)
+@pytest.mark.parametrize("name", GAUSSIAN_FILTERS)
+def test_no_return_where_no_wall_is_expected_is_sure(name, noise):
+    """Beams that graze their walls are lost for certain, and their readings add nothing."""
+    room, heading = RectangularRoom(20.0, 20.0), np.deg2rad(45.0)
+    space = position_space(heading)
+    sensor = Rangefinder(room, np.deg2rad([0.0, 90.0]), noise, space, max_range=30.0, max_incidence=0.1)
+    prior = GaussianPrior([10.0, 10.0], np.diag([0.01, 0.01]), space, room)
+    problem = Problem(space, Stationary(space), sensor, prior)
+    assert evidence(name, problem, [INF, INF]) == pytest.approx(0.0, abs=1e-9)

@@ -33,12 +33,14 @@ def with_missing_returns(sensor: Sensor, belief: GaussianBelief, measurement: Ar
     if not counted.any():
         return belief
     expected = sensor.expected(belief.mean)
+    counted &= np.isfinite(expected)  # where no wall is expected no return is sure
+    if not counted.any():
+        return belief
     slopes = np.moveaxis(sensor.jacobian(belief.mean), -1, 0)  # (n, M, B)
     rows = np.moveaxis(belief.covariance, 0, -1)[..., None]  # (n, n, M, 1)
     cross = [sum_terms(row * slopes) for row in rows]
     variance = sum_terms(slope * each for slope, each in zip(slopes, cross, strict=True))
     logs = np.zeros(expected.shape)
-    counted &= np.isfinite(expected)  # where no wall is expected no return is sure
     logs[counted] = _log_probability(sensor, measurement, expected, np.maximum(variance, 0.0), counted)
     return replace(belief, log_evidence=belief.log_evidence + sum_terms(logs.T))
 
