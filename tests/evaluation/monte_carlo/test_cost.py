@@ -107,7 +107,7 @@ def test_long_runs_are_told_in_one_line(tmp_path: Path):
     """10^9 runs: hours or days and about 100 GB; what takes them, by name."""
     made = experiment(runs=10**9)
     worker = Worker(made)
-    line = estimate_line(worker, layout(made), tmp_path, 1.04e11, 1, True)
+    line = estimate_line(time_needed(worker, layout(made), tmp_path), layout(made), tmp_path, 1.04e11, 1)
     assert line.startswith("1000000000 runs take about ")
     assert (" h and 104 GB" in line) or (" days and 104 GB" in line)
     assert "ekf" in line
@@ -119,11 +119,11 @@ def test_what_is_done_already_takes_no_time(tmp_path: Path):
     made = experiment(runs=30, block=10)
     run(made, tmp_path, timing=False)
     plan = layout(made)
-    assert time_needed(Worker(made), plan, tmp_path).total == 0.0
+    assert time_needed(Worker(made), plan, tmp_path).total(1) == 0.0
     next(tmp_path.glob("parts/ekf/*/*20.npz")).unlink()
     assert cost._runs_left(plan, tmp_path, "ekf", "all") == 10
     assert cost._runs_left(plan, tmp_path / "other", "ekf", "all") == 30
-    assert time_needed(Worker(made), plan, tmp_path).total > 0
+    assert time_needed(Worker(made), plan, tmp_path).total(1) > 0
 
 
 class Slow:

@@ -125,7 +125,7 @@ def _symmetric(covariance: ArrayLike) -> Array:
     """The covariances (..., n, n) as float64.
 
     Raises:
-        ValueError: If one differs from its transpose beyond rounding; those with a number that is not finite do not count.
+        ValueError: If one differs from its transpose beyond rounding; what is not finite does not count.
     """
     array = np.asarray(covariance, dtype=float)
     if array.ndim < 2 or array.shape[-1] != array.shape[-2]:

@@ -31,7 +31,7 @@ COPIES = 4  # of the arrays of a block of runs, while it is simulated, masked, t
 PART_BYTES = 4000  # of a part beside its numbers
 WORTH_TELLING_BYTES, WORTH_TELLING_S = 1e9, 60.0
 WORTH_A_PROCESS_S = 10.0  # of trials: to begin a process takes two seconds
-PROCESS_BYTES = 3e8  # that a process takes beside its arrays
+PROCESS_GB = 0.3  # that a process takes beside its arrays
 PROBE_S = 0.04  # for each estimator and set of beams, or as long as one update takes
 PROBE_RUNS, PROBE_GROWTH = 32, 8
 KEEPING_S = 2e-5  # to check, save, read and summarise an estimate, a step of one run and estimator
@@ -177,10 +177,12 @@ def workers_for(experiment: Experiment, need: TimeNeed, limit_gb: float | None =
     if most < 2 or any(experiment.timeout_of(label) is not None for label in experiment.estimators):
         return 1
     limit = machine_memory_gb() / 2 if limit_gb is None else limit_gb
-    for workers in range(min(most, cpu_count(), int(limit * 1e9 / PROCESS_BYTES)), 1, -1):
+    for workers in range(min(most, cpu_count()), 1, -1):
+        left = limit - workers * PROCESS_GB
         with suppress(ResultsError):
-            check_memory(experiment, limit_gb, workers)
-            return workers
+            if left > 0:
+                check_memory(experiment, left, workers)
+                return workers
     return 1
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...filters import RangeMap
-from .log import UNLIMITED_M, LaserDescription, Log, RecordingError, Scan, motion_between
+from .log import UNLIMITED_M, LaserDescription, Log, RecordingError, motion_between
 from .readers.sweeps import without_motion
 
 STILL = "scans taken where the one before was (left out: a standing robot repeats its errors)"
