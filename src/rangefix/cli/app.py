@@ -33,7 +33,7 @@ PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 FILES = (  # what files end with, and hardly a folder
     *(*PICTURES, ".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".eps", ".ps"),
     *(".txt", ".md", ".tex", ".doc", ".docx", ".odt", ".ppt", ".pptx", ".htm", ".html"),
-    *(".csv", ".xls", ".xlsx", ".ods", ".json", ".toml", ".yaml", ".yml", ".npy", ".npz", ".zip"),
+    *(".csv", ".xls", ".xlsx", ".ods", ".json", ".npy", ".npz", ".zip"),  # those of studies name folders, too
 )
 app = typer.Typer(
     name="rangefix",
