@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ...compiled import njit
+from ...compiled import in_threads, njit
 from .likelihood import IMPOSSIBLE_NATS, TAIL_SHARE, Terms, best_in, term_at
 from .range_model import LEAST_COSINE
 
 WIDE_BOX = 3.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
 NEGLIGIBLE_NATS = float(np.log(1e-7))  # of a belief: boxes that hold less are not halved
 NODES = 3  # along each axis of a box
+NODE_WORK = 100  # values that a node and a beam are worth: a cell is mostly integrated in several boxes
 STACK = 512  # boxes that wait; halving them one after the other takes no more than their depth
 
 
@@ -74,15 +75,25 @@ def nodes(count: int, size: int) -> tuple[Array, Array]:
     return places, np.array([np.prod(each) for each in itertools.product(0.5 * weight, repeat=size)])
 
 
+class Kept(NamedTuple):
+    """Boxes to be written down while cells are integrated, of which there are `total`.
+
+    Attributes:
+        total: How many there were, also where there are fewer rows, (1,).
+        cell: Whose they are, (K,).
+        at: Centres about the cells' centres, (K, n).
+        step: Sizes, (K, n).
+    """
+
+    total: IntArray
+    cell: IntArray
+    at: Array
+    step: Array
+
+
 def integrate(
-    boxes: Boxes,
-    terms: Terms,
-    order: IntArray,
-    log_total: Array,
-    left: IntArray,
-    found: Sums,
-    keep: bool = False,
-) -> tuple[IntArray, Array, Array]:
+    boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums
+) -> None:
     """Integrate prior times likelihood over some cells.
 
     Args:
@@ -92,28 +103,59 @@ def integrate(
         log_total: Log of the integral over each run so far, written anew, (M,).
         left: How many boxes each run may still be halved into, written anew, (M,).
         found: Written in the rows of `order`.
-        keep: Whether the boxes themselves are wanted.
+    """
+    runs, size = len(left), boxes.step.shape[1]
+    order = order[np.argsort(boxes.run[order], kind="stable")]
+    ends = np.searchsorted(boxes.run[order], np.arange(runs + 1))
+    kept = _kept(0, size)
+
+    def some(first: int, last: int) -> None:
+        part = order[ends[first] : ends[last]]
+        _integrate(boxes, terms, part, log_total, left, found, kept, *_work(boxes))
+
+    in_threads(some, runs, len(order) * NODES**size * len(terms.beam) * NODE_WORK)
+
+
+def boxes_of(
+    boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums
+) -> tuple[IntArray, Array, Array]:
+    """The boxes that cells are integrated in, as by `integrate`, which leaves its arrays as they are.
 
     Returns:
-        Where they are wanted, the boxes: their cells (K,), centres about the cells' (K, n), and sizes (K, n).
+        Their cells (K,), centres about the cells' (K, n), and sizes (K, n).
     """
-    size = boxes.step.shape[1]
+    rows = 2 * len(order) + 1
+    while True:
+        kept, sums = _kept(rows, boxes.step.shape[1]), Sums(*(part.copy() for part in found))
+        _integrate(boxes, terms, order, log_total.copy(), left.copy(), sums, kept, *_work(boxes))
+        count = int(kept.total[0])
+        if count <= rows:
+            return kept.cell[:count], kept.at[:count], kept.step[:count]
+        rows = count
+
+
+def _kept(rows: int, size: int) -> Kept:
+    return Kept(
+        np.zeros(1, np.int64), np.zeros(rows, np.int64), np.zeros((rows, size)), np.zeros((rows, size))
+    )
+
+
+def _work(boxes: Boxes) -> tuple[Array, ...]:
+    """Room for what a loop over cells notes; made here, for in the loop each would be compiled."""
+    size, beams = boxes.step.shape[1], boxes.ranges.shape[1]
     places, shares = nodes(NODES, size)
-    return _integrate(boxes, terms, order, log_total, left, found, places, shares, keep)
+    wait = np.empty((STACK, size)), np.empty((STACK, size)), np.empty(STACK)
+    box = np.zeros(3), np.zeros(3), np.empty((beams, 4)), np.empty(len(places))
+    return places, shares, *wait, *box, np.zeros(size), np.zeros((size, size))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums,
-    places: Array, shares: Array, keep: bool,
-) -> tuple[IntArray, Array, Array]:  # fmt: skip
-    size, beams = boxes.step.shape[1], boxes.ranges.shape[1]
-    kept, cells = 0, np.empty(64 if keep else 0, np.int64)
-    centres, steps = np.empty((cells.size, size)), np.empty((cells.size, size))
-    wait_at, wait_step, wait_bound = np.empty((STACK, size)), np.empty((STACK, size)), np.empty(STACK)
-    at, step = np.zeros(3), np.zeros(3)
-    walls, logs = np.empty((beams, 4)), np.empty(places.shape[0])
-    first, second = np.zeros(size), np.zeros((size, size))
+    kept: Kept, places: Array, shares: Array, wait_at: Array, wait_step: Array, wait_bound: Array,
+    at: Array, step: Array, walls: Array, logs: Array, first: Array, second: Array,
+) -> None:  # fmt: skip
+    size, count = boxes.step.shape[1], 0
     for cell in order:
         run = boxes.run[cell]
         weigh = np.log(boxes.weigh[cell])
@@ -164,13 +206,11 @@ def _integrate(
             total += mass
             if mass > 0:
                 log_total[run] = np.logaddexp(log_total[run], top + np.log(mass))
-            if keep:
-                if kept == cells.size:
-                    cells, centres, steps = _longer(cells), _taller(centres), _taller(steps)
-                cells[kept] = cell
+            if count < kept.cell.size:
+                kept.cell[count] = cell
                 for i in range(size):
-                    centres[kept, i], steps[kept, i] = at[i], step[i]
-                kept += 1
+                    kept.at[count, i], kept.step[count, i] = at[i], step[i]
+            count += 1
         found.coarse[cell] = coarse
         found.log_mass[cell] = top + np.log(total) if total > 0 else -np.inf
         for i in range(size):
@@ -178,7 +218,7 @@ def _integrate(
             for j in range(i + 1):
                 value = second[i, j] / total if total > 0 else 0.0
                 found.second[cell, i, j] = found.second[cell, j, i] = value
-    return cells[:kept], centres[:kept], steps[:kept]
+    kept.total[0] = count
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
@@ -188,23 +228,6 @@ def _scale(first: Array, second: Array, factor: float) -> None:
         first[i] *= factor
         for j in range(first.size):
             second[i, j] *= factor
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _longer(values: IntArray) -> IntArray:
-    out = np.empty(2 * values.size, np.int64)
-    for row in range(values.size):
-        out[row] = values[row]
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _taller(values: Array) -> Array:
-    out = np.empty((2 * values.shape[0], values.shape[1]))
-    for row in range(values.shape[0]):
-        for i in range(values.shape[1]):
-            out[row, i] = values[row, i]
-    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
@@ -354,12 +377,19 @@ def _at_nodes(
     return float(highest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def survey(boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array) -> None:
     """Log density at the centres of cells, (N,), and bounds from models where these hold all over, (N,)."""
+    beams, size = boxes.ranges.shape[1], boxes.step.shape[1]
+    work = np.zeros((1, size)), np.zeros(3), np.zeros(3), np.empty((beams, 4)), np.empty(1)
+    _survey(boxes, terms, straight, logs, bounds, *work)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _survey(
+    boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array,
+    places: Array, at: Array, step: Array, walls: Array, one: Array,
+) -> None:  # fmt: skip
     size = boxes.step.shape[1]
-    places, at, step = np.zeros((1, size)), np.zeros(3), np.zeros(3)
-    walls, one = np.empty((boxes.ranges.shape[1], 4)), np.empty(1)
     for cell in range(boxes.run.size):
         volume = 0.0
         for i in range(size):

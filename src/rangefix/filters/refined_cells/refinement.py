@@ -19,7 +19,7 @@ from .denser_boxes import AMISS_NATS, SEARCH_NATS, denser_boxes, most_in_cells
 from .halving import BENT_SCALES, Halving
 from .likelihood import IMPOSSIBLE_NATS, Likelihood
 from .pool import Pool, weighted_moments
-from .quadrature import NODES, Sums, integrate, nodes
+from .quadrature import NODES, boxes_of, integrate, nodes
 from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners, prior_model
 
 REST_SHARE = 1e-6  # of a belief: what all cells that were not looked at may hold
@@ -118,10 +118,7 @@ class Refinement:
         size = self.problem.space.size
         order = np.flatnonzero(pool.log_mass > -np.inf)
         left = np.full(1, self.most_cells)
-        found_again = Sums(*(part.copy() for part in pool.sums))
-        cell, away, step = integrate(
-            pool.boxes, likelihood.terms, order, found.log_integral.copy(), left, found_again, True
-        )
+        cell, away, step = boxes_of(pool.boxes, likelihood.terms, order, found.log_integral, left, pool.sums)
         places, shares = nodes(NODES, size)
         ends = np.concatenate([[0.0], np.cumsum(nodes(NODES, 1)[1])]) - 0.5
         box = np.stack(np.unravel_index(np.arange(len(places)), (NODES,) * size), -1)
