@@ -15,11 +15,12 @@ from ...arrays import Array, IntArray
 from ...compiled import in_threads, njit
 from .density_tables import RunTables, Tables, at_offset, most_between, most_over, of_run
 from .gaussian_noise import MARGIN_NATS, lowest
+from .nodes import Nodes
 from .partition import Pieces
 from .polygons import area_of, copy_corners, cut_by
 from .rules import Rules
 from .running_moments import add_part, finish, log_mass
-from .smooth_parts import FAR_SCALES, Nodes, integrate_part, lengths_between
+from .smooth_parts import FAR_SCALES, integrate_part, lengths_between
 
 MARGINS_NATS = (28.0, MARGIN_NATS)  # below what was found, at which parts go; the second if they count
 VALUES_TO_A_PIECE = 1000  # and beam that an integral reads, about

@@ -27,9 +27,10 @@ from ..sampling import gaussian_draws
 from .any_noise import JUMP_NATS, VALUES_TO_A_PIECE, moments_of_any
 from .density_tables import RunTables, joined, tabulate
 from .gaussian_noise import moments
+from .nodes import Nodes, nodes_for
 from .partition import Pieces, partition
 from .rules import NODES_OF_RULES, Rules, rules
-from .smooth_parts import NODES_WHERE_SMOOTH, nodes_for
+from .smooth_parts import NODES_WHERE_SMOOTH
 
 MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
 APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
@@ -229,7 +230,7 @@ class ExactPositionFilter(BriefRepr):
     @cached_property
     def _close_rules(self) -> Rules:
         """Rules whose nodes lie close together everywhere, for draws from the boxes about them."""
-        return rules(NODES_OF_DRAWS)
+        return rules(NODES_OF_DRAWS)._replace(closed=False)
 
     def _rules_with(self, more: int) -> Rules:
         gaussian = self.problem.sensor.gaussian_stds is not None
@@ -261,7 +262,7 @@ class ExactPositionFilter(BriefRepr):
         log, nothing = np.full(1, -np.inf), np.zeros((1, len(self.problem.sensor.bearings)))
         if len(pieces.counts):
             unused = np.empty((1, 2)), np.empty((1, 2, 2))
-            moments(0, 1, pieces, nothing, nothing, factor, self._rules, *unused, log)
+            moments(0, 1, pieces, nothing, nothing, factor, self._rules, nodes_for(0), *unused, log)
         return float(log[0])
 
     def _pieces(self, lower: Array, upper: Array, free: Callable[[Array], BoolArray]) -> Pieces:
@@ -355,16 +356,15 @@ class ExactPositionFilter(BriefRepr):
         runs, parts = len(readings), len(self.parts)
         means, covariances = np.zeros((parts, runs, 2)), np.tile(np.eye(2), (parts, runs, 1, 1))
         logs = np.empty((parts, runs))
-        stds = self.problem.sensor.gaussian_stds
+        stds, nothing = self.problem.sensor.gaussian_stds, nodes_for(0)
         if stds is not None:
             told, weights, common = _weighed(readings, stds)
             for place, part in enumerate(self.parts):
                 work = VALUES_TO_A_PIECE * told.size * len(part.pieces.counts)
                 out = means[place], covariances[place], logs[place]
-                in_threads(moments, runs, work, part.pieces, told, weights, part.factor, rule, *out)
+                in_threads(moments, runs, work, part.pieces, told, weights, part.factor, rule, nothing, *out)
             logs += common
         else:
-            nothing = nodes_for(0)
             at_once = max(1, BEAMS_AT_ONCE // readings.shape[2]) if readings.shape[1] == 1 else 1
             for first in range(0, runs, at_once):
                 tables = self._tables(readings[first : first + at_once])
@@ -445,12 +445,12 @@ class ExactPositionFilter(BriefRepr):
             return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
-        room, tables = 1 << 15, self._tables(readings[None])
+        room = 1 << 15
         while True:
             nodes = nodes_for(room)
             for part in self.parts:
-                first, unused = int(nodes.total[0]), (np.empty((1, 2)), np.empty((1, 2, 2)), np.empty(1))
-                moments_of_any(part.pieces, tables, part.factor, self._close_rules, nodes, *unused)
+                first = int(nodes.total[0])
+                self._note(readings[None], part, nodes)
                 nodes.log_weights[first : int(nodes.total[0])] += part.log_share - part.log_integral
             if nodes.total[0] <= room:
                 break
@@ -464,6 +464,15 @@ class ExactPositionFilter(BriefRepr):
         return places[:, :2] + np.stack(
             [turns[:, 0] * s - turns[:, 1] * t, turns[:, 1] * s + turns[:, 0] * t], axis=1
         )
+
+    def _note(self, readings: Array, part: PriorPart, nodes: Nodes) -> None:
+        """Note the nodes of one run's readings (1, T, B) in a part of the prior."""
+        rest = part.factor, self._close_rules, nodes, np.empty((1, 2)), np.empty((1, 2, 2)), np.empty(1)
+        if (stds := self.problem.sensor.gaussian_stds) is None:
+            moments_of_any(part.pieces, self._tables(readings), *rest)
+        else:
+            told, weights, _ = _weighed(readings, stds)
+            moments(0, 1, part.pieces, told, weights, *rest)
 
 
 def _weighed(readings: Array, stds: Array) -> tuple[Array, Array, Array]:

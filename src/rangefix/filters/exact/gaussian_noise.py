@@ -13,6 +13,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...compiled import njit
+from .nodes import Nodes, note
 from .partition import Pieces
 from .polygons import chord_at, copy_corners, cut_by, extent_along, put_in_order
 from .rules import LONGEST_INTERVAL, Rules, rule_for
@@ -30,7 +31,7 @@ MOST_INTERVALS = 1000.0  # of a panel
 @njit(cache=True, nogil=True, error_model="numpy")
 def moments(
     first_run: int, last_run: int, pieces: Pieces, readings: Array, weights: Array, prior: Array, rule: Rules,
-    means: Array, covariances: Array, logs: Array,
+    nodes: Nodes, means: Array, covariances: Array, logs: Array,
 ) -> None:  # fmt: skip
     """Means and covariances of posteriors, and logs of the integrals of prior times likelihood.
 
@@ -41,6 +42,7 @@ def moments(
         weights: Number of readings over variance, 1 / m^2, (M, B); 0 = not measured.
         prior: A Gaussian factor of the prior, without constants: its precision p11, p12, p22 and mean, (5,).
         rule: The rules.
+        nodes: Receives the nodes, as far as there is room, of one run; `total` says how many there were.
         means, covariances: Receive the moments, (M, 2) and (M, 2, 2).
         logs: Receives the log integrals, without constants, (M,); -inf where no piece is possible.
     """
@@ -103,7 +105,12 @@ def moments(
             corners = _clip(work, corners, spare, h11, h12, h22, g1, g2)
             if corners < 3:
                 continue
-            integrate_quadratic(work, corners, h11, h12, h22, g1, g2, rule, out)
+            noted = nodes.total[0]
+            integrate_quadratic(work, corners, h11, h12, h22, g1, g2, rule, nodes, out)
+            for node in range(noted, min(nodes.total[0], len(nodes.places))):
+                nodes.places[node, 0] += x1 + at[0]
+                nodes.places[node, 1] += x2 + at[1]
+                nodes.log_weights[node] -= least
             add_part(total, -least, out, x1 + at[0], x2 + at[1])
         logs[run] = finish(total, mean, covariance)
 
@@ -205,6 +212,7 @@ def integrate_quadratic(
     g1: float,
     g2: float,
     rule: Rules,
+    nodes: Nodes,
     out: Array,
 ) -> None:
     """Integrate exp(-g.x - x'Hx / 2) and its first and second moments over a convex polygon.
@@ -216,6 +224,7 @@ def integrate_quadratic(
         h11, h12, h22: H, positive semidefinite.
         g1, g2: g.
         rule: The rules.
+        nodes: Receives the nodes as far as there is room; not those that closed forms stand for.
         out: Receives the integrals of 1, x1, x2, x1 x1, x1 x2, x2 x2, (6,).
     """
     # axes: s along the greater curvature, t along the smaller
@@ -255,7 +264,11 @@ def integrate_quadratic(
         parts = _intervals(length_s)
         outer = rule_for(length_s / parts, 0.0, rule.counts)
         for part in range(parts):
+            ahead = 0.0
             for i in range(rule.counts[outer]):
+                from_s = width / parts * (ahead - rule.nodes[outer, i])
+                ahead += rule.weights[outer, i]
+                to_s = width / parts * (ahead - rule.nodes[outer, i])
                 at_s = left + width * (part + rule.nodes[outer, i]) / parts
                 low = low_mid + low_slope * (at_s - middle)
                 high = high_mid + high_slope * (at_s - middle)
@@ -274,14 +287,20 @@ def integrate_quadratic(
                     scale = share * chord / pieces
                     i0 = i1 = i2 = 0.0
                     for fraction in range(pieces):
+                        to_t = fraction / pieces
                         for j in range(rule.counts[inner]):
-                            at_t = low + chord * (fraction + rule.nodes[inner, j]) / pieces
-                            value = rule.weights[inner, j] * math.exp(
-                                base - along * at_t - 0.5 * small * at_t * at_t
-                            )
+                            from_t, share_t = to_t, (fraction + rule.nodes[inner, j]) / pieces
+                            to_t += rule.weights[inner, j] / pieces
+                            at_t = low + chord * share_t
+                            log_density = base - along * at_t - 0.5 * small * at_t * at_t
+                            value = rule.weights[inner, j] * math.exp(log_density)
                             i0 += value
                             i1 += value * at_t
                             i2 += value * at_t * at_t
+                            if len(nodes.places) and value > 0:
+                                log_weight = math.log(scale * rule.weights[inner, j]) + log_density
+                                box = (from_s, to_s, chord * (from_t - share_t), chord * (to_t - share_t))
+                                note(nodes, at_s, at_t, c, d, box, log_weight)
                 m0 += scale * i0
                 m1 += scale * i0 * at_s
                 m2 += scale * i1

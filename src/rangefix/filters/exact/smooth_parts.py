@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import njit
 from .density_tables import Tables, at_offset
+from .nodes import Nodes, note
 from .partition import Pieces
 from .polygons import chord_at, put_in_order
 from .rules import Rules, rule_for
@@ -18,27 +18,6 @@ NODES_WHERE_SMOOTH = (3, 5, 7, 11, 15)  # of the rules for parts; errors of some
 WIDENING_SCALES = 4.0  # from a reading, from where on a beam's scale grows with the distance from it
 FAR_SCALES = 6.0  # from a reading; beyond only the nats count
 STRAIGHT_NATS = 1e-8  # by which a density may differ from a straight line, where a part holds all
-
-
-class Nodes(NamedTuple):
-    """Where to note the nodes of the quadrature: a place and the box about it that it stands for.
-
-    Attributes:
-        places: x1, x2 of the node, and its extent before and after it along s and along t, m, (N, 6).
-        turns: Cosine and sine of the direction of s, (N, 2).
-        log_weights: Log of the share of the posterior's integral, (N,).
-        total: How many there are, (1,).
-    """
-
-    places: Array
-    turns: Array
-    log_weights: Array
-    total: IntArray
-
-
-def nodes_for(room: int) -> Nodes:
-    """Room for so many nodes; with none, nothing is noted."""
-    return Nodes(np.empty((room, 6)), np.empty((room, 2)), np.empty(room), np.zeros(1, dtype=np.int64))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
@@ -168,22 +147,16 @@ def integrate_part(
                     m11 += c * c * box_s + d * d * box_t
                     m12 += c * d * (box_s - box_t)
                     m22 += d * d * box_s + c * c * box_t
-                place = nodes.total[0]
                 if len(nodes.places) and value > 0:
+                    place, at_i, at_j = nodes.total[0], rule.nodes[order, i], rule.nodes[inner, j]
+                    box = (
+                        width * (before_s - at_i), width * (before_s + rule.weights[order, i] - at_i),
+                        chord * (before_t - at_j), chord * (before_t + rule.weights[inner, j] - at_j),
+                    )  # fmt: skip
+                    note(nodes, at_s, at_t, c, d, box, math.log(weight) + log_density + log_peak)
                     if place < len(nodes.places):
-                        nodes.places[place, 0] = pieces.centres[piece, 0] + x1
-                        nodes.places[place, 1] = pieces.centres[piece, 1] + x2
-                        nodes.places[place, 2] = width * (before_s - rule.nodes[order, i])
-                        nodes.places[place, 3] = width * (
-                            before_s + rule.weights[order, i] - rule.nodes[order, i]
-                        )
-                        nodes.places[place, 4] = chord * (before_t - rule.nodes[inner, j])
-                        nodes.places[place, 5] = chord * (
-                            before_t + rule.weights[inner, j] - rule.nodes[inner, j]
-                        )
-                        nodes.turns[place, 0], nodes.turns[place, 1] = c, d
-                        nodes.log_weights[place] = math.log(weight) + log_density + log_peak
-                    nodes.total[0] += 1
+                        nodes.places[place, 0] += pieces.centres[piece, 0]
+                        nodes.places[place, 1] += pieces.centres[piece, 1]
                 before_t += rule.weights[inner, j]
             before_s += rule.weights[order, i]
     out[0], out[1], out[2], out[3], out[4], out[5] = m0, m1, m2, m11, m12, m22
