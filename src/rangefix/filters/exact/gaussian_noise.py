@@ -287,20 +287,20 @@ def integrate_quadratic(
                     scale = share * chord / pieces
                     i0 = i1 = i2 = 0.0
                     for fraction in range(pieces):
-                        to_t = fraction / pieces
                         for j in range(rule.counts[inner]):
-                            from_t, share_t = to_t, (fraction + rule.nodes[inner, j]) / pieces
-                            to_t += rule.weights[inner, j] / pieces
-                            at_t = low + chord * share_t
-                            log_density = base - along * at_t - 0.5 * small * at_t * at_t
-                            value = rule.weights[inner, j] * math.exp(log_density)
+                            at_t = low + chord * (fraction + rule.nodes[inner, j]) / pieces
+                            value = rule.weights[inner, j] * math.exp(
+                                base - along * at_t - 0.5 * small * at_t * at_t
+                            )
                             i0 += value
                             i1 += value * at_t
                             i2 += value * at_t * at_t
-                            if len(nodes.places) and value > 0:
-                                log_weight = math.log(scale * rule.weights[inner, j]) + log_density
-                                box = (from_s, to_s, chord * (from_t - share_t), chord * (to_t - share_t))
-                                note(nodes, at_s, at_t, c, d, box, log_weight)
+                    if len(nodes.places):
+                        box = (from_s, to_s, low, chord / pieces)
+                        for fraction in range(pieces):
+                            _note_chord(
+                                nodes, rule, inner, at_s, c, d, box, fraction, base, along, small, scale
+                            )
                 m0 += scale * i0
                 m1 += scale * i0 * at_s
                 m2 += scale * i1
@@ -312,6 +312,28 @@ def integrate_quadratic(
     out[3] = c * c * m11 - 2 * c * d * m12 + d * d * m22
     out[4] = c * d * m11 + (c * c - d * d) * m12 - c * d * m22
     out[5] = d * d * m11 + 2 * c * d * m12 + c * c * m22
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inner=True)
+def _note_chord(
+    nodes: Nodes, rule: Rules, inner: int, at_s: float, c: float, d: float,
+    box: tuple[float, float, float, float], fraction: int, base: float, along: float, small: float,
+    scale: float,
+) -> None:  # fmt: skip
+    """Note the nodes of one interval along t, as `integrate_quadratic` takes them.
+
+    `box` is from where to where about the node along s, where the chord begins, and how long intervals are.
+    """
+    from_s, to_s, low, length = box
+    start, ahead = low + fraction * length, 0.0
+    for j in range(rule.counts[inner]):
+        node, weight = rule.nodes[inner, j], rule.weights[inner, j]
+        at_t = start + length * node
+        log_density = base - along * at_t - 0.5 * small * at_t * at_t
+        if math.exp(log_density) > 0:
+            sides = (from_s, to_s, length * (ahead - node), length * (ahead + weight - node))
+            note(nodes, at_s, at_t, c, d, sides, math.log(scale * weight) + log_density)
+        ahead += weight
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
