@@ -16,7 +16,6 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.exact import ExactPositionFilter
-from rangefix.filters.exact.nodes import Nodes, nodes_for
 from rangefix.maps import FloorPlan
 
 PLAN = FloorPlan([[0.0, 0.0], [6.0, 0.0], [6.0, 2.0], [3.0, 2.0], [3.0, 5.0], [0.0, 5.0]])
@@ -30,12 +29,6 @@ def estimator(noise: Noise, bearings: list[float]) -> ExactPositionFilter:
     return ExactPositionFilter(Problem(SPACE, Stationary(SPACE), sensor, Uniform(PLAN, SPACE)))
 
 
-def noted(exact: ExactPositionFilter, readings: np.ndarray, room: int) -> Nodes:
-    nodes = nodes_for(room)
-    exact._note(readings, exact.parts[0], nodes)
-    return nodes
-
-
 @pytest.mark.parametrize("bearings", [[0.0], [0.7], [0.0, 1.9], [0.1, 1.3, 2.9, 4.4]])
 @pytest.mark.parametrize("noise", [Gaussian(0.02), Gaussian(0.5), StudentT(3.0, 0.05)])
 def test_nodes_hold_the_moments(noise: Noise, bearings: list[float]) -> None:
@@ -44,7 +37,7 @@ def test_nodes_hold_the_moments(noise: Noise, bearings: list[float]) -> None:
     exact = estimator(noise, bearings)
     readings = np.asarray(exact.problem.sensor.expected(TRUTH))[None, None] + 0.01
     mean, covariance, _ = exact._answers(readings, exact._rules)
-    nodes = noted(exact, readings, 1 << 20)
+    nodes = exact._noted(readings, 1 << 20)
     count = int(nodes.total[0])
     places, share = nodes.places[:count, :2], np.exp(nodes.log_weights[:count])
     share /= share.sum()
@@ -59,7 +52,7 @@ def test_nodes_hold_the_moments(noise: Noise, bearings: list[float]) -> None:
 def test_boxes_lie_about_their_nodes_in_free_space(noise: Noise) -> None:
     exact = estimator(noise, [0.0, 1.9])
     readings = np.asarray(exact.problem.sensor.expected(TRUTH))[None, None]
-    nodes = noted(exact, readings, 1 << 16)
+    nodes = exact._noted(readings, 1 << 16)
     places, turns = nodes.places[: int(nodes.total[0])], nodes.turns[: int(nodes.total[0])]
     assert (places[:, [2, 4]] <= 0).all()
     assert (places[:, [3, 5]] >= 0).all()
@@ -73,7 +66,7 @@ def test_boxes_lie_about_their_nodes_in_free_space(noise: Noise) -> None:
 def test_nodes_without_room_are_counted(noise: Noise) -> None:
     exact = estimator(noise, [0.0, 1.9])
     readings = np.asarray(exact.problem.sensor.expected(TRUTH))[None, None]
-    whole, cut = noted(exact, readings, 1 << 16), noted(exact, readings, 10)
+    whole, cut = exact._noted(readings, 1 << 16), exact._noted(readings, 10)
     assert cut.total[0] == whole.total[0] > 10
     np.testing.assert_array_equal(cut.places, whole.places[:10])
     np.testing.assert_array_equal(cut.log_weights, whole.log_weights[:10])

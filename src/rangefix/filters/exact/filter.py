@@ -36,6 +36,7 @@ MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far f
 APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
 ROUNDING_ERROR = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
 OTHER_ERROR = 1e-4  # the same of densities that are interpolated, and of parts that were left out
+ROOM = 1 << 15  # for nodes, at first
 NODES_OF_DRAWS = (18,) * len(NODES_OF_RULES)
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
 BEAMS_AT_ONCE = 128  # of some runs, whose densities are tabulated at once
@@ -445,16 +446,9 @@ class ExactPositionFilter(BriefRepr):
             return bool((np.abs(after - before) > JUMP_NATS).any())
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
-        room = 1 << 15
-        while True:
-            nodes = nodes_for(room)
-            for part in self.parts:
-                first = int(nodes.total[0])
-                self._note(readings[None], part, nodes)
-                nodes.log_weights[first : int(nodes.total[0])] += part.log_share - part.log_integral
-            if nodes.total[0] <= room:
-                break
-            room = int(nodes.total[0])
+        nodes = self._noted(readings[None], ROOM)
+        if nodes.total[0] > ROOM:
+            nodes = self._noted(readings[None], int(nodes.total[0]))
         count = int(nodes.total[0])
         weights = np.exp(nodes.log_weights[:count] - nodes.log_weights[:count].max())
         chosen = rng.choice(count, size=size, p=weights / weights.sum())
@@ -465,14 +459,22 @@ class ExactPositionFilter(BriefRepr):
             [turns[:, 0] * s - turns[:, 1] * t, turns[:, 1] * s + turns[:, 0] * t], axis=1
         )
 
-    def _note(self, readings: Array, part: PriorPart, nodes: Nodes) -> None:
-        """Note the nodes of one run's readings (1, T, B) in a part of the prior."""
-        rest = part.factor, self._close_rules, nodes, np.empty((1, 2)), np.empty((1, 2, 2)), np.empty(1)
-        if (stds := self.problem.sensor.gaussian_stds) is None:
-            moments_of_any(part.pieces, self._tables(readings), *rest)
+    def _noted(self, readings: Array, room: int) -> Nodes:
+        """The nodes of one run's readings (1, T, B) in all parts of the prior, as far as there is room."""
+        nodes, stds = nodes_for(room), self.problem.sensor.gaussian_stds
+        rest = self._close_rules, nodes, np.empty((1, 2)), np.empty((1, 2, 2)), np.empty(1)
+        if stds is None:
+            tables = self._tables(readings)
         else:
             told, weights, _ = _weighed(readings, stds)
-            moments(0, 1, part.pieces, told, weights, *rest)
+        for part in self.parts:
+            first = int(nodes.total[0])
+            if stds is None:
+                moments_of_any(part.pieces, tables, part.factor, *rest)
+            else:
+                moments(0, 1, part.pieces, told, weights, part.factor, *rest)
+            nodes.log_weights[first : int(nodes.total[0])] += part.log_share - part.log_integral
+        return nodes
 
 
 def _weighed(readings: Array, stds: Array) -> tuple[Array, Array, Array]:

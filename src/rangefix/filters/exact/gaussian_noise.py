@@ -332,7 +332,8 @@ def _note_chord(
         log_density = base - along * at_t - 0.5 * small * at_t * at_t
         if math.exp(log_density) > 0:
             sides = (from_s, to_s, length * (ahead - node), length * (ahead + weight - node))
-            note(nodes, at_s, at_t, c, d, sides, math.log(scale * weight) + log_density)
+            x1, x2 = c * at_s - d * at_t, d * at_s + c * at_t
+            note(nodes, x1, x2, c, d, sides, math.log(scale * weight) + log_density)
         ahead += weight
 
 

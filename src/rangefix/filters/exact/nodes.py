@@ -33,15 +33,15 @@ def nodes_for(room: int) -> Nodes:
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def note(
-    nodes: Nodes, s: float, t: float, c: float, d: float, box: tuple[float, float, float, float],
+    nodes: Nodes, x1: float, x2: float, c: float, d: float, box: tuple[float, float, float, float],
     log_weight: float,
 ) -> None:  # fmt: skip
-    """Note a node at s, t, where s runs along (c, d), while there is room; count it in any case."""
+    """Note a node and its box, whose s runs along (c, d), while there is room; count it in any case."""
     place = nodes.total[0]
     nodes.total[0] += 1
     if place >= len(nodes.places):
         return
-    nodes.places[place, 0], nodes.places[place, 1] = c * s - d * t, d * s + c * t
+    nodes.places[place, 0], nodes.places[place, 1] = x1, x2
     for side in range(4):
         nodes.places[place, 2 + side] = box[side]
     nodes.turns[place, 0], nodes.turns[place, 1] = c, d

@@ -148,15 +148,13 @@ def integrate_part(
                     m12 += c * d * (box_s - box_t)
                     m22 += d * d * box_s + c * c * box_t
                 if len(nodes.places) and value > 0:
-                    place, at_i, at_j = nodes.total[0], rule.nodes[order, i], rule.nodes[inner, j]
+                    at_i, at_j = rule.nodes[order, i], rule.nodes[inner, j]
                     box = (
                         width * (before_s - at_i), width * (before_s + rule.weights[order, i] - at_i),
                         chord * (before_t - at_j), chord * (before_t + rule.weights[inner, j] - at_j),
                     )  # fmt: skip
-                    note(nodes, at_s, at_t, c, d, box, math.log(weight) + log_density + log_peak)
-                    if place < len(nodes.places):
-                        nodes.places[place, 0] += pieces.centres[piece, 0]
-                        nodes.places[place, 1] += pieces.centres[piece, 1]
+                    place_1, place_2 = pieces.centres[piece, 0] + x1, pieces.centres[piece, 1] + x2
+                    note(nodes, place_1, place_2, c, d, box, math.log(weight) + log_density + log_peak)
                 before_t += rule.weights[inner, j]
             before_s += rule.weights[order, i]
     out[0], out[1], out[2], out[3], out[4], out[5] = m0, m1, m2, m11, m12, m22
