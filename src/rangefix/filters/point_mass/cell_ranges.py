@@ -52,6 +52,11 @@ class RangesByCell:
         kinds = np.arange(self.ranges.shape[1])
         return SharedRanges(kinds, np.zeros_like(kinds), self.ranges[:, :, None], 1, 1)
 
+    @cached_property
+    def _angles(self) -> BoolArray | None:
+        """Which components are angles; None where there are two, and none of them is."""
+        return None if len(self.is_angle) == 2 and not self.is_angle.any() else self.is_angle
+
     def expected(self, first: int, last: int) -> Array:
         """Ranges in cells first to last, (last - first, B), m."""
         return self.ranges[first:last]
@@ -68,9 +73,8 @@ class RangesByCell:
         """
         sums = Moments.blank(len(readings.values), len(self.is_angle))
         work = readings.values.size * len(self.ranges)
-        places = len(self.is_angle) == 2 and not self.is_angle.any()
-        angles = None if places else self.is_angle
-        in_threads(gaussian_moments, len(readings.values), work, readings, self.table, mass, angles, sums)
+        told = readings, self.table, mass, self._angles, sums
+        in_threads(gaussian_moments, len(readings.values), work, *told)
         if correct:
             add_lattice_errors(self.grid, sums, readings, self.shared, mass.logs)
         return sums

@@ -163,9 +163,7 @@ class PointMassFilter(BriefRepr):
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(belief.counts))
         if self.problem.sensor.gaussian_stds is not None:
-            with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
-                after = self._with_readings(belief, measurement)
-            return self._finish(after, belief)
+            return self._finish(self._with_readings(belief, measurement), belief)
         return self._finish(self._with_densities(belief, measurement), belief)
 
     def estimate(self, belief: PointMassBelief) -> Estimate:
@@ -298,15 +296,22 @@ class PointMassFilter(BriefRepr):
         """Log density of each beam at the range that is expected, (B,); the noise is Gaussian."""
         return np.asarray(0.5 * (np.log(self._precision) - LOG_TWO_PI))
 
+    @cached_property
+    def _log_peak(self) -> float:
+        """That of all beams."""
+        return float(self._log_peaks.sum())
+
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""
-        measurements = np.concatenate([belief.measurements, measurement[:, None]], axis=1)
         if not belief.measurements.size and np.isfinite(measurement).all():  # the usual case: nothing to join
             counts, readings = np.ones(measurement.shape), measurement.copy()
-            log_scale = belief.log_scale + self._log_peaks.sum()
+            measurements = readings[:, None]
+            log_scale = belief.log_scale + self._log_peak
         else:
-            counts, readings, common = self._joined(belief, measurement)
-            log_scale = belief.log_scale + common.sum(1)
+            with np.errstate(over="ignore", invalid="ignore"):  # readings so far off that squares overflow
+                counts, readings, common = self._joined(belief, measurement)
+                log_scale = belief.log_scale + common.sum(1)
+            measurements = np.concatenate([belief.measurements, measurement[:, None]], axis=1)
         return replace(
             belief, counts=counts, readings=readings, log_scale=log_scale, measurements=measurements
         )

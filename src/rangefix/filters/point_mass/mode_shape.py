@@ -266,7 +266,9 @@ def add_lattice_errors(
         ranges: The ranges that the cells expect.
         log_mass: Log weights before the readings, (1 or M, G).
     """
-    sums.covariances[sums.log_sums == -np.inf] = 0.0
+    lost = sums.log_sums == -np.inf
+    if np.count_nonzero(lost):
+        sums.covariances[lost] = 0.0
     runs, errors = _errors(grid, sums, readings, ranges, log_mass)
     if runs.size:
         covariances = sums.covariances[runs]
