@@ -44,8 +44,8 @@ def test_tables_hold_the_densities(name, reading):
     sensor = Rangefinder(ROOMS, [0.0], NOISES[name], position_space(0.0), max_range=10.0)
     problem = pose(ROOMS, [0.0], NOISES[name], max_range=10.0)
     estimator = ExactPositionFilter(problem)
-    tables = of_run(estimator._tables(np.array([[[reading]]])), 0)
-    ranges = asked(tables, estimator._farthest)
+    tables = of_run(estimator._tables.of(np.array([[[reading]]])), 0)
+    ranges = asked(tables, estimator._tables.farthest)
     true = sensor.beam_log_density(np.array([reading]), ranges[:, None])[:, 0]
     mine = np.array(
         [at_offset(tables.cells, 0, (at - tables.centres[0]) / tables.scales[0]) for at in ranges]
@@ -94,17 +94,17 @@ def test_runs_and_readings_share_no_table() -> None:
     problem = pose(ROOMS, [0.0, 1.0, 2.0], NOISES["student"], max_range=10.0)
     estimator = ExactPositionFilter(problem)
     readings = np.array([[3.0, np.nan, 4.0], [0.02, 6.0, np.inf], [np.nan, np.nan, np.nan], [5.0, 0.5, 4.1]])
-    together = estimator._tables(readings[:, None])
+    together = estimator._tables.of(readings[:, None])
     assert together.counts.tolist() == [2, 3, 0, 3]
     for run, reading in enumerate(readings):
-        alone, among = of_run(estimator._tables(reading[None, None]), 0), of_run(together, run)
+        alone, among = of_run(estimator._tables.of(reading[None, None]), 0), of_run(together, run)
         assert (alone.beams == among.beams).all()
         for which in range(len(alone.centres)):
-            ranges = np.linspace(0.1, estimator._farthest, 50)
+            ranges = np.linspace(0.1, estimator._tables.farthest, 50)
             for each in (ranges - alone.centres[which]) / alone.scales[which]:
                 assert at_offset(alone.cells, which, each) == at_offset(among.cells, which, each)
-    layered = of_run(estimator._tables(readings[None]), 0)
-    expected = np.linspace(0.1, estimator._farthest, 50)
+    layered = of_run(estimator._tables.of(readings[None]), 0)
+    expected = np.linspace(0.1, estimator._tables.farthest, 50)
     for beam in range(3):
         logs = sum(
             np.array([at_offset(layered.cells, which, (at - layered.centres[which]) / layered.scales[which])

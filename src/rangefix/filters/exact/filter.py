@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,50 +16,25 @@ from ...compiled import in_threads
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
-from ..models.gaussian_prior import REACH, GaussianPrior
-from ..models.mixture_prior import Mixture
 from ..models.motion import Stationary
-from ..models.uniform_prior import Uniform
-from ..models.wrapped_noise import reading_bias, reading_spread
-from ..prior_ends import FAR_REACH, Ends, box_of, may_lie_beyond, open_ends
+from ..prior_ends import FAR_REACH, Ends, may_lie_beyond, open_ends
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
-from .any_noise import JUMP_NATS, VALUES_TO_A_PIECE, moments_of_any
-from .density_tables import RunTables, joined, tabulate
+from .any_noise import VALUES_TO_A_PIECE, moments_of_any
 from .gaussian_noise import moments
 from .nodes import Nodes, nodes_for
-from .partition import Pieces, partition
+from .partition import Pieces
+from .prior_parts import PriorPart, log_integral_of, parts_of
+from .reading_tables import ReadingTables, weighed
 from .rules import NODES_OF_RULES, Rules, rules
 from .smooth_parts import NODES_WHERE_SMOOTH
 
-MAX_CENTRE_M = 1e9  # about which readings are tabulated: an absurd one is far from every wall
-APART_STDS = 6.0  # of the noise: readings of a beam that are farther apart have a table each
 ROUNDING_ERROR = 1e-7  # deviations of the posterior that corners of pieces, known to 1e-9 m, may shift it by
 OTHER_ERROR = 1e-4  # the same of densities that are interpolated, and of parts that were left out
 ROOM = 1 << 15  # for nodes, at first
 NODES_OF_DRAWS = (18,) * len(NODES_OF_RULES)
 MORE_NODES = 3  # in each rule, to see how far the answer depends on them
 BEAMS_AT_ONCE = 128  # of some runs, whose densities are tabulated at once
-PROBE_PLACES = 1000  # at which the ranges of the pieces are compared with the map's
-AGREEING_M = 1e-6  # the most that they may differ
-MAX_DISAGREEING_SHARE = 0.01  # of the places
-
-
-@dataclass(frozen=True)
-class PriorPart:
-    """One component of a prior: a Gaussian or constant density on some pieces.
-
-    Attributes:
-        log_share: Log of its probability.
-        factor: Precision p11, p12, p22 and mean of the Gaussian, zeros where the density is constant, (5,).
-        pieces: The pieces that it covers.
-        log_integral: Log of the integral of its density, without constants, over the pieces.
-    """
-
-    log_share: float
-    factor: Array
-    pieces: Pieces
-    log_integral: float
 
 
 @dataclass(frozen=True)
@@ -115,12 +90,12 @@ class ExactPositionFilter(BriefRepr):
             raise ValueError("the exact filter is for an object that stays where it is")
         refuse_shared_errors(self.problem.sensor, "the exact filter")
         keep_whole(self, "most_pieces", 1)
-        self._check_pieces()
+        self.parts  # noqa: B018 (refuses what does not fit)
 
     @cached_property
     def parts(self) -> tuple[PriorPart, ...]:
         """The components of the problem's prior."""
-        return self._parts(self.problem.prior, 0.0)
+        return parts_of(self.problem, self._rules, self.most_pieces)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ExactBelief:
         """The prior, the same for all runs.
@@ -212,7 +187,7 @@ class ExactPositionFilter(BriefRepr):
                 every.log_areas[pieces_kept], every.ranges[pieces_kept], every.slopes[pieces_kept],
                 every.lows[pieces_kept], every.highs[pieces_kept],
             )  # fmt: skip
-            log_integral = self._whole(pieces, part.factor)
+            log_integral = log_integral_of(pieces, part.factor, self._rules)
             if log_integral > -np.inf:
                 log_share = part.log_share + log_integral - part.log_integral
                 parts.append(PriorPart(log_share, part.factor, pieces, log_integral))
@@ -236,79 +211,6 @@ class ExactPositionFilter(BriefRepr):
     def _rules_with(self, more: int) -> Rules:
         gaussian = self.problem.sensor.gaussian_stds is not None
         return rules(NODES_OF_RULES if gaussian else NODES_WHERE_SMOOTH, more)
-
-    def _parts(self, prior: Prior, log_share: float, reach: float = REACH) -> tuple[PriorPart, ...]:
-        if isinstance(prior, Mixture):
-            pairs = zip(prior.priors, np.log(prior.shares), strict=True)
-            return tuple(
-                part for inner, log in pairs for part in self._parts(inner, log_share + float(log), reach)
-            )
-        factor = np.zeros(5)
-        if isinstance(prior, GaussianPrior):
-            precision = np.linalg.inv(prior.root @ prior.root.T)
-            factor[:] = precision[0, 0], precision[0, 1], precision[1, 1], *prior.peak
-        elif not isinstance(prior, Uniform):
-            raise ValueError(
-                f"the exact filter takes uniform and Gaussian priors and mixtures, not {prior!r}"
-            )
-        free = (lambda points: np.ones(len(points), dtype=bool)) if prior.room is None else prior.room.is_free
-        pieces = self._pieces(*box_of(prior, reach), free)
-        log_integral = self._whole(pieces, factor)
-        if log_integral == -np.inf:
-            raise ValueError("the prior has no free space")
-        return (PriorPart(log_share, factor, pieces, log_integral),)
-
-    def _whole(self, pieces: Pieces, factor: Array) -> float:
-        """Log of the integral of a Gaussian factor of the prior over all pieces, without constants."""
-        log, nothing = np.full(1, -np.inf), np.zeros((1, len(self.problem.sensor.bearings)))
-        if len(pieces.counts):
-            unused = np.empty((1, 2)), np.empty((1, 2, 2))
-            moments(0, 1, pieces, nothing, nothing, factor, self._rules, nodes_for(0), *unused, log)
-        return float(log[0])
-
-    def _pieces(self, lower: Array, upper: Array, free: Callable[[Array], BoolArray]) -> Pieces:
-        sensor, heading = self.problem.sensor, self.problem.space.heading
-        assert heading is not None
-        angles = heading - sensor.mount.yaw + sensor.bearings
-        shift = np.tile(
-            sensor.mount.offset(np.asarray(heading)), 2
-        )  # the walls as the reference point meets them
-        directions = np.stack([np.sin(angles), np.cos(angles)], axis=1)
-        walls = sensor.room.segments
-        borders = walls if shift.any() else None
-        found = partition(
-            walls - shift, directions, lower, upper, free, sensor.max_incidence, self.most_pieces, borders
-        )
-        return Pieces(
-            found.corners, found.counts, found.centres, np.log(found.areas), found.ranges, found.slopes,
-            found.lows, found.highs,
-        )  # fmt: skip
-
-    def _check_pieces(self) -> None:
-        """Compare the pieces' ranges at their centres and near their corners with the map's.
-
-        Raises:
-            ValueError: If they are not the same.
-        """
-        rng = np.random.default_rng(0)
-        for part in self.parts:
-            pieces = part.pieces
-            areas = np.exp(pieces.log_areas)
-            chosen = rng.choice(len(areas), size=PROBE_PLACES, p=areas / areas.sum())
-            corner = pieces.corners[chosen, rng.integers(0, pieces.counts[chosen])]
-            places = pieces.centres[chosen] + 0.9 * rng.random((PROBE_PLACES, 1)) * (
-                corner - pieces.centres[chosen]
-            )
-            away = places - pieces.centres[chosen]
-            mine = pieces.ranges[chosen] + np.einsum("nbi,ni->nb", pieces.slopes[chosen], away)
-            theirs = self.problem.sensor.expected(places)
-            with np.errstate(invalid="ignore"):
-                off = ~((np.abs(mine - theirs) <= AGREEING_M) | (mine == theirs))
-            if (share := off.any(axis=1).mean()) > MAX_DISAGREEING_SHARE:
-                raise ValueError(
-                    f"at {100 * share:.1f} % of places the map's ranges are not those of its walls: "
-                    "the exact filter needs a map that is made of its segments"
-                )
 
     def _answers(self, readings: Array, rule: Rules) -> tuple[Array, Array, Array]:
         """Means (M, 2), covariances (M, 2, 2) and log evidences (M,) for readings (M, T, B) of M runs."""
@@ -337,11 +239,10 @@ class ExactPositionFilter(BriefRepr):
     def _wider(self) -> ExactPositionFilter | None:
         """The same filter with pieces that reach farther; None where they are too many."""
         other = copy(self)
-        other.__dict__.pop("_farthest", None)
+        other.__dict__.pop("_tables", None)
         other.__dict__["_ends"] = None
         try:
-            other.__dict__["parts"] = self._parts(self.problem.prior, 0.0, FAR_REACH)
-            other._check_pieces()
+            other.__dict__["parts"] = parts_of(self.problem, self._rules, self.most_pieces, FAR_REACH)
         except ValueError:
             return None
         return other
@@ -359,7 +260,7 @@ class ExactPositionFilter(BriefRepr):
         logs = np.empty((parts, runs))
         stds, nothing = self.problem.sensor.gaussian_stds, nodes_for(0)
         if stds is not None:
-            told, weights, common = _weighed(readings, stds)
+            told, weights, common = weighed(readings, stds)
             for place, part in enumerate(self.parts):
                 work = VALUES_TO_A_PIECE * told.size * len(part.pieces.counts)
                 out = means[place], covariances[place], logs[place]
@@ -368,7 +269,7 @@ class ExactPositionFilter(BriefRepr):
         else:
             at_once = max(1, BEAMS_AT_ONCE // readings.shape[2]) if readings.shape[1] == 1 else 1
             for first in range(0, runs, at_once):
-                tables = self._tables(readings[first : first + at_once])
+                tables = self._tables.of(readings[first : first + at_once])
                 block = slice(first, first + len(tables.counts))
                 for place, part in enumerate(self.parts):
                     out = means[place, block], covariances[place, block], logs[place, block]
@@ -387,63 +288,11 @@ class ExactPositionFilter(BriefRepr):
         with np.errstate(divide="ignore"):
             return mean, covariance, best + np.log(total)
 
-    def _tables(self, readings: Array) -> RunTables:
-        """Log densities of readings (M, T, B) as functions of the expected ranges; of several for one run."""
-        if readings.shape[1] == 1:
-            return self._tabulated(readings)
-        if readings.shape[1] == 0:
-            return self._tabulated(np.full((1, 1, readings.shape[2]), np.nan))
-        return joined([self._tabulated(layer[None]) for layer in self._layers(readings[0])])
-
-    def _layers(self, readings: Array) -> list[Array]:
-        """Readings (T, B) in sets, NaN where a reading is in another: those of a beam lie close together."""
-        sensor = self.problem.sensor
-        at = np.clip(readings, 0.0, MAX_CENTRE_M)
-        stds = np.broadcast_to(reading_spread(sensor.noise, at), readings.shape)
-        layer = np.zeros(readings.shape, dtype=np.int64)
-        order = np.argsort(readings, axis=0, kind="stable")  # NaN last
-        ordered = np.take_along_axis(readings, order, axis=0)
-        reach = (0.0 if self._jumps else APART_STDS) * np.take_along_axis(stds, order, axis=0)[1:]
-        with np.errstate(invalid="ignore", over="ignore"):  # inf - inf: the same reading
-            apart = (ordered[1:] - ordered[:-1] > reach).cumsum(axis=0)
-        np.put_along_axis(layer, order[1:], apart, axis=0)
-        return [np.where(layer == number, readings, np.nan) for number in range(int(layer.max()) + 1)]
-
-    def _tabulated(self, readings: Array) -> RunTables:
-        """A table for each beam of readings (M, T, B) that lie close together."""
-        sensor = self.problem.sensor
-        finite = np.isfinite(readings)
-        counts = finite.sum(axis=1)
-        farthest = sensor.max_range if np.isfinite(sensor.max_range) else 1.0
-        limit = np.where(np.isneginf(readings).any(axis=1), sensor.min_range, farthest)
-        sums = np.where(finite, readings, 0.0).sum(axis=1)
-        walls = sums / np.maximum(counts, 1) - reading_bias(sensor.noise)
-        centres = np.where(counts > 0, np.maximum(walls, 0.0), limit)
-        centres = np.minimum(centres, MAX_CENTRE_M)
-        stds = np.broadcast_to(reading_spread(sensor.noise, centres), centres.shape)
-
-        def density(expected: Array) -> Array:
-            return np.asarray(
-                sum(sensor.beam_log_density(rows, expected) for rows in readings.swapaxes(0, 1))
-            )
-
-        return tabulate(density, centres, stds, np.asarray((~np.isnan(readings)).any(axis=1)), self._farthest)
-
     @cached_property
-    def _farthest(self) -> float:
-        """The farthest range from any piece, m."""
+    def _tables(self) -> ReadingTables:
+        """Makes tables of readings for ranges up to the farthest from any piece."""
         highs = [part.pieces.highs[np.isfinite(part.pieces.highs)] for part in self.parts]
-        return float(max(high.max(initial=0.0) for high in highs))
-
-    @cached_property
-    def _jumps(self) -> bool:
-        """Whether the density of a reading jumps where the expected range passes it, as in mixtures."""
-        sensor = self.problem.sensor
-        ranges = np.linspace(0.0, min(sensor.max_range, 10.0), 12)[1:-1, None] * np.ones(len(sensor.bearings))
-        readings = ranges + reading_bias(sensor.noise)
-        before, after = (sensor.beam_log_density(readings, ranges * side) for side in (1 - 1e-9, 1 + 1e-9))
-        with np.errstate(invalid="ignore"):  # -inf on both sides: beyond what a mixture reads
-            return bool((np.abs(after - before) > JUMP_NATS).any())
+        return ReadingTables(self.problem.sensor, float(max(high.max(initial=0.0) for high in highs)))
 
     def _drawn(self, readings: Array, size: int, rng: Generator) -> Array:
         nodes = self._noted(readings[None], ROOM)
@@ -464,9 +313,9 @@ class ExactPositionFilter(BriefRepr):
         nodes, stds = nodes_for(room), self.problem.sensor.gaussian_stds
         rest = self._close_rules, nodes, np.empty((1, 2)), np.empty((1, 2, 2)), np.empty(1)
         if stds is None:
-            tables = self._tables(readings)
+            tables = self._tables.of(readings)
         else:
-            told, weights, _ = _weighed(readings, stds)
+            told, weights, _ = weighed(readings, stds)
         for part in self.parts:
             first = int(nodes.total[0])
             if stds is None:
@@ -475,18 +324,3 @@ class ExactPositionFilter(BriefRepr):
                 moments(0, 1, part.pieces, told, weights, part.factor, *rest)
             nodes.log_weights[first : int(nodes.total[0])] += part.log_share - part.log_integral
         return nodes
-
-
-def _weighed(readings: Array, stds: Array) -> tuple[Array, Array, Array]:
-    """Mean reading and precision of each beam, (M, B), and the common log factors, (M,), of (M, T, B)."""
-    returned = np.isfinite(readings)
-    counts, returns = (~np.isnan(readings)).sum(axis=1), returned.sum(axis=1)
-    told = np.where(returned, readings, 0.0).sum(axis=1) / np.maximum(counts, 1)
-    spread = np.where(returned, readings - told[:, None], 0.0) / stds
-    level = np.where(returned, 0.5 * math.log(2 * math.pi) + np.log(stds), 0.0)
-    with np.errstate(over="ignore"):  # readings of 1e300: impossible, which -inf says
-        common = -(0.5 * spread**2 + level).sum(axis=2).sum(axis=1)
-    told = np.where((counts > 0) & (returns == 0), np.inf, told)
-    torn = ((returns > 0) & (returns < counts)).any(axis=1)  # a beam that met a wall, and met none
-    told[torn], counts[torn], common[torn] = 0.0, 0, -np.inf
-    return told, counts / stds**2, common
