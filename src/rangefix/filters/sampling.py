@@ -6,7 +6,7 @@ counts ranks among the draws judges the claim itself. Run m draws from rngs[m] a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,15 +72,13 @@ def gaussian_draws(
 
 
 def cell_draws(
-    centres: Array,
-    log_weights: Array,
-    step: Array,
+    cells: Iterable[tuple[Array, Array, Array]],
     claim: tuple[Array, Array],
     size: int,
     space: StateSpace,
-    rng: Generator,
+    rngs: Sequence[Generator],
 ) -> Array:
-    """Draws from the cells of one run's grid: even within each, then drawn together to the claimed spread.
+    """Draws from the cells of runs' grids: even within each, then drawn together to the claimed spread.
 
     Points even within cells of width h have h^2 / 12 more variance than the cells' centres: more than is
     claimed unless the belief is narrower than a cell (docs/decisions/0002-cell-width.md). So they are moved
@@ -89,18 +87,36 @@ def cell_draws(
     what such draws have within modes is what the covariance claims there.
 
     Args:
-        centres: Of the cells, (G, n).
-        log_weights: Need not be normalised, not all -inf, (G,).
-        step: Cell size along each axis, (n,), or that of each cell, (G, n).
-        claim: Claimed mean (n,) and covariance (n, n), positive semidefinite.
-        size: Draws, S.
+        cells: Of each run the centres, (G, n), log weights that need not be normalised, not all -inf, (G,),
+            and the cell size along each axis, (n,), or that of each cell, (G, n).
+        claim: Claimed means (M, n) and covariances (M, n, n), positive semidefinite.
+        size: Draws of each run, S.
         space: The state space.
-        rng: The run's generator.
+        rngs: One generator for each run.
 
     Returns:
-        Independent draws, (S, n); some may lie a part of a cell inside a wall.
+        Independent draws, (M, S, n); some may lie a part of a cell inside a wall.
     """
-    mean, covariance = claim
+    means, covariances = claim
+    off, spread = np.empty((len(means), size, space.size)), np.empty_like(covariances)
+    for run, ((centres, log_weights, step), rng) in enumerate(zip(cells, rngs, strict=True)):
+        off[run], spread[run] = _even_draws(centres, log_weights, step, means[run], size, space, rng)
+    if not len(means):
+        return off
+    root = np.linalg.cholesky(spread)
+    half = np.linalg.solve(root, covariances)
+    white = np.linalg.solve(root, np.swapaxes(half, 1, 2))
+    values, vectors = np.linalg.eigh(white)
+    shrink = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    upper = np.swapaxes(root, 1, 2)
+    # not wrapped before it is moved: across the cut the map would throw a place by a whole turn's share
+    return space.wrap(means[:, None, :] + off @ np.linalg.solve(upper, shrink @ upper))
+
+
+def _even_draws(
+    centres: Array, log_weights: Array, step: Array, mean: Array, size: int, space: StateSpace, rng: Generator
+) -> tuple[Array, Array]:
+    """Draws even within one run's cells, less the mean, (S, n), and their covariance about it, (n, n)."""
     kept, logs = heaviest(log_weights)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -112,12 +128,7 @@ def cell_draws(
         off[row] -= mean[row]  # where angles cancel, another mean would be another turn
         off[row] = wrap(off[row]) if is_angle else off[row]
     spread = step**2 / 12 if step.ndim == 1 else weights @ step[kept] ** 2 / 12
-    root = np.linalg.cholesky((off * weights) @ off.T + np.diag(spread))
-    white = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
-    values, vectors = np.linalg.eigh(white)
-    shrink = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    # not wrapped before it is moved: across the cut the map would throw a place by a whole turn's share
-    return space.wrap(mean + (off[:, places].T + within) @ np.linalg.solve(root.T, shrink @ root.T))
+    return off[:, places].T + within, (off * weights) @ off.T + np.diag(spread)
 
 
 def heaviest(log_weights: Array) -> tuple[IntArray, Array]:

@@ -79,8 +79,8 @@ def _weigh_block(
     return most
 
 
-@njit(error_model="numpy", fastmath=FUSED, inner=True)  # kept with those that call it
-def _select(
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
+def select_cells(
     readings: Readings, run: int, table: CellTable, mass: CellMass, chosen: IntArray, logs: Array
 ) -> tuple[int, float]:
     """Find the cells that matter and their log weights; returns their number and the greatest log weight.
@@ -209,7 +209,7 @@ def gaussian_moments(
     cells, size = table.centres.shape[1], table.centres.shape[0]
     chosen, logs, origin = np.empty(cells + 8, np.int64), np.empty(cells + 8), np.empty(size)
     for run in range(first_run, last_run):
-        count, best = _select(readings, run, table, mass, chosen, logs)
+        count, best = select_cells(readings, run, table, mass, chosen, logs)
         out.log_sums[run] = -math.inf
         if count > 0:
             heaviest, total = 0, 0.0

@@ -10,8 +10,8 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ...compiled import in_threads
 from ..problem import Sensor, expects_map_ranges
-from ..sampling import NEGLIGIBLE, heaviest
-from .cell_kernels import CELLS_PER_BLOCK, block_bounds, gaussian_moments
+from ..sampling import heaviest
+from .cell_kernels import block_bounds, gaussian_moments, select_cells
 from .grid import Grid
 from .mode_shape import add_lattice_errors
 from .records import CellMass, CellTable, Moments, Readings, SharedRanges
@@ -20,9 +20,6 @@ from .turning_ranges import RangesByDirection, cast_turning, directions
 
 TABLES = 3  # of expected ranges: the grid's, and those of two shifted grids that tell its error
 CASTS_AT_ONCE = 1 << 22  # ranges, where the heading is known
-SPARSE = 0.3  # of the blocks of cells: to pick more takes longer than to look at all
-FEW_CELLS = 20_000  # that are all looked at
-BOUND_ROUNDING = 1e-6  # nats
 CHECKED_CELLS = 16  # in which a sensor is asked whether it expects what its map says
 
 
@@ -82,40 +79,22 @@ class RangesByCell:
     def heavy(self, reading: Array, precision: Array, mass: CellMass) -> tuple[IntArray, Array]:
         """The cells of a run that are not negligible, and their log weights: see `heaviest`.
 
-        Blocks of cells are not looked at that cannot hold one, by the least that the readings take from each.
-
         Args:
             reading: (B,), m.
             precision: (B,); zero for beams that were not measured.
             mass: Of the run: (G,), and its maxima, (K,).
         """
-        if len(self.ranges) < FEW_CELLS:
-            return heaviest(mass.logs - self.misfit(reading, precision))
-        bounds = np.array(mass.tops)
-        for beam in np.flatnonzero(precision):
-            low, high = self.table.low[beam], self.table.high[beam]
-            if np.isinf(reading[beam]):
-                bounds[np.isfinite(high)] = -np.inf
-            else:
-                gap = np.maximum(np.maximum(low - reading[beam], reading[beam] - high), 0.0)
-                gap *= gap
-                bounds -= 0.5 * precision[beam] * gap
-        best = CELLS_PER_BLOCK * int(bounds.argmax())
-        some = np.arange(best, min(best + CELLS_PER_BLOCK, len(self.ranges)))
-        top = (mass.logs[some] - self.misfit(reading, precision, some)).max()
-        blocks = np.flatnonzero(bounds > top + NEGLIGIBLE - BOUND_ROUNDING)
-        if len(blocks) > SPARSE * len(bounds):
-            return heaviest(mass.logs - self.misfit(reading, precision))
-        cells = (CELLS_PER_BLOCK * blocks[:, None] + np.arange(CELLS_PER_BLOCK)).ravel()
-        cells = cells[: np.searchsorted(cells, len(self.ranges))]
-        kept, logs = heaviest(mass.logs.take(cells) - self.misfit(reading, precision, cells))
-        return cells.take(kept), logs
+        told, one = Readings(reading[None], precision[None]), CellMass(mass.logs[None], mass.tops[None])
+        chosen, logs = np.empty(len(self.ranges) + 8, np.int64), np.empty(len(self.ranges) + 8)
+        count, _ = select_cells(told, 0, self.table, one, chosen, logs)
+        kept, logs = heaviest(logs[:count])
+        return chosen.take(kept), logs
 
-    def misfit(self, reading: Array, precision: Array, cells: IntArray | None = None) -> Array:
-        """1/2 sum_j precision_j (reading_j - range_j)^2 in all cells, or some, (G,); inf = not possible."""
-        total = np.zeros(len(self.ranges) if cells is None else len(cells))
+    def misfit(self, reading: Array, precision: Array) -> Array:
+        """1/2 sum_j precision_j (reading_j - range_j)^2 in all cells, (G,); inf = not possible."""
+        total = np.zeros(len(self.ranges))
         for beam in np.flatnonzero(precision):
-            expected = self.table.ranges[beam] if cells is None else self.table.ranges[beam].take(cells)
+            expected = self.table.ranges[beam]
             if np.isinf(reading[beam]):
                 total[np.isfinite(expected)] = np.inf
             else:

@@ -241,15 +241,12 @@ class PointMassFilter(BriefRepr):
         """
         space, grid = self.problem.space, self.grid
         mean, covariance, log_evidence = belief.estimate
-        possible = np.asarray(log_evidence) > -np.inf
         draws = gaussian_draws(mean, covariance, size, space, rngs)
-        for run, rng in enumerate(rngs):
-            if possible[run]:
-                cells, logs = self._heavy_cells(belief, run)
-                claim = mean[run], covariance[run]
-                draws[run] = cell_draws(
-                    grid.centres.take(cells, axis=0), logs, grid.step, claim, size, space, rng
-                )
+        some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
+        heavy = (self._heavy_cells(belief, int(run)) for run in some)
+        cells = ((grid.centres.take(which, axis=0), logs, grid.step) for which, logs in heavy)
+        claim = mean[some], covariance[some]
+        draws[some] = cell_draws(cells, claim, size, space, [rngs[int(run)] for run in some])
         return draws
 
     def density(self, belief: PointMassBelief, run: int) -> Image:

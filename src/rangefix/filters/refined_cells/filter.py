@@ -187,23 +187,25 @@ class RefinedPointMassFilter(BriefRepr):
         mean, covariance, log_evidence = belief.estimate
         space = self.problem.space
         draws = gaussian_draws(mean, covariance, size, space, rngs)
-        for run, rng in enumerate(rngs):
-            if np.asarray(log_evidence)[run] > -np.inf:
-                centres, steps, logs = self.boxes(belief, run)
-                draws[run] = cell_draws(centres, logs, steps, (mean[run], covariance[run]), size, space, rng)
+        some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
+        cells = (self.boxes(belief, int(run)) for run in some)
+        claim = mean[some], covariance[some]
+        draws[some] = cell_draws(cells, claim, size, space, [rngs[int(run)] for run in some])
         return draws
 
     def density(self, belief: RefinedBelief, run: int) -> Image:
         """The probabilities of a run's cells, for pictures."""
         if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
             raise NotImplementedError("nothing is possible any more: there is no density to show")
-        centres, _, logs = self.boxes(belief, run)
+        centres, logs, _ = self.boxes(belief, run)
         return image_of_points(centres, self.problem, logs)
 
     def boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
-        """Boxes about the nodes of a run's cells: centres (N, n), widths (N, n) and log masses (N,)."""
+        """Boxes about the nodes of a run's cells: centres (N, n), log masses (N,) and widths (N, n)."""
         readings = belief.readings[run : run + 1]
-        return next(boxes_of_each(self.problem, self.coarse, readings, self.accuracy, self.most_cells))
+        each = boxes_of_each(self.problem, self.coarse, readings, self.accuracy, self.most_cells)
+        centres, widths, logs = next(each)
+        return centres, logs, widths
 
     def _answer(self, coarse: CoarseCells, readings: Array) -> Refined:
         """What cells say of some runs; claims that are flat are raised to those of places even in a cell."""
