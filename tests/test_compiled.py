@@ -45,6 +45,23 @@ predict(np.array([[2.0]]), np.array([[[-1.0, 0.0]]]), np.array([[[0.5, 0.1]]]), 
 print(*out.ravel())
 """
 
+COMPILED = """
+import gc, re, sys
+from numba.core.dispatcher import Dispatcher
+from rangefix.cli import main
+
+sys.argv = ["rangefix", "run", sys.argv[1], "--runs", "2", "--workers", "1", "--out", sys.argv[2]]
+try:
+    main()
+except SystemExit:
+    pass
+for loop in (each for each in gc.get_objects() if isinstance(each, Dispatcher)):
+    told = [" ".join(map(str, signature)) for signature in loop.signatures]
+    kinds = {re.sub("readonly |, [ACF](?=[)])", "", each) for each in told}
+    if loop.py_func.__module__.startswith("rangefix.") and len(kinds) < len(loop.signatures):
+        print("TWICE", loop.py_func.__qualname__, *told, sep="\\n", file=sys.stderr)
+"""
+
 
 def halves(first: int, last: int, values: Array, out: Array) -> None:
     out[first:last] += 0.5 * values[first:last]
@@ -82,6 +99,17 @@ def test_no_folder_for_a_cache_is_no_mistake(tmp_path: Path) -> None:
         [sys.executable, "-c", block + PREDICTED], env=bare, capture_output=True, text=True, check=True
     )
     assert (told.stdout, told.stderr) == ("1.5\n", "")
+
+
+@pytest.mark.parametrize("study", ["drive", "map_errors"])
+def test_no_loop_is_compiled_twice_for_arrays_of_another_order_or_read_only(
+    tmp_path: Path, study: str
+) -> None:
+    """In one study; each takes half a second the first time."""
+    command = [sys.executable, "-c", COMPILED, study, str(tmp_path / "out")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "Results:" in told.stdout
+    assert "TWICE" not in told.stderr, told.stderr
 
 
 def test_garbage_is_looked_for_seldom_only_while_loops_are_compiled() -> None:

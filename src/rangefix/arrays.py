@@ -61,6 +61,11 @@ def read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:
     return array
 
 
+def for_loops(values: Array) -> Array:
+    """The same numbers in C's order, read-only: compiled loops are compiled anew for each kind of array."""
+    return read_only(np.ascontiguousarray(values, dtype=np.float64).view())
+
+
 def keep_copies(record: Any) -> None:
     """Put copies that nobody can change in place of the arrays and lists of a frozen dataclass.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array
+from ..arrays import Array, for_loops
 from .base import MapError
 
 ON_BORDER = 1e-9  # m; as near as this a point is on the border
@@ -99,6 +99,5 @@ def locate(points: Array, corners: Array) -> NDArray[np.int8]:
     from .polygon_kernels import locate_in_polygon  # numba takes a quarter of a second
 
     where = np.empty(len(points))
-    points, corners = (np.ascontiguousarray(given, dtype=np.float64) for given in (points.T, corners))
-    locate_in_polygon(points, corners, ON_BORDER, where)  # compiled anew for each order of arrays
+    locate_in_polygon(for_loops(points.T), for_loops(corners), ON_BORDER, where)
     return where.astype(np.int8)

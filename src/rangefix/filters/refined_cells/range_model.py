@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, for_loops
 from ...compiled import njit
 from ..problem import Problem
 
@@ -94,7 +94,7 @@ def predict(ranges: Array, slopes: Array, offsets: Array, out: Array) -> None:
 def bends(ranges: Array, slopes: Array, offsets: Array, seen: Array) -> Array:
     """By how much ranges that were cast differ from a model, (N, B): offsets (N, S, n), seen (N, S, B)."""
     expected = np.empty(seen.shape)
-    predict(ranges, slopes, np.ascontiguousarray(offsets), expected)
+    predict(for_loops(ranges), for_loops(slopes), for_loops(offsets), expected)
     with np.errstate(invalid="ignore"):
         off = np.abs(seen - expected)
     return np.asarray(np.where(np.isinf(seen) & np.isinf(expected), 0.0, off).max(axis=1))

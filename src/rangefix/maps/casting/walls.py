@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arrays import Array, BoolArray, IntArray, counted_from, in_groups
+from ...arrays import Array, BoolArray, IntArray, counted_from, for_loops, in_groups
 from .._open3d import open3d
 from ..base import ON_IT, Hits, beam_vectors, check_bearings, check_poses, range_gradients, unit_vectors
 from .clouds import Cloud, cloud_of
@@ -74,7 +74,7 @@ class Walls:
     def centre(self) -> Array:
         """The middle of all walls, m, (2,)."""
         corners = self.segments.reshape(-1, 2)
-        return np.asarray((corners.min(0) + corners.max(0)) / 2)
+        return for_loops((corners.min(0) + corners.max(0)) / 2)
 
     @cached_property
     def _lines(self) -> tuple[Array, Array, Array]:
@@ -118,7 +118,7 @@ class Walls:
         """Ends, normal and offset of each wall from the centre, as compiled loops take them, (S, 7)."""
         ends, where = self._ends
         a, b = np.split(ends[where], 2)
-        return np.column_stack([a, b, *(line[:-1:2] for line in self._lines)])
+        return for_loops(np.column_stack([a, b, *(line[:-1:2] for line in self._lines)]))
 
     @cached_property
     def _scene(self) -> Any:
@@ -200,6 +200,7 @@ class Walls:
 
         ranges = np.empty((len(directions), len(poses)))
         which = np.empty((0, 0), dtype=np.int64) if met is None else met
+        poses = for_loops(poses)
         for beam, angle in enumerate(directions.tolist()):
             strips = self._strips.get(angle)
             if strips is None:
