@@ -26,6 +26,10 @@ else; what it has to say of mistakes is on standard error, one line each, in the
 are as wide as the terminal, or as `COLUMNS` says; where that is too narrow for a table, a line for each
 figure stands in its place.
 
+A file that `--out` or `--curve` names and that is there already is replaced if rangefix wrote such a file,
+and standard error says so; one of anybody else, or one that the command reads, is refused and kept. `new`,
+`studies` and `calibrate` keep every file that is there, `calibrate` unless `--force` is given.
+
 Names of commands, options, studies, estimators and figures are completed by the shell after
 `rangefix --install-completion`.
 """

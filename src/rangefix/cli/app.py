@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,6 +38,15 @@ FILES = (  # what files end with, and hardly a folder
     *(".txt", ".md", ".tex", ".doc", ".docx", ".odt", ".ppt", ".pptx", ".htm", ".html"),
     *(".csv", ".xls", ".xlsx", ".ods", ".json", ".npy", ".npz", ".zip"),  # those of studies name folders, too
 )
+OURS = {  # how files that we have written are told from others
+    "png": rb"\x89PNG.*rangefix",
+    "svg": rb"<\?xml.*rangefix",
+    "pdf": rb"%PDF.*rangefix",
+    "html": rb'\s*<!DOCTYPE html>.*<meta name="generator" content="rangefix',
+    "latex": rb"% [^\n]*95 per cent intervals in brackets\n",
+    "markdown": rb"[^\n]*95 % intervals in brackets\n",
+    "csv": rb"estimator,beams,planned,ok,",
+}
 app = typer.Typer(
     name="rangefix",
     help=HELP,
@@ -131,6 +143,49 @@ def _no_file(path: Path, expected: str) -> Path:
     if path.suffix.lower() in FILES and not path.is_dir():
         raise typer.BadParameter(f"{expected}, and a name that ends with {path.suffix} is that of a file")
     return path
+
+
+@contextmanager
+def replacing(*paths: Path, kind: str = "", read: Iterable[object] = ()) -> Iterator[None]:
+    """Have files written: what would be lost by it is refused beforehand, what was replaced is told after.
+
+    Args:
+        paths: The files.
+        kind: Of OURS; what a path ends with unless given.
+        read: Files, folders and other names that the command reads.
+
+    Raises:
+        ValueError: If a file is there that is read, or that is not one of ours.
+    """
+    there = [path for path in paths if os.path.lexists(path)]
+    for path in there:
+        refuse_sources(path, read)
+        form = kind or path.suffix.lower()[1:]
+        if not _is_ours(path, form):
+            raise ValueError(f"{path} is there and no {form} file of rangefix: choose another, or remove it")
+    yield
+    for path in there:
+        warn(f"{path} was there and is replaced")
+
+
+def refuse_sources(path: Path, read: Iterable[object]) -> None:
+    """Refuse to write over a file that is read.
+
+    Raises:
+        ValueError: If the path is one of those names.
+    """
+    names = [str(each) for each in read]
+    if path.exists() and any(os.path.exists(name) and path.samefile(name) for name in names):
+        raise ValueError(f"{path} is what is read: choose another file to write")
+
+
+def _is_ours(path: Path, kind: str) -> bool:
+    """Whether nothing but what we can make again is in a file."""
+    try:
+        content = path.read_bytes() if path.is_file() else None
+    except OSError:
+        content = None
+    return content == b"" or (content is not None and bool(re.match(OURS[kind], content, re.DOTALL)))
 
 
 def as_typed(*words: object) -> str:

@@ -18,6 +18,7 @@ from .app import (
     names_in,
     one_of,
     print_json,
+    replacing,
     say,
     warn,
 )
@@ -110,7 +111,8 @@ def bounds(
             f"map: run it with --bounds, or name the study that was run and {as_typed('--out', folder)}"
         )
     if curve is not None:
-        _draw_curve(described, experiment, curve, as_json)
+        with replacing(curve):
+            _draw_curve(described, experiment, curve, as_json)
         return
     rows = list(bounds_of(experiment, chosen, doing))
     doing("")

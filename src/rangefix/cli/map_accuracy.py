@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Json, folder_to_write, print_json
+from .app import Json, folder_to_write, print_json, replacing
 from .map_options import Unit, Up
 from .plan import read_directions
 from .studies import Map, NoPlugins, StudyFile, read_study
@@ -69,7 +69,8 @@ def map_accuracy(
         from ..evaluation.results.npz import write_npz
 
         files = [out / "accuracy.png", out / "accuracy.npz"]
-        write_figure(lambda: draw_accuracy(found, np.asarray(sensor.room.segments)), files[0])
+        with replacing(files[0]):
+            write_figure(lambda: draw_accuracy(found, np.asarray(sensor.room.segments)), files[0])
         write_npz(
             files[1],
             {

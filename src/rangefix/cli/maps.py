@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Command, Json, named, print_json, say
+from .app import PICTURES, Command, Json, named, print_json, replacing, say
 from .map_options import AS_FILES_SAY, MapOptions, needs_height, takes_map_options
 
 if TYPE_CHECKING:
@@ -86,7 +86,8 @@ def _draw(found: Description, room: Any, title: str, out: Path) -> None:
     from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.one_map import draw_one_map
 
-    write_figure(lambda: draw_one_map(found, np.asarray(room.segments), Path(title).name), out)
+    with replacing(out, read=[title]):
+        write_figure(lambda: draw_one_map(found, np.asarray(room.segments), Path(title).name), out)
 
 
 @takes_map_options

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Json, doing, folder_or_picture, names_from, one_of, print_json
+from .app import PICTURES, Json, doing, folder_or_picture, names_from, one_of, print_json, replacing
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
@@ -193,7 +193,8 @@ def _draw(found: Plan, problem: Problem, centres: Array, out: Path) -> list[Path
     is_picture = out.suffix.lower() in PICTURES and not out.is_dir()
     paths = [out] if is_picture else [out / "plan.png", out / "plan.svg"]
     floor = FloorPlan.of(problem, centres[:, problem.space.position_indices])
-    write_figure(lambda: draw_plan(found, floor), *paths)
+    with replacing(*paths):
+        write_figure(lambda: draw_plan(found, floor), *paths)
     return paths
 
 

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import ExitCode, Json, folder_to_write, named, names_in, print_json, results_folder, say, warn
+from .app import (
+    ExitCode,
+    Json,
+    folder_to_write,
+    named,
+    names_in,
+    print_json,
+    replacing,
+    results_folder,
+    say,
+    warn,
+)
 
 if TYPE_CHECKING:
     from ..evaluation import Results
@@ -159,7 +170,8 @@ def table(
     results = load(folder)
     text = comparison_table(results, form)
     if out is not None:
-        write_bytes(out, text.encode("utf-8"))
+        with replacing(out, kind=form):
+            write_bytes(out, text.encode("utf-8"))
     if as_json:
         print_json({"format": form, "file": str(out) if out else None, "table": text})
     else:
@@ -192,8 +204,13 @@ def report(
     """Write one self-contained page about a folder of results, or about several of the same study."""
     _be_brief()
     from ..evaluation import write_comparison, write_report
+    from ..evaluation.report.several import COMPARISON
 
-    path = write_report(folders[0], out) if len(folders) == 1 else write_comparison(folders, out)
+    if len(folders) == 1 and out is None:
+        path = write_report(folders[0])
+    else:
+        with replacing(out or Path(COMPARISON), kind="html"):
+            path = write_report(folders[0], out) if len(folders) == 1 else write_comparison(folders, out)
     if as_json:
         print_json({"report": str(path)})
     else:

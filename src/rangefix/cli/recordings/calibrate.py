@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import Json, doing, named, print_json, say, warn
+from ..app import Json, doing, named, print_json, refuse_sources, say, warn
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
@@ -72,8 +73,7 @@ def calibrate(
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     files = [out, out.with_suffix(".png")]
-    if not force:
-        _refuse_existing(files)
+    _refuse_existing(files, force, read=(map_name, log_path, truth))
     options = ReadingOptions(
         forward_m=forward_m,
         left_m=left_m,
@@ -119,14 +119,15 @@ def calibrate(
     say(f"wrote {files[0]} and {files[1]}")
 
 
-def _refuse_existing(files: list[Path]) -> None:
-    """Sections may have been changed by hand since they were written.
+def _refuse_existing(files: list[Path], force: bool, read: Iterable[object]) -> None:
+    """Sections may have been changed by hand since they were written, and a map may be such a file, too.
 
     Raises:
-        ValueError: If one of the files is there.
+        ValueError: If one of the files is there and not to be replaced, or is read.
     """
     for file in files:
-        if os.path.lexists(file):
+        refuse_sources(file, read)
+        if os.path.lexists(file) and not force:
             raise ValueError(f"{file} is there already: choose another --out, or --force to replace it")
 
 

@@ -18,7 +18,7 @@ from ..results import ResultsError, write_bytes
 from .style import styled
 
 FORMATS: dict[str, dict[str, Any]] = {
-    "png": {"Software": None},
+    "png": {"Software": "rangefix"},
     "svg": {"Date": None, "Creator": "rangefix"},
     "pdf": {"CreationDate": None, "Creator": "rangefix", "Producer": None},
 }  # what each is not to tell: neither date nor version
