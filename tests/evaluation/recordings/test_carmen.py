@@ -13,6 +13,7 @@ from rangefix.evaluation.recordings.log import RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.options import ReadingOptions
 from rangefix.evaluation.recordings.readers.clock import BACK, JUMPS, REPEATED, TWICE
+from rangefix.evaluation.recordings.steps import Choice, reach_in_words, survey
 from rangefix.filters import Gaussian, Rangefinder, pose_space
 
 from .conftest import MOUNT, ROOM, drive, write_carmen
@@ -61,6 +62,35 @@ def test_no_returns(tmp_path: Path, readings: np.ndarray) -> None:
     np.testing.assert_array_equal(first[:5], [np.inf, np.inf, np.nan, np.nan, 29.9])
     other = open_log(tmp_path / "a.log", ReadingOptions(no_return_m=29.0))
     assert next(other.scans()).ranges_m[4] == np.inf
+
+
+@pytest.mark.parametrize(
+    ("head", "kind", "options", "said"),
+    [
+        (
+            "",
+            "FLASER",
+            ReadingOptions(),
+            "81 m is taken (--no-return-m), the longest reading is 45.5 m, 12 times",
+        ),
+        ("PARAM robot_frontlaser_max 0\n", "FLASER", ReadingOptions(), "81 m is taken (--no-return-m)"),
+        ("PARAM robot_frontlaser_max 50\n", "FLASER", ReadingOptions(), ""),
+        ("", "FLASER", ReadingOptions(no_return_m=81.0), ""),
+        ("", "ROBOTLASER1", ReadingOptions(), ""),
+    ],
+)
+def test_how_far_the_laser_measures_is_told_if_nobody_says_it(
+    tmp_path: Path, readings: np.ndarray, head: str, kind: str, options: ReadingOptions, said: str
+) -> None:
+    """With the longest reading, by which a user can tell; a log that says it needs no words."""
+    path = tmp_path / "a.log"
+    readings[:, :3] = [45.5, 81.83, 1000.0]
+    write_carmen(path, *drive(12), readings, kind)
+    path.write_text(head + path.read_text())
+    log = open_log(path, options)
+    told = reach_in_words(log.sensor, survey(log, Choice()))
+    assert told == said or (said and said in told)
+    assert any("81 m on" in note for note in log.notes) == bool(said)
 
 
 def test_clocks(tmp_path: Path, readings: np.ndarray) -> None:

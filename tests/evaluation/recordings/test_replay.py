@@ -769,6 +769,26 @@ def test_other_units_are_told_of_recordings_of_all_kinds(
     assert ("7.81 m, the extent of the map" in warning) == (kind == "npz")
 
 
+@pytest.mark.parametrize("command", ["replay", "calibrate"])
+def test_a_laser_of_unknown_reach_is_told(
+    recording: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    """On the terminal and in what is written; that Kalman filters are blinded is told where noise is assumed."""
+    path, out = rewritten(recording, 1.0, range_max_m=None), recording.parent / "out"
+    words = [command, "--map", recording.parent / "room.toml", "--log", path, "--truth", "odometry"]
+    words += ["-e", "ekf", "--out", out] if command == "replay" else ["--out", out / "a.toml"]
+    told = "nobody says how far the laser measures: 100 m is taken (--no-return-m), the longest reading is "
+    code, shown, _ = call(words, capsys)
+    shown = " ".join(shown.split())
+    assert code == 0
+    assert told in shown
+    assert ("Kalman filters" in shown) == (command == "replay")
+    if command == "replay":
+        assert told in (out / "replay.json").read_text()
+    code, shown, _ = call([*words, "--no-return-m", "12"] + ["--force"] * (command == "calibrate"), capsys)
+    assert (code, "nobody says" in shown) == (0, False)
+
+
 def test_numbers_for_no_return_are_not_too_long(recording: Path) -> None:
     """One number far beyond, or several little beyond, of most beams; nor a fifth of all through a door."""
     ranges = ranges_at(drive(24)[1])

@@ -96,7 +96,11 @@ def calibrate(
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
     doing("")
     fitted = found.fitted
-    notes = [*log.notes, *(f"{count} {kind}" for kind, count in residuals.oddities.items())]
+    notes = [
+        *filter(None, [residuals.reach]),
+        *log.notes,
+        *(f"{count} {kind}" for kind, count in residuals.oddities.items()),
+    ]
     if as_json:
         print_json(
             {

@@ -12,11 +12,15 @@ from ...evaluation.consistency.formatting import format_percent
 from ...evaluation.consistency.lost import WINDOW
 from ...evaluation.recordings.replays import Contestant, Replays
 from ...evaluation.recordings.score import Row
-from ...evaluation.recordings.steps import Survey
+from ...evaluation.recordings.steps import Survey, reach_in_words
 from ..screen import console, new_table
 
 SLOW_S = 1.0  # of processor time for a scan
 MOSTLY = 0.7  # of an error: half of its square
+BLIND = (
+    "; the noise that is assumed spreads over all of that, so that Kalman filters (ekf, ukf and the like) "
+    "take every reading to scatter by metres and hardly follow it: say how far it measures, if it is less"
+)
 
 
 def notes_of(replays: Replays, contestants: list[Contestant], first: Survey, is_wide: bool) -> list[str]:
@@ -27,6 +31,8 @@ def notes_of(replays: Replays, contestants: list[Contestant], first: Survey, is_
         f"{laser.left_m:g} m to the left of the robot's reference point, turned to the left by "
         f"{np.rad2deg(laser.yaw_rad):g} deg"
     ]
+    if reach := reach_in_words(laser, first):
+        notes.append(reach + (BLIND if is_wide else ""))
     if is_wide:
         notes.append(
             "noise is not calibrated: hits scatter by 0.1 m about a wall half a cell behind the edge of a "

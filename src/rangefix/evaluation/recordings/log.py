@@ -43,6 +43,8 @@ class LaserDescription:
             said.
         is_placed: Whether the recording says where the laser stands; else it is taken to stand at the
             reference point.
+        is_limit_assumed: Whether range_max_m is what the reader takes for it, as the recording does not say
+            it.
     """
 
     bearings_rad: Array
@@ -53,6 +55,7 @@ class LaserDescription:
     yaw_rad: float = 0.0
     seconds_per_beam: float = 0.0
     is_placed: bool = False
+    is_limit_assumed: bool = False
 
     def __post_init__(self) -> None:
         bearings = np.array(self.bearings_rad, dtype=float)
@@ -82,6 +85,11 @@ class LaserDescription:
     def reach_m(self) -> float:
         """The longest range that is believed, m: finite where the recording does not say what is measured."""
         return self.range_max_m if np.isfinite(self.range_max_m) else UNLIMITED_M
+
+    @property
+    def says_reach(self) -> bool:
+        """Whether `reach_m` is what the recording, or who reads it, says."""
+        return bool(np.isfinite(self.range_max_m)) and not self.is_limit_assumed
 
     @property
     def distinct_beams(self) -> IntArray:

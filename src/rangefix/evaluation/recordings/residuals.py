@@ -29,7 +29,7 @@ from .readers.track import Track
 from .readers.tum import read_tum
 from .replay import odometry_is_true, truth_by_time
 from .setting import DRIFT, DRIFT_FLOOR
-from .steps import Choice, Step, Truth, steps, survey
+from .steps import Choice, Step, Truth, reach_in_words, steps, survey
 
 MOST_SCANS = 1500
 ODOMETRY = "odometry"  # the truth where odometry is taken for it
@@ -53,6 +53,7 @@ class Residuals:
         turned_rad: How much it turned.
         warning: As of `Survey`.
         oddities: What is odd about the recording, with how often.
+        reach: How far the laser is taken to measure, in words, if nobody says it.
     """
 
     sensor: Rangefinder
@@ -64,6 +65,7 @@ class Residuals:
     turned_rad: float
     warning: str = ""
     oddities: Mapping[str, int] = field(default_factory=dict)
+    reach: str = ""
 
     def __post_init__(self) -> None:
         if self.way_m < STANDING_WAY_M and self.turned_rad < STANDING_TURN_RAD:
@@ -139,6 +141,7 @@ def find_residuals(
         told.turned_rad,
         told.warning,
         told.oddities,
+        reach_in_words(laser, told),
     )
 
 

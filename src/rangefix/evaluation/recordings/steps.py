@@ -145,6 +145,8 @@ class Survey:
         oddities: What is odd, with how often.
         warning: That many readings are too long for the laser or for the map, as they are in other units; ""
             where they are not.
+        longest_m: The longest reading below what the laser is taken to measure, m; 0 without one.
+        longest_count: How often it stands there.
     """
 
     scans: int
@@ -155,6 +157,8 @@ class Survey:
     first: Step
     oddities: dict[str, int]
     warning: str
+    longest_m: float
+    longest_count: int
 
 
 class _TooLong:
@@ -219,11 +223,15 @@ def survey(
     extent = np.inf if room is None else float(np.hypot(*np.subtract(*room.bounds)))
     too_long = _TooLong(log.sensor, extent)
     first = last = None
-    used, way, turned = 0, 0.0, 0.0
+    used, way, turned, longest, count = 0, 0.0, 0.0, 0.0, 0
     for step in steps(log, choice, tally):
         first = step if first is None else first
         last, used = step, used + 1
         too_long.add(step.lengths)
+        if len(measured := step.lengths[step.lengths < log.sensor.reach_m]):
+            top = float(measured.max())
+            longest, count = max(longest, top), count * (top <= longest)
+            count += int(np.count_nonzero(measured == longest))
         tally[WITHOUT_TRUTH] += truth is not None and truth(step) is None
         if step.control is not None:
             way += float(np.hypot(step.control[0], step.control[1]))
@@ -238,4 +246,15 @@ def survey(
     scans = used + tally[STILL] + tally[WITHOUT_ODOMETRY]
     told = {kind: count for kind, count in tally.items() if count}
     duration = last.time_s - first.time_s
-    return Survey(scans, used, duration, way, turned, first, told, too_long.warning)
+    return Survey(scans, used, duration, way, turned, first, told, too_long.warning, longest, count)
+
+
+def reach_in_words(laser: LaserDescription, told: Survey) -> str:
+    """How far a laser is taken to measure of which nobody says it; "" where somebody does."""
+    if laser.says_reach:
+        return ""
+    longest = "there is no reading"
+    if told.longest_count:
+        times = "once" if told.longest_count == 1 else f"{told.longest_count} times"
+        longest = f"the longest reading is {told.longest_m:.4g} m, {times}"
+    return f"nobody says how far the laser measures: {laser.reach_m:g} m is taken (--no-return-m), {longest}"

@@ -96,26 +96,32 @@ class CarmenLog(FileLog):
     @cached_property
     def sensor(self) -> LaserDescription:
         """The laser: the lines tell its place on the robot, and ROBOTLASER1 its beams."""
-        lines, parameters = self._beginning
-        directions = self._directions(lines[0])
-        ranges = lines[0].longest
-        for name in MAXIMUM:
-            ranges = parameters.get(name, ranges)
-        limit = min(self.no_return_m, ranges if ranges > 0 else np.inf)
+        directions = self._directions(self._beginning[0][0])
+        longest = self._longest
         place, is_placed = self._place()
         try:
             laser = LaserDescription(
                 -directions,
                 0.0,
-                limit,
+                min(self.no_return_m, longest),
                 float(place[0]),
                 float(place[1]),
                 float(place[2]),
                 is_placed=is_placed,
+                is_limit_assumed=self.options.no_return_m is None and np.isinf(longest),
             )
         except RecordingError as error:
             raise RecordingError(f"{self.path}: {error}") from None
         return self.options.placed(laser)
+
+    @property
+    def _longest(self) -> float:
+        """The longest range that the laser measures, m; inf where the log does not say it."""
+        lines, parameters = self._beginning
+        longest = lines[0].longest
+        for name in MAXIMUM:
+            longest = parameters.get(name, longest)
+        return longest if longest > 0 else np.inf
 
     @cached_property
     def no_return_m(self) -> float:
@@ -126,7 +132,7 @@ class CarmenLog(FileLog):
     def notes(self) -> tuple[str, ...]:
         """What was assumed where the log says nothing."""
         notes = []
-        if self.options.no_return_m is None:
+        if self.sensor.is_limit_assumed:
             notes.append(f"readings from {SICK_CODES_M:g} m on are taken as no return (no_return_m)")
         if self._kind == "FLASER":
             directions = np.rad2deg(self._directions(self._beginning[0][0]))
