@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from rangefix.evaluation.recordings.log import RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.readers.tum import tum_line
 from rangefix.evaluation.recordings.residuals import Residuals, find_residuals
-from rangefix.evaluation.recordings.sensor_text import _rounded_down
+from rangefix.evaluation.recordings.sensor_text import _rounded_down, sensor_text
 from rangefix.evaluation.recordings.steps import Choice
 from rangefix.filters import (
     BeamMixture,
@@ -47,6 +48,15 @@ def recording(scans: int, noise: Correlated | LostBeams, seed: int = 0, step: fl
     readings = sensor.read_each(expected[None], [np.random.default_rng(seed)], poses[None])[0]
     way = step * (scans - 1)
     return Residuals(sensor, np.arange(24), poses, readings, True, way, way / 1.5)
+
+
+def test_what_is_odd_about_readings_stands_in_the_file() -> None:
+    """Where sections are read again, as comments: other units, and a range that nobody has said."""
+    found = recording(30, LAW)
+    odd = replace(found, warning="are they in metres?", reach="81 m is taken")
+    text = sensor_text(calibrate(odd), "a", "b")
+    assert text.startswith("# are they in metres?\n# 81 m is taken\n# Fitted by")
+    assert tomllib.loads(text) == tomllib.loads(sensor_text(calibrate(found), "a", "b"))
 
 
 def test_the_law_of_readings_is_found() -> None:

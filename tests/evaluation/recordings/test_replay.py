@@ -773,7 +773,7 @@ def test_other_units_are_told_of_recordings_of_all_kinds(
 def test_a_laser_of_unknown_reach_is_told(
     recording: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
-    """On the terminal and in what is written; that Kalman filters are blinded is told where noise is assumed."""
+    """On the terminal and in what is written; that it blinds Kalman filters where the noise is assumed."""
     path, out = rewritten(recording, 1.0, range_max_m=None), recording.parent / "out"
     words = [command, "--map", recording.parent / "room.toml", "--log", path, "--truth", "odometry"]
     words += ["-e", "ekf", "--out", out] if command == "replay" else ["--out", out / "a.toml"]
@@ -783,8 +783,7 @@ def test_a_laser_of_unknown_reach_is_told(
     assert code == 0
     assert told in shown
     assert ("Kalman filters" in shown) == (command == "replay")
-    if command == "replay":
-        assert told in (out / "replay.json").read_text()
+    assert told in (out / ("replay.json" if command == "replay" else "a.toml")).read_text()
     code, shown, _ = call([*words, "--no-return-m", "12"] + ["--force"] * (command == "calibrate"), capsys)
     assert (code, "nobody says" in shown) == (0, False)
 
