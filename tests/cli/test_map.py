@@ -177,3 +177,20 @@ def test_unit_and_axis_of_a_map_given_to_a_command(
     assert (said.code, said.out) == (2, "")
     assert "--unit has no effect on room:4x6" in said.err
     assert "--up has no effect on room:4x6" in said.err
+
+
+def test_what_is_left_out_of_a_plan_is_told(rangefix: Callable[..., Said]) -> None:
+    """With the map by `map`, and on standard error by commands that go on with it."""
+    pytest.importorskip("shapely")
+    hall = {"type": "Polygon", "coordinates": [[[0, 0], [8, 0], [8, 5], [0, 5], [0, 0]]]}
+    wall = {"type": "LineString", "coordinates": [[9, 0], [9, 4]]}
+    Path("a.geojson").write_text(json.dumps({"type": "GeometryCollection", "geometries": [hall, wall]}))
+    told = "1 of 1 lines lies outside its polygons: 4 m of walls are cut off"
+    said = rangefix("map", "a.geojson", "--unit", "m")
+    assert (said.out.splitlines()[-1], said.err) == (told, "")
+    said = rangefix("ranges", "a.geojson", "--unit", "m", "--at", 1, 1, "--bearings-deg", 0)
+    assert (said.code, said.err) == (0, f"rangefix: a.geojson: {told}\n")
+    Path("s.toml").write_text(
+        STUDY.replace('path = "map.yaml"\nunknown = "wall"', 'path = "a.geojson"\nunit = "m"')
+    )
+    assert f"rangefix: map: {told}\n" in rangefix("run", "s.toml").err

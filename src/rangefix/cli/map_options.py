@@ -11,6 +11,8 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from .app import warn
+
 Unit = Annotated[
     str | None, typer.Option("--unit", metavar="UNIT", help="Of a file's numbers: m, cm, mm, inch, foot.")
 ]
@@ -87,6 +89,24 @@ class MapOptions:
         if "outline" in options:
             options["outline"] = open_map(options["outline"])
         return open_map(map_name, **options)
+
+    def opened_and_told(self, map_name: str) -> Any:
+        """The map of a name; what of a plan's file is left out is told on standard error.
+
+        Raises:
+            ValueError: As `opened`.
+        """
+        room = self.opened(map_name)
+        for remark in left_out(room):
+            warn(f"{map_name}: {remark}")
+        return room
+
+
+def left_out(room: Any) -> tuple[str, ...]:
+    """What of a floor plan's file is left out, a sentence each; of other maps nothing is."""
+    from ..maps import FloorPlan
+
+    return room.remarks if isinstance(room, FloorPlan) else ()
 
 
 AS_FILES_SAY = MapOptions()

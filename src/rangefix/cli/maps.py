@@ -118,7 +118,7 @@ def ranges(
     }
     if wrong := [name for name, values in numbers.items() if not np.isfinite(values).all()]:
         raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
-    room = map_options.opened(map_name)
+    room = map_options.opened_and_told(map_name)
     if not room.is_free(np.array(at)):
         raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")
     found = room.ranges(np.array([*at, np.deg2rad(heading_deg)]), np.deg2rad(bearings)).tolist()

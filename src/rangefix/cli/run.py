@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import ExitCode, Json, Stopped, as_typed, folder_to_write, named, names_from, print_json, warn
-from .map_options import Unit, Up
+from .map_options import Unit, Up, left_out
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -227,9 +227,10 @@ def _tell_map(experiment: Experiment) -> None:
     from ..maps.describe import describe
 
     true, assumed = experiment.truth.sensor.room, experiment.assumed_problem.sensor.room
-    warn(f"map: {describe(true)}")
-    if assumed != true:
-        warn(f"map that estimators assume: {describe(assumed)}")
+    for what, room in {"map": true, "map that estimators assume": assumed}.items():
+        if what == "map" or assumed != true:
+            for text in (str(describe(room)), *left_out(room)):
+                warn(f"{what}: {text}")
 
 
 def _tls(

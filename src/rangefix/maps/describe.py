@@ -133,4 +133,4 @@ def _remarks(room: Any) -> list[str]:
             f"unknown cells ({room.share_unknown:.0%}) are {room.unknown}; walls: {room.wall_lines}",
             f"free is the area that hangs together; {left:.1%} of the free cells are elsewhere",
         ]
-    return []
+    return list(room.remarks) if isinstance(room, FloorPlan) else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,7 @@ class FloorPlan(InWalls):
             outline, but not reach beyond it.
         walls: Inner walls without thickness, (x1a, x2a, x1b, x2b) or ((x1a, x2a), (x1b, x2b)) each. A wall
             with a door is two walls with a gap between.
+        remarks: What was left out of the file that it is read of, a sentence each.
 
     Raises:
         MapError: If a polygon is not sound, a hole reaches out of the outline, or a wall
@@ -39,9 +40,15 @@ class FloorPlan(InWalls):
     outer: Corners
     holes: tuple[Corners, ...]
     walls: tuple[Wall, ...]
+    remarks: tuple[str, ...] = field(compare=False)
 
     def __init__(
-        self, outer: ArrayLike, holes: Iterable[ArrayLike] = (), walls: Iterable[ArrayLike] = ()
+        self,
+        outer: ArrayLike,
+        holes: Iterable[ArrayLike] = (),
+        walls: Iterable[ArrayLike] = (),
+        *,
+        remarks: Iterable[str] = (),
     ) -> None:
         outline = check_polygon(outer, "outer")
         if not isinstance(holes, Iterable) or isinstance(holes, str):
@@ -64,6 +71,7 @@ class FloorPlan(InWalls):
         set_field(self, "outer", _corners(outline))
         set_field(self, "holes", tuple(map(_corners, polygons)))
         set_field(self, "walls", tuple((a, b, c, d) for a, b, c, d in lines.tolist()))
+        set_field(self, "remarks", tuple(remarks))
 
     def __repr__(self) -> str:
         (left, low), (right, high) = self.bounds

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.maps import MapError, open_map
+from rangefix.maps.describe import describe
 
 from ..conftest import DATA
 
@@ -50,6 +51,27 @@ def test_an_outline_a_pillar_and_a_wall(tmp_path, shapes, name):
     plan = open_map(geojson(tmp_path / name, *shapes), unit="m")
     np.testing.assert_allclose(plan.ranges([4.5, 3.0, 0.0], ROUND), [2.0, 3.5, 1.0, 1.5])
     assert list(plan.is_free([[4.5, 1.5], [1.0, 1.0], [9.0, 1.0]])) == [False, True, False]
+
+
+def test_what_is_left_out_of_a_plan_is_told(tmp_path):
+    """Lines outside the polygons, by number and length, and points; nothing where all is within."""
+    outside = line([7, 2], [9, 2]), line([0, 5.2], [8, 5.2]), {"type": "MultiPoint", "coordinates": [[1, 1]]}
+    shapes = polygon(HALL, PILLAR), line(*WALL), line([0, 0], [8, 0]), line([4.2, 1.5], [4.8, 1.5])
+    plan = open_map(geojson(tmp_path / "a.geojson", *shapes, *outside), unit="m")
+    assert plan.remarks == (
+        "1 point is left out: walls are lines and polygons",
+        "2 of 5 lines lie outside its polygons: 9 m of walls are cut off",
+    )
+    clean = open_map(geojson(tmp_path / "b.geojson", *shapes), unit="m")
+    assert clean.remarks == ()
+    assert describe(plan).remarks == plan.remarks
+    rooms = line(*HALL), line([20, 0], [22, 0], [22, 2], [20, 2], [20, 0])
+    lines = open_map(geojson(tmp_path / "c.geojson", *rooms), unit="m")
+    (told,) = lines.remarks
+    assert (
+        told
+        == "1 of 2 lines lies outside the area that is taken of those they enclose: 8 m of walls are cut off"
+    )
 
 
 def test_geojson_with_a_mark_of_utf_8(tmp_path):

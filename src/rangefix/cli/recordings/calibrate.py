@@ -83,7 +83,7 @@ def calibrate(
         odometry_topic=odometry_topic,
         base_frame=base_frame,
     )
-    room, log = map_options.opened(map_name), open_log(log_path, options)
+    room, log = map_options.opened_and_told(map_name), open_log(log_path, options)
     refuse_without_bag(log, log_path, scan_topic, odometry_topic, base_frame)
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
     doing("comparing readings with the map")

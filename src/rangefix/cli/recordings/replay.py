@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json, warn
-from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
+from ..map_options import AS_FILES_SAY, MapOptions, left_out, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def replay(
     at = start or ("global" if truth is None else "truth")
     begin = read_start(at, start_std_m, start_std_deg)
     told = SensorFile(options=options) if sensor is None else read_sensor(sensor, options)
-    room = map_options.opened(map_name)
+    room = map_options.opened_and_told(map_name)
     choice = Choice(beams, least_move_m, float(np.deg2rad(least_turn_deg)), motion_correction)
     recording = open_log(log, told.options)
     told.check_beams(len(choice.places(recording.sensor)), len(recording.sensor.bearings_rad))
@@ -198,7 +198,7 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
-    notes = [*filter(None, [first.warning]), *recording.notes, *told.notes(recording.sensor)]
+    notes = [*filter(None, [first.warning]), *left_out(room), *recording.notes, *told.notes(recording.sensor)]
     notes += notes_of(replays, contestants, first, told.noise is None)
     rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
     doing("")

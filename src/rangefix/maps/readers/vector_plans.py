@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 VECTORS = (".geojson", ".dxf")
 GEOJSON = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon", "MultiPolygon", "LineString",
            "MultiLineString")  # fmt: skip
+POINTS = ("Point", "MultiPoint")  # passed over
 LARGEST, SMALLEST = 300.0, 1.0  # m of a plan; beyond them its unit is asked for
 MOST_BYTES, MOST_CURVES = 1 << 27, 500_000
 SAGITTA = 0.005  # m between a curve and the lines that stand for it
+AREA = "the area that is taken of those they enclose"
 NEAR = 1e-6  # m; ends as near as this are one
 
 
@@ -64,7 +66,9 @@ def read_geojson(
         raise MapError(f"{path}: not a GeoJSON file: no type of {', '.join(GEOJSON)}")
     try:
         with np.errstate(invalid="ignore"):
-            shapes = [shapely.geometry.shape(each) for each in _geometries(content)]
+            found = list(_geometries(content))
+            points = sum(each.get("type") in POINTS for each in found)
+            shapes = [shapely.geometry.shape(each) for each in found if each.get("type") not in POINTS]
             shapes = [shapely.force_2d(shape) for shape in shapes if not shape.is_empty]
     except (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError) as error:
         raise MapError(f"{path}: broken GeoJSON ({one_line(error)})") from None
@@ -74,7 +78,12 @@ def read_geojson(
             f"{path}: its coordinates may be degrees, as GeoJSON has them, or metres: give unit = 'm' if "
             f"they are ({box[2] - box[0]:.4g} x {box[3] - box[1]:.4g} m), else project them to metres first"
         )
-    return _plan_of(shapes, _metres(unit or "m", path), path, reachable_from)
+    told = (
+        [f"{points} point{'s are' if points > 1 else ' is'} left out: walls are lines and polygons"]
+        if points
+        else []
+    )
+    return _plan_of(shapes, _metres(unit or "m", path), path, reachable_from, told)
 
 
 def read_dxf(
@@ -167,7 +176,7 @@ def _geometries(content: dict[str, Any]) -> Iterable[dict[str, Any]]:
     elif kind == "GeometryCollection":
         for geometry in content["geometries"]:
             yield from _geometries(geometry)
-    elif kind not in ("Point", "MultiPoint"):
+    else:
         yield content
 
 
@@ -182,9 +191,13 @@ def _box(shapes: Sequence[BaseGeometry], path: Path) -> Any:
 
 
 def _plan_of(
-    shapes: Sequence[BaseGeometry], scale: float, path: Path, reachable_from: ArrayLike | None
+    shapes: Sequence[BaseGeometry],
+    scale: float,
+    path: Path,
+    reachable_from: ArrayLike | None,
+    remarks: Sequence[str] = (),
 ) -> FloorPlan:
-    """One floor plan of lines and polygons, whose unit is so many metres."""
+    """One floor plan of lines and polygons, whose unit is so many metres; remarks are told with it."""
     shapely: Any = _library("shapely", path)
     if scale != 1.0:
         shapes = [shapely.affinity.scale(shape, scale, scale, origin=(0, 0)) for shape in shapes]
@@ -213,9 +226,23 @@ def _plan_of(
             _corners(outline.exterior, shapely),
             [_corners(ring, shapely) for ring in outline.interiors],
             segments,
+            remarks=[*remarks, *_outside(lines, outline, shapely, "its polygons" if polygons else AREA)],
         )
     except MapError as error:
         raise MapError(f"{path}: {one_line(error)}") from None
+
+
+def _outside(lines: list[Any], outline: Any, shapely: Any, area: str) -> list[str]:
+    """How much of the lines is cut off, as it lies out of the outline, where no beam meets it."""
+    whole = shapely.Polygon(outline.exterior).buffer(NEAR)
+    shapely.prepare(whole)
+    beyond = [line.difference(whole).length for line in lines if not whole.covers(line)]
+    beyond = [length for length in beyond if length > 10 * NEAR]
+    if not beyond:
+        return []
+    lie = "lie" if len(beyond) > 1 else "lies"
+    told = f"{len(beyond)} of {len(lines)} lines {lie} outside {area}"
+    return [f"{told}: {sum(beyond):.4g} m of walls are cut off"]
 
 
 def _corners(ring: Any, shapely: Any) -> list[tuple[float, float]]:
