@@ -9,12 +9,29 @@ import typer
 
 if TYPE_CHECKING:
     from ...evaluation.recordings.log import Log
+    from ...evaluation.recordings.options import ReadingOptions
 
 ScanTopic = Annotated[str | None, typer.Option(metavar="NAME", help="Topic of a bag: scans.")]
 OdometryTopic = Annotated[str | None, typer.Option(metavar="NAME", help="Topic of a bag: odometry; or tf.")]
 BaseFrame = Annotated[
     str | None, typer.Option(metavar="NAME", help="Frame of a bag: the robot's reference point.")
 ]
+
+
+def reading_options(**given: float | str | None) -> ReadingOptions:
+    """What a recording does not say, by the options of the same names.
+
+    Raises:
+        ValueError: If one is out of bounds; it is named as it was typed.
+    """
+    from ...evaluation.recordings.log import RecordingError
+    from ...evaluation.recordings.options import ReadingOptions
+
+    try:
+        return ReadingOptions(**given)  # type: ignore[arg-type]
+    except RecordingError as error:
+        name, _, wrong = str(error).partition(" ")
+        raise ValueError(f"--{name.replace('_', '-')} {wrong}") from None
 
 
 def refuse_without_bag(

@@ -12,7 +12,7 @@ import typer
 
 from ..app import Json, doing, named, print_json, refuse_sources, say, warn
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
-from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
+from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
 
 if TYPE_CHECKING:
     from ...arrays import Array
@@ -62,7 +62,6 @@ def calibrate(
     from ...evaluation.figures.recordings.residuals import draw_residuals
     from ...evaluation.recordings.calibrate import calibrate as fit
     from ...evaluation.recordings.open_log import open_log
-    from ...evaluation.recordings.options import ReadingOptions
     from ...evaluation.recordings.residuals import find_residuals
     from ...evaluation.recordings.sensor_text import sensor_text
     from ...evaluation.recordings.steps import Choice
@@ -74,7 +73,7 @@ def calibrate(
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     files = [out, out.with_suffix(".png")]
     _refuse_existing(files, force, read=(map_name, log_path, truth))
-    options = ReadingOptions(
+    options = reading_options(
         forward_m=forward_m,
         left_m=left_m,
         yaw_deg=yaw_deg,

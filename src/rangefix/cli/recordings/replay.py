@@ -9,7 +9,7 @@ import typer
 
 from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json, warn
 from ..map_options import AS_FILES_SAY, MapOptions, left_out, takes_map_options
-from .bag_options import BaseFrame, OdometryTopic, ScanTopic, refuse_without_bag
+from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
 
 if TYPE_CHECKING:
     from ...evaluation.recordings.replays import Contestant, Replays
@@ -150,7 +150,6 @@ def replay(
     import numpy as np
 
     from ...evaluation.recordings.open_log import open_log
-    from ...evaluation.recordings.options import ReadingOptions
     from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
@@ -160,8 +159,10 @@ def replay(
     from .start import read_start, refuse_outside
 
     _check_outputs(out, bag, animation)
+    if not 0 < false_alarms < 1:
+        raise ValueError(f"--false-alarms must be above 0 and below 1, got {false_alarms:g}")
     contestants = read_contestants(list(names_in(estimators, USUAL)), option)
-    options = ReadingOptions(
+    options = reading_options(
         no_return_m=no_return_m,
         forward_m=forward_m,
         left_m=left_m,

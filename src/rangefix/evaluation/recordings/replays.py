@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import getpid
 from pathlib import Path
 from shutil import rmtree
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import one_line
-from ...filters import Problem, RangeMap
+from ...filters import Problem, RangeMap, pose_space
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.plugin_line import plugin_line
 from ...filters.registry import build
@@ -136,6 +136,7 @@ class Replays:
                     "the true pose at the first scan is not known: give the start as x1,x2,heading, or global"
                 )
             start = start.about(truth, random_stream(self.seed, "start", 0))
+            _refuse_elsewhere(replace(start, pose=truth), self.room)
         beams = self.choice.places(self.log.sensor)
         return problem_of(self.room, self.log.sensor, beams, self.assumptions, start)
 
@@ -202,6 +203,24 @@ class Replays:
             why = f"{kind}{one_line(error)}{line}{after if score.scans else ''}"
             return score.row(contestant.label, why), trace
         return score.row(contestant.label), trace
+
+
+def _refuse_elsewhere(start: Start, room: RangeMap) -> None:
+    """Refuse a true pose that is not on the map.
+
+    Raises:
+        RecordingError: If free space has next to nothing of what is claimed about it.
+    """
+    try:
+        start.prior(room, pose_space())
+    except ValueError:
+        assert start.pose is not None
+        low, high = room.bounds
+        raise RecordingError(
+            f"the true pose at the first scan, {start.pose[0]:.6g},{start.pose[1]:.6g}, is not in the free "
+            f"space of the map, {low[0]:.4g},{low[1]:.4g} to {high[0]:.4g},{high[1]:.4g}: is the truth in "
+            "metres, and in the frame of the map?"
+        ) from None
 
 
 @contextmanager

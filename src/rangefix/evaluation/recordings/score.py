@@ -97,7 +97,7 @@ class Score:
         else:
             self.seconds += believed.seconds
         self.last, self.scans = believed, self.scans + 1
-        self.watched += believed.fit is not None
+        self.watched += believed.fit is not None and believed.fit.readings > 0
         if believed.is_lost:
             self.lost += 1
             self.lost_at = believed.step.scan if self.lost_at is None else self.lost_at

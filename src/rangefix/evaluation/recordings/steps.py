@@ -19,6 +19,7 @@ BEYOND = f"readings beyond {UNLIMITED_M:g} m (taken for none: nobody says how fa
 FAR, LARGE_SHARE = 1.1, 0.25  # beyond so many limits a reading is too long; such a share of them is odd
 WITHOUT_END = "scans without odometry at their last beam (their ranges are left as they are)"
 WITHOUT_TRUTH = "scans at whose time the true pose is not known (not compared with it)"
+INVALID = "readings of the chosen beams that say nothing (NaN, 0, negative, or below the shortest range)"
 WITHOUT_READINGS = "scans whose chosen beams are all invalid"
 
 
@@ -116,6 +117,7 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
         if far.any():
             counts[BEYOND] += int(far.sum())
             ranges = np.where(far, np.inf, ranges)
+        counts[INVALID] += int(np.isnan(ranges).sum())
         counts[WITHOUT_READINGS] += bool(np.isnan(ranges).all())
         before, some = scan.odometry, True
         read = scan.ranges_m[np.isfinite(scan.ranges_m)]

@@ -159,7 +159,8 @@ class TableLog(FileLog):
             try:
                 values = [np.nan if cell.strip() in UNMEASURED else float(cell) for cell in cells]
             except ValueError as error:
-                raise RecordingError(f"{self.path}, line {number}: {error}") from None
+                cell = str(error).partition(": ")[2]
+                raise RecordingError(f"{self.path}, line {number}: {cell} is no number") from None
             yield dict(zip(columns, values, strict=True))
 
     def _lines(self) -> Iterator[tuple[int, list[str]]]:

@@ -36,6 +36,11 @@ class Rigid:
         yaw = np.arctan2(self.rotation[1, 0], self.rotation[0, 0])
         return float(self.shift[0]), float(self.shift[1]), float(yaw)
 
+    @property
+    def tilt_deg(self) -> float:
+        """The angle between its z axis and the other one's, deg."""
+        return float(np.rad2deg(np.arccos(np.clip(self.rotation[2, 2], -1.0, 1.0))))
+
 
 IDENTITY = Rigid(np.eye(3), np.zeros(3))
 

@@ -15,6 +15,7 @@ from ....arrays import Array
 from ..log import RecordingError, heading_of, pose_from_ros
 from .transforms import rigid_of
 
+MOST_TILT_DEG = 45.0  # of a robot on its floor
 LONGEST_LINE = 1 << 16  # characters
 
 
@@ -53,6 +54,10 @@ def _read_line(path: Path, number: int, text: str) -> tuple[float, Array]:
         raise RecordingError(f"{path}, line {number}: the time is not finite")
     try:
         found = rigid_of(SimpleNamespace(x=x, y=y, z=z), SimpleNamespace(x=qx, y=qy, z=qz, w=qw))
+        if found.tilt_deg > MOST_TILT_DEG:
+            raise RecordingError(
+                f"a robot tilted by {found.tilt_deg:.0f} deg: is the quaternion in the order qx, qy, qz, qw?"
+            )
         return time, pose_from_ros(*found.planar)
     except RecordingError as error:
         raise RecordingError(f"{path}, line {number}: {error}") from None

@@ -1,0 +1,80 @@
+"""What is wrong with what a user gives to `replay` is told in the words that were typed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from .conftest import drive, ranges_at
+from .test_replay import call, record, rewritten
+
+
+@pytest.fixture
+def words(tmp_path: Path) -> list[Any]:
+    """What replays a drive in a room with its true odometry."""
+    log = record(tmp_path, 12)
+    return ["replay", "--map", tmp_path / "room.toml", "--log", log, "-e", "ekf", "--truth", "odometry"]
+
+
+@pytest.mark.parametrize("value", [np.nan, -1.0, 0.0])
+def test_without_readings_nobody_is_found(
+    words: list[Any], capsys: pytest.CaptureFixture[str], value: float
+) -> None:
+    """Whether the robot is lost is not known then: it was said not to be. What says nothing is counted."""
+    log = rewritten(words[4], 1.0, ranges_m=np.full(ranges_at(drive(12)[1]).shape, value))
+    code, shown, _ = call([*words[:4], log, *words[5:], "--json"], capsys)
+    told = json.loads(shown)
+    assert code == 0
+    assert told["estimators"][0]["lost_share"] is None
+    kind = "readings of the chosen beams that say nothing (NaN, 0, negative, or below the shortest range)"
+    assert told["oddities"][kind] == 12 * 24
+
+
+def test_a_truth_that_is_not_on_the_map(words: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """In millimetres, say: where it is and where the map, in one line."""
+    odometry = np.column_stack([1000 * drive(12)[1][:, :2], np.rad2deg(drive(12)[1][:, 2])])
+    log = rewritten(words[4], 1.0, odometry=odometry)
+    code, _, err = call([*words[:4], log, *words[5:]], capsys)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"the true pose at the first scan, {odometry[0, 0]:.6g},{odometry[0, 1]:.6g}, is not in the" in err
+    assert "metres" in err
+
+
+def test_quaternions_in_another_order(words: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """With w first a robot would lie on its back; its heading was taken from that."""
+    path = words[4].with_name("truth.tum")
+    times, poses = drive(12)
+    halves = 0.5 * (0.5 * np.pi - poses[:, 2])
+    rows = zip(times, poses, np.cos(halves), np.sin(halves), strict=True)
+    path.write_text("".join(f"{time} {x[0]} {x[1]} 0 {w} 0 0 {z}\n" for time, x, w, z in rows))
+    code, _, err = call([*words[:-1], path], capsys)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "truth.tum, line 1: a robot tilted by " in err
+    assert "qx, qy, qz, qw" in err
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--no-return-m", "0"), "--no-return-m must be positive, got 0"),
+        (("--yaw-deg", "nan"), "--yaw-deg must be finite, got nan"),
+        (("--false-alarms", "2"), "--false-alarms must be above 0 and below 1, got 2"),
+    ],
+)
+def test_options_are_named_as_they_are_typed(
+    words: list[Any], capsys: pytest.CaptureFixture[str], given: tuple[str, str], said: str
+) -> None:
+    """Not as Python calls them."""
+    assert call([*words, *given], capsys)[::2] == (2, f"rangefix: {said}\n")
+
+
+def test_a_cell_that_is_no_number(words: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """Without words of Python."""
+    path = words[4].with_name("log.csv")
+    path.write_text("time_s,range_m@0\n0,1\nabc,1\n")
+    _, _, err = call([*words[:4], path, *words[5:]], capsys)
+    assert err == f"rangefix: {path}, line 3: 'abc' is no number\n"
