@@ -82,10 +82,10 @@ def test_a_mesh_and_its_options(rangefix: Callable[..., Said], tmp_path: Path) -
     ("arguments", "words"),
     [
         (("map.yaml", "--sensor-height", "1"), "--sensor-height has no effect on map.yaml"),
-        (("map.yaml", "--unit", "mm"), "unknown option unit; a .yaml map takes"),
+        (("map.yaml", "--unit", "mm"), "--unit has no effect; a .yaml map takes"),
         (("map.yaml", "--unknown", "maybe"), "excluded, free, wall, not 'maybe'"),
-        (("map.yaml", "--wall-lines", "middle"), "wall_lines are edges or centre"),
-        (("map.yaml", "--memory-gb", "0.00001"), "more than memory_gb"),
+        (("map.yaml", "--wall-lines", "middle"), "--wall-lines are edges or centre"),
+        (("map.yaml", "--memory-gb", "0.00001"), "more than --memory-gb 1e-05"),
         (("map.yaml", "--out", "room.txt"), "a picture is a .png, .svg, .pdf file"),
         (("map.yaml", "--reachable-from", "9", "9"), "is in no free cell"),
         (("map.png",), "give the .yaml of map_server"),

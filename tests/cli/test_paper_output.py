@@ -33,14 +33,14 @@ def test_figures_and_tables(rangefix: Call, tmp_path: Path) -> None:
         ("plot r --only ,", "there is no figure ''"),
         ("plot r --only steps", "r has no figure 'steps': each run has one measurement, or none went well"),
         ("plot r --format jpgg", "there is no format 'jpgg'"),
-        ("plot r --width-mm 5", "a figure is 70 to 400 mm wide, not 5"),
+        ("plot r --width-mm 5", "--width-mm 5: must be at least 70"),
         (
             "plot r --width-mm 88 --font-size 14",
             "letters of 14 points need a figure of 119 mm or more, not 88",
         ),
-        ("plot r --dpi 0", "not 0"),
+        ("plot r --dpi 0", "--dpi 0: must be at least 50"),
         ("table r --format latx", "did you mean latex?"),
-        ("table r -o new", "cannot write new"),
+        ("table r -o new", "new is a folder: name a file to write"),
     ):
         said = rangefix(*arguments.split())
         assert (said.code, said.out) == (2, ""), arguments

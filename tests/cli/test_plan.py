@@ -56,7 +56,7 @@ def test_narrow_screens(
         (("--candidates-deg", "0:90:0"), "--candidates-deg 0:90:0: the step must not be 0"),
         (("--candidates-deg", "0,360"), "stands twice"),
         (("--candidates-deg", "180"), "blind sector"),
-        (("--candidates-deg", "0,10", "--beams", "3"), "1 to 2 beams"),
+        (("--candidates-deg", "0,10", "--beams", "3"), "--beams 3: there are 2 directions"),
         (("--method", "exhaustive"), "choose by exchange"),
         (("--method", "exhaustive", "--adaptive"), "--method has no effect with --adaptive"),
     ],

@@ -160,6 +160,8 @@ def replacing(*paths: Path, kind: str = "", read: Iterable[object] = ()) -> Iter
     there = [path for path in paths if os.path.lexists(path)]
     for path in there:
         refuse_sources(path, read)
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder: name a file to write")
         form = kind or path.suffix.lower()[1:]
         if not _is_ours(path, form):
             raise ValueError(f"{path} is there and no {form} file of rangefix: choose another, or remove it")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -46,6 +47,8 @@ def map_accuracy(
     as_json: Json = False,
 ) -> None:
     """How accurate a position is going to be at each place of a map, from gradients of the ranges."""
+    if not 0 < step_m < math.inf:
+        raise ValueError(f"--step-m must be positive and finite, got {step_m:g}")
     world = read_study(study, None, None, map_path, not no_plugins, unit=unit, up=up).world()
 
     import numpy as np

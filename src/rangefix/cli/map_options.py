@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import wraps
@@ -69,11 +70,13 @@ class MapOptions:
         Raises:
             ValueError: If an option has no effect on such a map, or one is missing.
         """
-        from ..maps import open_map
+        from ..maps import MapError, open_map
 
         options = {
             name: value for name, value in vars(self).items() if value is not None and value is not False
         }
+        if not map_name.strip():
+            raise ValueError("the name of the map is empty: name a file, or a room such as room:4x6")
         if self.memory_gb is not None and not self.memory_gb > 0:
             raise ValueError(f"--memory-gb must be positive, got {self.memory_gb:g}")
         with_height = needs_height(map_name)
@@ -86,9 +89,12 @@ class MapOptions:
                 names = ", ".join(f"--{name.replace('_', '-')}" for name in options)
                 have = "have" if len(options) > 1 else "has"
                 raise ValueError(f"{names} {have} no effect on {map_name}")
-        if "outline" in options:
-            options["outline"] = open_map(options["outline"])
-        return open_map(map_name, **options)
+        try:
+            if "outline" in options:
+                options["outline"] = open_map(options["outline"])
+            return open_map(map_name, **options)
+        except MapError as error:
+            raise ValueError(as_options(str(error))) from None
 
     def opened_and_told(self, map_name: str) -> Any:
         """The map of a name; what of a plan's file is left out is told on standard error.
@@ -100,6 +106,25 @@ class MapOptions:
         for remark in left_out(room):
             warn(f"{map_name}: {remark}")
         return room
+
+
+def as_options(text: str) -> str:
+    """What is wrong with a map, with options as they are typed, and not as Python or a study calls them."""
+    typed = {each.name: f"--{each.name.replace('_', '-')}" for each in fields(MapOptions)}
+    typed["layers"] = "--layer"
+
+    def named(listed: str) -> str:
+        return ", ".join(typed[name] for name in listed.split(", ") if name in typed)
+
+    if found := re.fullmatch(r"(.*): unknown option (.*); (a \S+ map takes) (.*)", text):
+        path, wrong, takes, known = found.groups()
+        have = "have" if "," in wrong else "has"
+        return f"{path}: {named(wrong)} {have} no effect; {takes} {named(known)}"
+    short = "|".join(typed)
+    text = re.sub(rf"(?:(?:{short})(?:, )?)+(?= has no effect on it)", lambda match: named(match[0]), text)
+    text = re.sub(r"\b(unit|up) = '(\w+)'", r"--\1 \2", text)
+    long = "|".join(name for name in typed if "_" in name)
+    return re.sub(rf"(?<![\w/.-])({long})(?![\w.])(?: =)?", lambda match: typed[match[1]], text)
 
 
 def left_out(room: Any) -> tuple[str, ...]:

@@ -103,6 +103,8 @@ def plan(
     problem = world.assumed or world.truth
     candidates = read_candidates(candidates_deg, problem)
     planner = Planner(problem, candidates, criterion, truths, given.seed, doing)  # type: ignore[arg-type]
+    if beams > len(candidates):
+        raise ValueError(f"--beams {beams}: there are {len(candidates)} directions ({CANDIDATES})")
     found = planner.plan(beams, method, adaptive, everywhere=out is not None)  # type: ignore[arg-type]
     doing("")
     seconds = _times(problem, planner.sensor, found, given.seed)

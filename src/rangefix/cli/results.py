@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import sys
 from pathlib import Path
@@ -101,6 +102,8 @@ def plot(
         float | None,
         typer.Option(
             "--width-mm",
+            min=70,
+            max=400,
             metavar="MM",
             help="Width of every figure, 70 to 400: 88 for a column, 180 for two; as wide as its panels need "
             "unless given.",
@@ -108,13 +111,17 @@ def plot(
     ] = None,
     dpi: Annotated[
         float | None,
-        typer.Option("--dpi", metavar="N", help="Pixels per inch, 50 to 1200; 160 unless given."),
+        typer.Option(
+            "--dpi", min=50, max=1200, metavar="N", help="Pixels per inch, 50 to 1200; 160 unless given."
+        ),
     ] = None,
     titles: Annotated[bool, typer.Option("--titles/--no-titles", help="Titles above the figures.")] = True,
     font_size: Annotated[
         float | None,
         typer.Option(
             "--font-size",
+            min=5,
+            max=20,
             metavar="PT",
             help="Letters of the axes' labels, 5 to 20 points; 8 with --width-mm, else 9. The smallest are a "
             "ninth smaller.",
@@ -246,6 +253,8 @@ def compare(
     if fuse_std_m is not None:
         if b is not None:
             raise ValueError("--fuse-std-m goes with one folder")
+        if not 0 < fuse_std_m < math.inf:
+            raise ValueError(f"--fuse-std-m must be positive and finite, got {fuse_std_m:g}")
         _fuse(a, fuse_std_m, as_json)
         return
     if b is None:
