@@ -200,7 +200,7 @@ def test_the_command_writes_a_sensor_of_a_study(
     with pytest.raises(SystemExit) as ended:
         main([*words, "--force"])
     assert ended.value.code == 2
-    assert "residuals need poses" in capsys.readouterr().err
+    assert "the poses are needed: give --truth, or --start" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("there", ["calibrated.toml", "calibrated.png"])

@@ -78,3 +78,35 @@ def test_a_cell_that_is_no_number(words: list[Any], capsys: pytest.CaptureFixtur
     path.write_text("time_s,range_m@0\n0,1\nabc,1\n")
     _, _, err = call([*words[:4], path, *words[5:]], capsys)
     assert err == f"rangefix: {path}, line 3: 'abc' is no number\n"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ((), "the poses are needed: give --truth, or --start from which a filter follows them"),
+        (("--start", "99", "99", "0"), "--start 99,99 is not in the free space of "),
+        (("--start", "nan", "1", "0"), "--start nan 1 0: must be finite"),
+    ],
+)
+def test_calibrate_needs_poses_on_the_map(
+    words: list[Any], capsys: pytest.CaptureFixture[str], given: tuple[str, ...], said: str
+) -> None:
+    """One line that says what to give; nothing is written."""
+    out = words[4].with_name("a.toml")
+    code, _, err = call(["calibrate", *words[1:5], *given, "--out", out], capsys)
+    assert (code, err.count("\n"), out.exists()) == (2, 1, False)
+    assert err.startswith(f"rangefix: {said}")
+
+
+def test_calibrate_to_swapped_axes_is_told(words: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """Whose sections would be read as a very bad laser: on the terminal, and in the file."""
+    out, poses = words[4].with_name("a.toml"), drive(40)[1]
+    log = record(words[4].parent, 40)
+    swapped = np.column_stack([poses[:, 1], poses[:, 0], np.rad2deg(poses[:, 2])])
+    for odometry, is_odd in ((swapped, True), (np.ascontiguousarray(swapped[:, [1, 0, 2]]), False)):
+        path = rewritten(log, 1.0, odometry=odometry)
+        given = ["calibrate", *words[1:4], path, "--truth", "odometry", "--out", out, "--force"]
+        code, _, err = call(given, capsys)
+        assert code == 0, err
+        assert ("hits scatter by" in err) == is_odd
+        assert ("# hits scatter by" in out.read_text()) == is_odd

@@ -64,11 +64,17 @@ def calibrate(
     from ...evaluation.recordings.open_log import open_log
     from ...evaluation.recordings.residuals import find_residuals
     from ...evaluation.recordings.sensor_text import sensor_text
+    from ...evaluation.recordings.setting import Start
     from ...evaluation.recordings.steps import Choice
     from ...evaluation.results.files import write_bytes
+    from .start import refuse_outside
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
+    if truth is None and start is None:
+        raise ValueError("the poses are needed: give --truth, or --start from which a filter follows them")
+    if start is not None and not np.isfinite(start).all():
+        raise ValueError(f"--start {' '.join(f'{each:g}' for each in start)}: must be finite")
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     files = [out, out.with_suffix(".png")]
@@ -85,6 +91,7 @@ def calibrate(
     room, log = map_options.opened_and_told(map_name), open_log(log_path, options)
     refuse_without_bag(log, log_path, scan_topic, odometry_topic, base_frame)
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
+    refuse_outside(Start(pose), room, " ".join(f"{each:g}" for each in start or ()), map_name)
     doing("comparing readings with the map")
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
     if residuals.warning:
@@ -95,6 +102,8 @@ def calibrate(
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
     doing("")
     fitted = found.fitted
+    if found.warning:
+        warn(found.warning)
     notes = [
         *filter(None, [residuals.reach]),
         *log.notes,
@@ -106,7 +115,7 @@ def calibrate(
                 "scans": len(residuals.readings),
                 "beams": len(residuals.beams),
                 "from_truth": residuals.from_truth,
-                "notes": [*filter(None, [residuals.warning]), *notes],
+                "notes": [*filter(None, [residuals.warning, found.warning]), *notes],
                 "independent_beams": found.independent_beams,
                 "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),

@@ -15,6 +15,7 @@ from .residuals import Residuals
 
 BLOCKS = 10  # of consecutive scans, and of places on walls, left out one at a time for intervals
 LEAST_SCANS = 20
+ODD_STD_M = 0.5  # beyond it readings and map do not belong together
 STEP_M = 1e-4  # of numerical derivatives by a range
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
 STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with BLOCKS - 1 degrees of freedom
@@ -91,6 +92,14 @@ class Calibration:
     leaving_out: tuple[Fitted, ...]
     leaving_out_places: tuple[Fitted, ...]
     offset: Array | None = None
+
+    @property
+    def warning(self) -> str:
+        """That readings scatter by more than any rangefinder does on its own map; "" where they do not."""
+        std = self.fitted.mixture.std
+        if std <= ODD_STD_M:
+            return ""
+        return f"hits scatter by {std:.2g} m about the walls: are the map and the poses right, x1 before x2?"
 
     @property
     def independent_beams(self) -> float:

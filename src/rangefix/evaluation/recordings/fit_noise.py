@@ -60,7 +60,10 @@ def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams
     inside = (read > 0) & (read <= max_range)
     read, ranges = read[inside], ranges[inside]
     if len(read) < 50:
-        raise ValueError(f"only {len(read)} readings have a wall of the map to be compared with")
+        raise ValueError(
+            f"only {len(read)} readings have a wall of the map to be compared with: are the poses in metres, "
+            "and in the frame of the map?"
+        )
     lost = float(np.isposinf(readings[walls]).mean())
     centre = float(np.median(read - ranges))
     width = float(np.clip(1.4826 * np.median(np.abs(read - ranges - centre)), 0.003, 1.0))

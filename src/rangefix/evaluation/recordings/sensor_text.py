@@ -23,7 +23,11 @@ def sensor_text(calibration: Calibration, map_name: str, log_name: str) -> str:
     scans, beams = calibration.residuals.readings.shape
     poses = "the given true poses" if calibration.residuals.from_truth else "poses that a filter followed"
     lines = [
-        *(f"# {text}" for text in (calibration.residuals.warning, calibration.residuals.reach) if text),
+        *(
+            f"# {text}"
+            for text in (calibration.residuals.warning, calibration.warning, calibration.residuals.reach)
+            if text
+        ),
         f"# Fitted by rangefix calibrate to {scans} scans of {_plain(log_name)}",
         f"# on the map {_plain(map_name)}, at {poses}.",
         f"# A scan of {beams} beams is worth {calibration.independent_beams:.1f} independent ones.",

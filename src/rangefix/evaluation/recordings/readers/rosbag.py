@@ -54,7 +54,7 @@ class RosbagLog(FileLog):
 
     @cached_property
     def _scan_topic(self) -> Topic:
-        return self._chosen(self.options.scan_topic, SCANS, "scans", "scan_topic")
+        return self._chosen(self.options.scan_topic, SCANS, "scans", "--scan-topic")
 
     def _chosen(self, name: str | None, types: tuple[str, ...], what: str, option: str) -> Topic:
         topics = [topic for topic in self.messages.topics if topic.type in types and topic.messages]
@@ -98,7 +98,7 @@ class RosbagLog(FileLog):
         name, kinds = self.options.odometry_topic, POSES if self.options.odometry_topic else (ODOMETRY,)
         topics = [topic for topic in self.messages.topics if topic.type in kinds and topic.messages]
         if name != "tf" and (topics or name is not None):
-            topic = self._chosen(name, kinds, "poses by odometry", "odometry_topic")
+            topic = self._chosen(name, kinds, "poses by odometry", "--odometry-topic")
             for _, message in self.messages.of([topic]):
                 frame = self.options.base_frame or message.__dict__.get("child_frame_id", "") or ""
                 return Source(topic, base=frame.lstrip("/"))
@@ -235,7 +235,9 @@ class RosbagLog(FileLog):
         Raises:
             RecordingError: If there are none, or one is not finite.
         """
-        source = self._odometry if topic is None else Source(self._chosen(topic, POSES, "poses", "topic"))
+        source = (
+            self._odometry if topic is None else Source(self._chosen(topic, POSES, "poses", "topic:NAME"))
+        )
         if source is None:
             raise RecordingError(f"{self.path}: no odometry")
         if source.topic is None:
