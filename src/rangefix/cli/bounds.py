@@ -169,6 +169,10 @@ def _study_and_folder(
     manifest = load(folder).manifest
     if not manifest["config"]:
         raise ValueError(f"{folder} is of an experiment from Python: run it once more, with bounds=True")
+    words = list(map(str, manifest.get("command_line") or ()))[2:]
+    if "--map" in words:
+        again = as_typed("rangefix", "bounds", *words)
+        raise ValueError(f"{folder} was run with --map: name its study and the same map, as by {again}")
     study = parse_study(
         manifest["config"],
         source=f"{manifest['name']}.toml",
