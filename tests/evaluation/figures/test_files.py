@@ -51,12 +51,13 @@ def by_matplotlib(figure: Figure, dpi: float) -> bytes:
 )
 @pytest.mark.parametrize("dpi", [160.0, 97.3])
 def test_png_holds_what_matplotlib_draws(options: dict[str, Any], dpi: float) -> None:
-    """Pixel for pixel, opaque or not, with the same pixels to the inch; nothing else: no date, no version."""
+    """Pixel for pixel, opaque or not, with the same pixels to the inch; who made it, no date, no version."""
     figure = drawn(**options)
     made = encoded(figure, ["png"], dpi)["png"]
     np.testing.assert_array_equal(pixels_of(made), pixels_of(by_matplotlib(figure, dpi)))
     with Image.open(io.BytesIO(made)) as picture:
-        assert picture.info.keys() == {"dpi"}
+        assert picture.info.keys() == {"dpi", "Software"}
+        assert picture.info["Software"] == "rangefix"
         assert picture.info["dpi"] == pytest.approx((dpi, dpi), abs=0.02)
 
 
