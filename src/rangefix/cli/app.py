@@ -162,6 +162,8 @@ def replacing(*paths: Path, kind: str = "", read: Iterable[object] = ()) -> Iter
         refuse_sources(path, read)
         if path.is_dir():
             raise ValueError(f"{path} is a folder: name a file to write")
+        if path.exists() and not path.is_file():
+            raise ValueError(f"{path} is a device or a pipe: name a file to write")
         form = kind or path.suffix.lower()[1:]
         if not _is_ours(path, form):
             raise ValueError(f"{path} is there and no {form} file of rangefix: choose another, or remove it")
@@ -184,10 +186,10 @@ def refuse_sources(path: Path, read: Iterable[object]) -> None:
 def _is_ours(path: Path, kind: str) -> bool:
     """Whether nothing but what we can make again is in a file."""
     try:
-        content = path.read_bytes() if path.is_file() else None
-    except OSError:
-        content = None
-    return content == b"" or (content is not None and bool(re.match(OURS[kind], content, re.DOTALL)))
+        content = path.read_bytes()
+    except OSError:  # a link that leads nowhere, or nobody may read it
+        return False
+    return not content or re.match(OURS[kind], content, re.DOTALL) is not None
 
 
 def as_typed(*words: object) -> str:
