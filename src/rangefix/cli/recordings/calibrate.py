@@ -71,8 +71,6 @@ def calibrate(
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
-    if truth is None and start is None:
-        raise ValueError("the poses are needed: give --truth, or --start from which a filter follows them")
     if start is not None and not np.isfinite(start).all():
         raise ValueError(f"--start {' '.join(f'{each:g}' for each in start)}: must be finite")
     if out.suffix != ".toml":
@@ -90,6 +88,8 @@ def calibrate(
     )
     room, log = map_options.opened_and_told(map_name), open_log(log_path, options)
     refuse_without_bag(log, log_path, scan_topic, odometry_topic, base_frame)
+    if truth is None and start is None:
+        raise ValueError("the poses are needed: give --truth, or --start from which a filter follows them")
     pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
     refuse_outside(Start(pose), room, " ".join(f"{each:g}" for each in start or ()), map_name)
     doing("comparing readings with the map")
