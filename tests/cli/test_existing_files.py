@@ -113,3 +113,17 @@ def test_sections_do_not_replace_the_map_that_they_are_fitted_to(rangefix: Calla
     )  # fmt: skip
     assert (said.code, said.err) == (2, "rangefix: plan.toml is what is read: choose another file to write\n")
     assert Path("plan.toml").read_text() == PLAN
+
+
+def test_the_picture_beside_sections_does_not_replace_another(rangefix: Callable[..., Said]) -> None:
+    """Such as the image of a robot's map; --force is for what was written before."""
+    Image.new("L", (20, 20), 254).save("map.png")
+    Path("map.yaml").write_text("image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    Path("log.csv").write_text("time_s,range_m@0\n0,1\n")
+    image = Path("map.png").read_bytes()
+    said = rangefix(
+        "calibrate", "--map", "map.yaml", "--log", "log.csv", "--truth", "odometry", "--out", "map.toml",
+        "--force",
+    )  # fmt: skip
+    assert (said.code, Path("map.png").read_bytes()) == (2, image)
+    assert "map.png is there and no png file of rangefix" in said.err

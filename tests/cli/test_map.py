@@ -194,3 +194,19 @@ def test_what_is_left_out_of_a_plan_is_told(rangefix: Callable[..., Said]) -> No
         STUDY.replace('path = "map.yaml"\nunknown = "wall"', 'path = "a.geojson"\nunit = "m"')
     )
     assert f"rangefix: map: {told}\n" in rangefix("run", "s.toml").err
+
+
+@pytest.mark.parametrize("command", ["map", "ranges", "run", "plan", "bounds"])
+def test_a_size_that_no_building_has_is_told(rangefix: Callable[..., Said], command: str) -> None:
+    """A plan in millimetres: its size in metres, on standard error where a command goes on with it."""
+    Path("mm.toml").write_text("outer = [[0, 0], [4000, 0], [4000, 6000], [0, 6000]]")
+    Path("s.toml").write_text(STUDY.replace('path = "map.yaml"\nunknown = "wall"', 'path = "mm.toml"'))
+    words = {
+        "map": ("map", "mm.toml"),
+        "ranges": ("ranges", "mm.toml", "--at", 1, 1, "--bearings-deg", 0),
+        "plan": ("plan", "s.toml", "--beams", 1, "--truths", 10, "--candidates-deg", "0,90"),
+        "bounds": ("bounds", "s.toml", "--only", "cramer-rao"),
+    }
+    said = rangefix(*words.get(command, (command, "s.toml")))
+    told = said.out if command == "map" else said.err
+    assert "4000 x 6000 m is no usual size of a building: is it in metres?" in told

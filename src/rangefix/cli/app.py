@@ -159,17 +159,25 @@ def replacing(*paths: Path, kind: str = "", read: Iterable[object] = ()) -> Iter
     """
     there = [path for path in paths if os.path.lexists(path)]
     for path in there:
-        refuse_sources(path, read)
-        if path.is_dir():
-            raise ValueError(f"{path} is a folder: name a file to write")
-        if path.exists() and not path.is_file():
-            raise ValueError(f"{path} is a device or a pipe: name a file to write")
-        form = kind or path.suffix.lower()[1:]
-        if not _is_ours(path, form):
-            raise ValueError(f"{path} is there and no {form} file of rangefix: choose another, or remove it")
+        refuse_others(path, kind or path.suffix.lower()[1:], read)
     yield
     for path in there:
         warn(f"{path} was there and is replaced")
+
+
+def refuse_others(path: Path, kind: str, read: Iterable[object]) -> None:
+    """Refuse to replace what is there, of a kind in OURS, if it is read or not one of ours.
+
+    Raises:
+        ValueError: If it is.
+    """
+    refuse_sources(path, read)
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder: name a file to write")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is a device or a pipe: name a file to write")
+    if not _is_ours(path, kind):
+        raise ValueError(f"{path} is there and no {kind} file of rangefix: choose another, or remove it")
 
 
 def refuse_sources(path: Path, read: Iterable[object]) -> None:

@@ -22,7 +22,7 @@ from .app import (
     say,
     warn,
 )
-from .map_options import Unit, Up
+from .map_options import Unit, Up, tell_odd
 from .studies import Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
@@ -114,6 +114,7 @@ def bounds(
         with replacing(curve):
             _draw_curve(described, experiment, curve, as_json)
         return
+    tell_odd(experiment.truth.sensor.room)
     rows = list(bounds_of(experiment, chosen, doing))
     doing("")
     refused = [row for row in rows if row.bound is None]

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .app import Json, folder_to_write, print_json, replacing
-from .map_options import Unit, Up
+from .map_options import Unit, Up, tell_odd
 from .plan import read_directions
 from .studies import Map, NoPlugins, StudyFile, read_study
 
@@ -57,6 +57,7 @@ def map_accuracy(
     from ..evaluation.planning.cells import check_plannable, turned
 
     problem = world.assumed or world.truth
+    tell_odd(problem.sensor.room)
     sensor = check_plannable(problem)
     if beams_deg is not None:
         sensor = turned(sensor, read_directions(beams_deg, "--beams-deg"))

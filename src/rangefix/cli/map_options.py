@@ -97,14 +97,13 @@ class MapOptions:
             raise ValueError(as_options(str(error))) from None
 
     def opened_and_told(self, map_name: str) -> Any:
-        """The map of a name; what of a plan's file is left out is told on standard error.
+        """The map of a name; what of a plan's file is left out, and an odd size, is told on standard error.
 
         Raises:
             ValueError: As `opened`.
         """
         room = self.opened(map_name)
-        for remark in left_out(room):
-            warn(f"{map_name}: {remark}")
+        tell_odd(room, map_name)
         return room
 
 
@@ -127,11 +126,18 @@ def as_options(text: str) -> str:
     return re.sub(rf"(?<![\w/.-])({long})(?![\w.])(?: =)?", lambda match: typed[match[1]], text)
 
 
-def left_out(room: Any) -> tuple[str, ...]:
-    """What of a floor plan's file is left out, a sentence each; of other maps nothing is."""
+def odd_about(room: Any) -> tuple[str, ...]:
+    """What of a floor plan's file is left out, and a size that tells of another unit, a sentence each."""
     from ..maps import FloorPlan
+    from ..maps.describe import odd_size
 
-    return room.remarks if isinstance(room, FloorPlan) else ()
+    return (*(room.remarks if isinstance(room, FloorPlan) else ()), *odd_size(room))
+
+
+def tell_odd(room: Any, name: str = "map") -> None:
+    """The same on standard error."""
+    for remark in odd_about(room):
+        warn(f"{name}: {remark}")
 
 
 AS_FILES_SAY = MapOptions()

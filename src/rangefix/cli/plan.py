@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .app import PICTURES, Json, doing, folder_or_picture, names_from, one_of, print_json, replacing
-from .map_options import Unit, Up
+from .map_options import Unit, Up, tell_odd
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ def plan(
     from ..evaluation.planning.selection import Planner
 
     problem = world.assumed or world.truth
+    tell_odd(problem.sensor.room)
     candidates = read_candidates(candidates_deg, problem)
     planner = Planner(problem, candidates, criterion, truths, given.seed, doing)  # type: ignore[arg-type]
     if beams > len(candidates):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import ExitCode, Json, Stopped, as_typed, folder_to_write, named, names_from, print_json, warn
-from .map_options import Unit, Up, left_out
+from .map_options import Unit, Up, tell_odd
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -150,8 +150,7 @@ def run(
     described = read_study(study, runs, seed, map_path, not no_plugins, unit=unit, up=up)
     experiment = described.experiment()
     drawn = any(file.suffix.lower() in DRAWINGS for file in described.map.files(described.folder))
-    if drawn or described.map.kind in FOUND:
-        _tell_map(experiment)
+    _tell_map(experiment, drawn or described.map.kind in FOUND)
     names = experiment.assumed_problem.space.names
     need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs), bounds)
     folder = Path("results") / described.name if out is None else out
@@ -222,15 +221,19 @@ def run(
         raise typer.Exit(ExitCode.SOME_FAILED)
 
 
-def _tell_map(experiment: Experiment) -> None:
-    """What the map of a file is, and the one that estimators are told, where that is another."""
+def _tell_map(experiment: Experiment, whole: bool) -> None:
+    """What is odd about the map, and about the one that estimators are told, where that is another.
+
+    Of the whole map of a file, whose walls were found in it, what it is.
+    """
     from ..maps.describe import describe
 
     true, assumed = experiment.truth.sensor.room, experiment.assumed_problem.sensor.room
     for what, room in {"map": true, "map that estimators assume": assumed}.items():
         if what == "map" or assumed != true:
-            for text in (str(describe(room)), *left_out(room)):
-                warn(f"{what}: {text}")
+            if whole:
+                warn(f"{what}: {describe(room)}")
+            tell_odd(room, what)
 
 
 def _tls(

@@ -17,6 +17,7 @@ from .rectangle import RectangularRoom
 LONGEST = 500  # cells along the longer side of the free space
 DOOR = 1.0  # m; areas are rooms of their own where openings between them are narrower
 LEAST_ROOM = 0.25  # m^2 that are farther than half a door from walls
+USUAL_SIDES = (1.0, 3000.0)  # m, of the box about a map: those of others are hardly in metres
 KINDS = {MeshRoom: "mesh", OccupancyMap: "occupancy", FloorPlan: "floor-plan", RectangularRoom: "rectangle"}
 
 
@@ -87,10 +88,19 @@ def describe(room: Any) -> Description:
         walls=len(segments),
         walls_m=float(np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum()),
         level_m=room.free_space.level if isinstance(room, MeshRoom) else float("nan"),
-        remarks=tuple(_remarks(room)),
+        remarks=(*_remarks(room), *odd_size(room)),
         free=free,
         raster=raster,
     )
+
+
+def odd_size(room: Any) -> tuple[str, ...]:
+    """A sentence on a map that is as large or as small as no building, which another unit may explain."""
+    lower, upper = (np.asarray(corner, dtype=np.float64) for corner in room.bounds)
+    sides = upper - lower
+    if USUAL_SIDES[0] <= sides.max() <= USUAL_SIDES[1]:
+        return ()
+    return (f"{sides[0]:.4g} x {sides[1]:.4g} m is no usual size of a building: is it in metres?",)
 
 
 def _crossed(segments: np.ndarray, raster: Raster) -> BoolArray:

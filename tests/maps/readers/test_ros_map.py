@@ -178,6 +178,10 @@ BAD = {
         "image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\noccupied_tresh: 0.9\n",
         "unknown key 'occupied_tresh'; did you mean occupied_thresh",
     ),
+    "neither": (
+        "image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\nnegate: 2\n",
+        "negate is 0 or 1, got 2",
+    ),
     "capitals": (
         "image: map.pgm\nresolution: 1\norigin: [0, 0, 0]\nNegate: 1\n",
         "unknown key 'Negate'; did you mean negate",

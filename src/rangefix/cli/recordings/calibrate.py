@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import Json, doing, named, print_json, refuse_sources, say, warn
+from ..app import Json, doing, named, print_json, refuse_others, refuse_sources, say, warn
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
 
@@ -134,6 +134,8 @@ def calibrate(
 def _refuse_existing(files: list[Path], force: bool, read: Iterable[object]) -> None:
     """Sections may have been changed by hand since they were written, and a map may be such a file, too.
 
+    The picture beside them may be anybody's, such as the image of a robot's map.
+
     Raises:
         ValueError: If one of the files is there and not to be replaced, or is read.
     """
@@ -141,6 +143,8 @@ def _refuse_existing(files: list[Path], force: bool, read: Iterable[object]) -> 
         refuse_sources(file, read)
         if os.path.lexists(file) and not force:
             raise ValueError(f"{file} is there already: choose another --out, or --force to replace it")
+    if os.path.lexists(files[1]):
+        refuse_others(files[1], "png", read)
 
 
 def _tell(found: Calibration) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json, warn
-from ..map_options import AS_FILES_SAY, MapOptions, left_out, takes_map_options
+from ..map_options import AS_FILES_SAY, MapOptions, odd_about, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
 
 if TYPE_CHECKING:
@@ -199,7 +199,12 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
-    notes = [*filter(None, [first.warning]), *left_out(room), *recording.notes, *told.notes(recording.sensor)]
+    notes = [
+        *filter(None, [first.warning]),
+        *odd_about(room),
+        *recording.notes,
+        *told.notes(recording.sensor),
+    ]
     notes += notes_of(replays, contestants, first, told.noise is None)
     rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
     doing("")

@@ -112,6 +112,9 @@ def read_yaml(path: Path) -> MapYaml:
     for key in content:
         if key not in KEYS and (meant := get_close_matches(str(key).lower(), KEYS, n=1, cutoff=ALIKE)):
             raise MapError(f"{path}: unknown key {key!r:.60}; did you mean {meant[0]}?")
+    negate = _number(path, "negate", _as_number(content.get("negate", 0)))
+    if negate not in (0, 1):
+        raise MapError(f"{path}: negate is 0 or 1, got {negate:g}")
     mode = content.get("mode", "trinary")
     if mode not in MODES:
         raise MapError(f"{path}: mode is {', '.join(MODES)}, not {mode!r}")
@@ -123,7 +126,7 @@ def read_yaml(path: Path) -> MapYaml:
             _number(path, "origin y", origin[1]),
             _number(path, "origin yaw", origin[2]),
         ),
-        negate=bool(_number(path, "negate", _as_number(content.get("negate", 0)))),
+        negate=bool(negate),
         mode=mode,
         occupied_thresh=_number(path, "occupied_thresh", content.get("occupied_thresh", 0.65)),
         free_thresh=_number(path, "free_thresh", content.get("free_thresh", 0.196)),
