@@ -203,26 +203,28 @@ def test_the_command_writes_a_sensor_of_a_study(
     assert "the poses are needed: give --truth, or --start" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("there", ["calibrated.toml", "calibrated.png"])
+@pytest.mark.parametrize(
+    ("there", "content"), [("calibrated.toml", b"mine"), ("calibrated.png", b"\x89PNG of rangefix")]
+)
 def test_files_that_are_there_are_kept_unless_forced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], there: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], there: str, content: bytes
 ) -> None:
     """They may have been changed by hand: one line before anything is read, in the words of `run`."""
     from rangefix.cli.main import main
 
     log = write_log(tmp_path / "log.npz", recording(40, SHARED, step=0.05))
-    (tmp_path / there).write_text("mine")
+    (tmp_path / there).write_bytes(content)
     words = ["calibrate", "--map", "room:6x9", "--log", str(log), "--out", str(tmp_path / "calibrated.toml")]
     with pytest.raises(SystemExit) as ended:
         main([*words, "--truth", "odometry"])
     assert ended.value.code == 2
     told = f"{tmp_path / there} is there already: choose another --out, or --force to replace it"
     assert capsys.readouterr().err == f"rangefix: {told}\n"
-    assert (tmp_path / there).read_text() == "mine"
+    assert (tmp_path / there).read_bytes() == content
     with pytest.raises(SystemExit) as ended:
         main([*words, "--truth", "odometry", "--force"])
     assert ended.value.code == 0
-    assert (tmp_path / there).read_bytes() != b"mine"
+    assert (tmp_path / there).read_bytes() != content
 
 
 def test_a_clock_that_stands_still_has_no_truth(tmp_path: Path) -> None:
