@@ -126,7 +126,7 @@ maps.readers
 maps.describe
 maps.mesh
 maps.floor_plan maps.rectangle maps.occupancy
-maps.free_space
+maps.free_space maps.free_moments
 maps.casting maps.centre_lines
 maps.mesh_formats
 maps.polygon

@@ -82,6 +82,14 @@ def caster_for(room: RangeMap, space: StateSpace) -> Caster:
 
 
 @runtime_checkable
+class CanIntegrateFreeSpace(Protocol):
+    """The optional method of a map whose free space is made of polygons: its moments in closed form."""
+
+    def free_moments(self, lower: Array, upper: Array) -> tuple[float, Array, Array]:
+        """Area (m^2), mean (2,) and covariance (2, 2) of a place in a box's free space; zeros if none."""
+
+
+@runtime_checkable
 class CanSeeBetween(Protocol):
     """The optional method of a map: whether two points see each other, faster than a beam says it."""
 

@@ -13,6 +13,7 @@ from ..arrays import Array, BoolArray
 from .base import MapError, check_points
 from .casting.caster import InWalls
 from .casting.walls import Walls
+from .free_moments import free_moments
 from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting, plain_numbers
 
 Corners = tuple[tuple[float, float], ...]
@@ -108,6 +109,11 @@ class FloorPlan(InWalls):
         for hole in holes:
             free &= locate(flat, hole) <= 0
         return free.reshape(points.shape[:-1])
+
+    def free_moments(self, lower: Array, upper: Array) -> tuple[float, Array, Array]:
+        """Area (m^2), mean (2,) and covariance (2, 2) of a place in a box's free space, in closed form."""
+        outer, *holes = self._polygons
+        return free_moments(outer, holes, lower, upper)
 
     def in_sight(self, starts: ArrayLike, ends: ArrayLike) -> BoolArray:
         """Whether no wall stands between starts and ends: (..., 2), (..., 2) -> (...)."""

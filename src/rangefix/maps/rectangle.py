@@ -73,6 +73,13 @@ class RectangularRoom:
         """Whether points are in the room; the walls' own lines count as in: (..., 2) -> (...)."""
         return within(check_points(points), *self.bounds)
 
+    def free_moments(self, lower: Array, upper: Array) -> tuple[float, Array, Array]:
+        """Area (m^2), mean (2,) and covariance (2, 2) of a place in the room within a box, in closed form."""
+        low, high = np.maximum(lower, 0.0), np.minimum(upper, self.bounds[1])
+        if not (low < high).all():
+            return 0.0, np.zeros(2), np.zeros((2, 2))
+        return float((high - low).prod()), 0.5 * (low + high), np.diag((high - low) ** 2 / 12)
+
     def ranges(self, poses: ArrayLike, bearings: ArrayLike) -> Array:
         """Distance from each pose to the first wall along each beam.
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, keep_copies, read_only, within, wrap
 from ...raster import Raster
-from ..problem import IsConvex, RangeMap
+from ..problem import CanIntegrateFreeSpace, IsConvex, RangeMap
 from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
@@ -68,6 +68,8 @@ class Uniform:
     @cached_property
     def _place(self) -> tuple[float, Array, Array]:
         """Free area of the box, m^2, and mean (2,) and covariance (2, 2) of a point there."""
+        if isinstance(self.room, CanIntegrateFreeSpace):
+            return self.room.free_moments(*self._box)
         raster = Raster.over(*self._box, LATTICE)
         centres, step = raster.centres.reshape(-1, 2), np.asarray(raster.step)
         inside = centres[self.room.is_free(centres)]
