@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray
+from ..arrays import TWO_PI, Array, BoolArray
 from .models.gaussian_prior import REACH, GaussianPrior
 from .models.mixture_prior import Mixture
 from .models.product_prior import Product
@@ -14,10 +18,41 @@ from .problem import Prior, Sensor
 
 FAR_REACH = 40.0  # deviations of a Gaussian prior, to where readings that contradict it may lead
 LEANING_STDS = 5.0  # of the posterior, to where a prior's box ends: nearer, some of it lies beyond
+SPARE_NATS = 40.0  # less than what the prior loses within FAR_REACH: what lies beyond counts for nothing
 BY_CHANCE = 1e-6  # how seldom readings fit so badly at the truth that they may fit beyond the box
 
 Answers = tuple[Array, Array, ArrayLike]  # means (M, n), covariances (M, n, n) and log evidences (M,)
 Ends = tuple[Array, Array]  # lower and upper ones, (n,) each
+
+
+@dataclass(frozen=True)
+class FarReaching:
+    """A prior that says of itself, in `support`, that it goes as far as FAR_REACH; all else is as it was."""
+
+    prior: Prior
+
+    @property
+    def mean(self) -> Array:
+        """The prior's."""
+        return self.prior.mean
+
+    @property
+    def covariance(self) -> Array:
+        """The prior's."""
+        return self.prior.covariance
+
+    @cached_property
+    def support(self) -> tuple[Array, Array]:
+        """Corners of a box that holds FAR_REACH deviations of its Gaussian parts, (n,) each."""
+        return box_of(self.prior, FAR_REACH)
+
+    def sample(self, size: int, rng: Generator) -> Array:
+        """Independent draws, (size, n)."""
+        return self.prior.sample(size, rng)
+
+    def log_density(self, states: Array) -> Array:
+        """Log density: (..., n) -> (...)."""
+        return self.prior.log_density(states)
 
 
 def box_of(prior: Prior, reach: float = REACH) -> Ends:
@@ -35,16 +70,20 @@ def box_of(prior: Prior, reach: float = REACH) -> Ends:
         where = [prior.space.names.index(name) for name in prior.prior.space.names]
         lower, upper = lower.copy(), upper.copy()
         lower[where], upper[where] = box_of(prior.prior, reach)
+    elif isinstance(prior, Mixture):
+        boxes = np.array([box_of(part, reach) for part in prior.priors])
+        lower, upper = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        upper = np.where(prior.space.is_angle, np.minimum(upper, lower + TWO_PI), upper)
     return lower, upper
 
 
-def open_ends(prior: Prior) -> Ends | None:
-    """Where `prior.support` ends though the prior does not; -inf and inf where both do, and for angles.
+def open_ends(prior: Prior, within: float = REACH) -> Ends | None:
+    """Where so many deviations of a prior end though it does not; -inf and inf where both do, and for angles.
 
     None where no Gaussian component of it has such an end.
     """
     parts = _components(prior)
-    near, far = (np.array([box_of(part, reach) for part in parts]) for reach in (REACH, FAR_REACH))
+    near, far = (np.array([box_of(part, reach) for part in parts]) for reach in (within, 2 * FAR_REACH))
     if (near == far).all():
         return None
     low, high = near[:, 0].min(axis=0), near[:, 1].max(axis=0)
@@ -80,6 +119,20 @@ def may_lie_beyond(sensor: Sensor, prior: Prior, ends: Ends, readings: Array, an
     with np.errstate(over="ignore"):
         short = perfect_fit(sensor, readings).sum(axis=1) - answers[2] - narrower
     return np.asarray(leaning(ends, answers) | (short > chdtri(told + 2, BY_CHANCE)[kind] / 2))
+
+
+def out_of_reach(sensor: Sensor, prior: Prior, readings: Array, answers: Answers) -> BoolArray:
+    """Which runs may lie beyond FAR_REACH, (M,), by their answers within; the arguments of `may_lie_beyond`.
+
+    Those that may by what it asks, if they fall shorter of a perfect fit than the prior does there.
+    """
+    ends = open_ends(prior, FAR_REACH)
+    if ends is None or not len(readings):
+        return np.zeros(len(readings), dtype=np.bool_)
+    with np.errstate(over="ignore"):
+        short = perfect_fit(sensor, readings).sum(axis=1) - answers[2]
+    lost = np.asarray(short > FAR_REACH**2 / 2 - SPARE_NATS)
+    return np.asarray(may_lie_beyond(sensor, prior, ends, readings, answers) & lost)
 
 
 def _components(prior: Prior) -> list[Prior]:

@@ -184,7 +184,7 @@ def _filled(values: Array | BoolArray, like: Array) -> Array:
 def _first(belief: RefinedBelief, count: int) -> RefinedBelief:
     """The first runs of a belief."""
     estimate = Estimate(*(np.asarray(part)[:count] for part in belief.estimate))
-    return RefinedBelief(belief.readings[:count], estimate, belief.error[:count])
+    return RefinedBelief(belief.readings[:count], estimate, belief.error[:count], belief.far[:count])
 
 
 def _averaged(

@@ -17,6 +17,7 @@ from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
+from ..prior_ends import Answers, Ends, FarReaching, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
 from .gauss_newton import Peaks
@@ -25,7 +26,7 @@ from .mode_gaussians import kept_count, sample_modes
 from .modes import refined, verified, with_lattices
 from .predicted import Predicted, coarse_axes, predict_modes
 from .quadrature import Accuracy, Quadrature
-from .range_bounds import TABLE_RAYS, SearchTable, build_table
+from .range_bounds import TABLE_RAYS, SearchTable, build_table, table_shape
 from .search import MAX_GUESSES_PER_PART, ModeSearch
 from .target import STATE_COST, WORK, Target, TooManyCells
 
@@ -36,6 +37,7 @@ LEAST_RAYS, LEAST_CELLS = 1000, 1000  # of the table, and that a mode may be all
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
+FAR_BOUNDS = 100_000_000  # in the table of places far out in a Gaussian prior: 400 MB
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
 
 
@@ -78,6 +80,9 @@ class AdaptivePointMassFilter(BriefRepr):
     it is built, for structure thinner than their spacing: about 2 poses in 1000 may exceed it. After a move
     the modes' points are the guesses.
 
+    The table covers a Gaussian prior to 6 deviations. Readings that lead farther, or fit nowhere there, are
+    looked for once more to 40; where that table is too large, or ends too early, `error` is inf.
+
     Args:
         problem: The problem; its sensor must expect what its map says, with no largest incidence.
         accuracy: Error allowed: of the mean in standard deviations, of the covariance in variances and of
@@ -109,6 +114,18 @@ class AdaptivePointMassFilter(BriefRepr):
     def table(self) -> SearchTable:
         """Bounds of the ranges from the coarse cells of the prior's support."""
         return build_table(self.problem.sensor, self.problem.prior, self.table_rays)
+
+    @cached_property
+    def _ends(self) -> Ends | None:
+        """Where the table ends though the prior does not."""
+        return open_ends(self.problem.prior)
+
+    @cached_property
+    def _far(self) -> AdaptivePointMassFilter | None:
+        """The same filter with a table that goes farther along a Gaussian prior; None if it is too large."""
+        problem = replace(self.problem, prior=FarReaching(self.problem.prior))
+        (rows, columns), directions, _ = table_shape(problem.sensor, problem.prior, self.table_rays)
+        return replace(self, problem=problem) if rows * columns * directions <= FAR_BOUNDS else None
 
     def init(self, prior: Prior, rng: Generator) -> AdaptiveBelief:
         """The prior's moments.
@@ -150,7 +167,10 @@ class AdaptivePointMassFilter(BriefRepr):
         if not self._shortfall(measurement) < MAX_SHORTFALL_NATS:
             return replace(belief, possible=False)
         measurements = _joined(belief.measurements, measurement)
-        posterior = self._posterior(belief.prior, belief.check, measurements)
+        if isinstance(belief.prior, Predicted) or self._ends is None:
+            posterior = self._posterior(belief.prior, belief.check, measurements)
+        else:
+            posterior = self._from_open_prior(measurements, self._ends)
         perfect = self._targets(belief.prior, None, measurements)[0].perfect()
         if not posterior.modes or not perfect - posterior.level < MAX_SHORTFALL_NATS:
             return replace(belief, possible=False)
@@ -300,6 +320,19 @@ class AdaptivePointMassFilter(BriefRepr):
         found = verified(target, other, again, self._accuracy)
         return replace(found, missed=survey.missed(found))
 
+    def _from_open_prior(self, measurements: Array, ends: Ends) -> Quadrature:
+        """Where measurements (U, B) leave a prior that goes on where the table ends."""
+        sensor, prior = self.problem.sensor, self.problem.prior
+        found = self._posterior(prior, None, measurements)
+        if found.modes and not may_lie_beyond(sensor, prior, ends, measurements[None], _answers(found))[0]:
+            return found
+        if self._far is None:
+            return replace(found, missed=np.inf)
+        found = self._far._posterior(self._far.problem.prior, None, measurements)
+        if found.modes and out_of_reach(sensor, prior, measurements[None], _answers(found))[0]:
+            return replace(found, missed=np.inf)
+        return found
+
     def _shortfall(self, measurement: Array) -> float:
         """By how many nats readings (B,) fall short of a perfect fit, at least, wherever they were taken."""
         sensor = self.problem.sensor
@@ -311,6 +344,12 @@ class AdaptivePointMassFilter(BriefRepr):
             best = sensor.beam_log_density(measurement, nearest).max(axis=0)
             perfect = sensor.beam_log_density(measurement, np.maximum(fit, 0.0))
             return float((perfect - best).sum())
+
+
+def _answers(found: Quadrature) -> Answers:
+    """Mean (1, n), covariance (1, n, n) and log evidence (1,) of a posterior."""
+    moments = found.moments
+    return moments.mean[None], moments.covariance[None], np.array([found.log_integral])
 
 
 def resultant_of_draws(space: StateSpace, prior: Prior) -> float:

@@ -17,7 +17,7 @@ from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
-from ..prior_ends import FAR_REACH, Ends, may_lie_beyond, open_ends
+from ..prior_ends import FAR_REACH, Ends, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .any_noise import VALUES_TO_A_PIECE, moments_of_any
@@ -67,7 +67,7 @@ class ExactPositionFilter(BriefRepr):
     halvings the answer is coarser. The yardstick of this package where it applies.
 
     Pieces cover a Gaussian prior to 6 deviations. Readings that lead farther, or fit nowhere there, are asked
-    once more of pieces that cover it to 40; where those are too many, `error` is inf.
+    once more of pieces that cover it to 40; where those are too many, or end too early, `error` is inf.
 
     Args:
         problem: The problem: known heading, `Stationary`, a map of walls (`segments`), and a prior that is
@@ -148,9 +148,10 @@ class ExactPositionFilter(BriefRepr):
         off = (np.abs(again - mean[some]) / std).max(axis=1)
         scales = std[:, :, None] * std[:, None, :]
         errors[some] = least + np.maximum(off, (np.abs(spread - covariance[some]) / scales).max(axis=(1, 2)))
-        beyond = self._beyond(belief.readings[some], (again, spread, np.asarray(log_evidence)[some]))
-        if beyond.any() and self._wider is None:
-            errors[some[beyond]] = np.inf
+        answers = again, spread, np.asarray(log_evidence)[some]
+        if self._ends is not None:
+            reached = self._beyond if self._wider is None else self._out_of_reach
+            errors[some[reached(belief.readings[some], answers)]] = np.inf
         return errors
 
     def sample(self, belief: ExactBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -229,6 +230,10 @@ class ExactPositionFilter(BriefRepr):
         if self._ends is None:
             return np.zeros(len(readings), dtype=np.bool_)
         return may_lie_beyond(self.problem.sensor, self.problem.prior, self._ends, readings, answers)
+
+    def _out_of_reach(self, readings: Array, answers: tuple[Array, Array, Array]) -> BoolArray:
+        """Which runs may lie beyond the wider pieces, too, (M,)."""
+        return out_of_reach(self.problem.sensor, self.problem.prior, readings, answers)
 
     @cached_property
     def _ends(self) -> Ends | None:

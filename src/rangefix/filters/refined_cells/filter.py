@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, keep_whole
+from ...arrays import Array, BoolArray, keep_whole
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..optional_methods import Image
-from ..prior_ends import may_lie_beyond, open_ends
+from ..prior_ends import FarReaching, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import deviations_apart, is_definite
@@ -42,11 +42,13 @@ class RefinedBelief:
         readings: All measurements so far, (M, T, B), m.
         estimate: Mean, covariance and log evidence.
         error: What the cells say that mean and covariance may be off by, in deviations, (M,).
+        far: Which runs the cells of `far` tell, (M,).
     """
 
     readings: Array
     estimate: Estimate
     error: Array
+    far: BoolArray
 
     def __repr__(self) -> str:
         return brief(self, self.estimate)
@@ -60,6 +62,9 @@ class RefinedPointMassFilter(BriefRepr):
     measurement those that can hold it are integrated, in boxes that are halved until none is wider than what
     the readings tell there. Cells that a jump of a range crosses are halved too, with ranges cast anew, until
     what they may err by does not matter (docs/decisions/0033-cells-that-follow-the-readings.md).
+
+    Cells cover a Gaussian prior to 6 deviations. Readings that lead farther, or fit nowhere there, are asked
+    once more of cells that cover it to 40; where those end too early, `error` is inf.
 
     Args:
         problem: The problem; its motion must be `Stationary`, its space x1, x2 or x1, x2, heading.
@@ -108,6 +113,13 @@ class RefinedPointMassFilter(BriefRepr):
         rng = np.random.default_rng(OTHER_SEED)
         return cover(self.problem, rng.uniform(0.2, 0.8, self.problem.space.size), OTHER_SEED)
 
+    @cached_property
+    def far(self) -> RefinedPointMassFilter | None:
+        """The same filter with cells that go farther along a Gaussian prior; None where the prior ends."""
+        if open_ends(self.problem.prior) is None:
+            return None
+        return replace(self, problem=replace(self.problem, prior=FarReaching(self.problem.prior)))
+
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> RefinedBelief:
         """The prior, the same for all runs.
 
@@ -119,7 +131,8 @@ class RefinedPointMassFilter(BriefRepr):
         runs = len(rngs)
         mean, covariance = np.tile(prior.mean, (runs, 1)), np.tile(prior.covariance, (runs, 1, 1))
         readings = np.empty((runs, 0, len(self.problem.sensor.bearings)))
-        return RefinedBelief(readings, Estimate(mean, covariance, np.zeros(runs)), np.zeros(runs))
+        nothing = np.zeros(runs)
+        return RefinedBelief(readings, Estimate(mean, covariance, nothing), nothing, np.zeros(runs, np.bool_))
 
     def predict(self, belief: RefinedBelief, control: Array, rngs: Sequence[Generator]) -> RefinedBelief:
         """The same belief: the object stays where it is."""
@@ -135,18 +148,29 @@ class RefinedPointMassFilter(BriefRepr):
         measurement = check_measurement(self.problem.sensor, measurement, runs)
         readings = np.concatenate([belief.readings, measurement[:, None]], axis=1)
         mean, covariance, log_evidence = (np.array(part) for part in belief.estimate)
-        error = belief.error.copy()
+        error, far = belief.error.copy(), belief.far.copy()
         told = np.flatnonzero((log_evidence > -np.inf) & ~np.isnan(measurement).all(axis=1))
         at_once = runs_at_once(self.problem)
         for start in range(0, len(told), at_once):
             some = told[start : start + at_once]
             found = self._answer(self.coarse, readings[some])
+            far[some] = self._lies_far(readings[some], found)
+            if self.far is not None and far[some].any():
+                beyond = np.flatnonzero(far[some])
+                found = found.with_runs(beyond, self.far._answer(self.far.coarse, readings[some[beyond]]))
             log_evidence[some] = found.log_integral - self.coarse.log_integral
             possible = found.log_integral > -np.inf
             kept = some[possible]
             mean[kept], covariance[kept] = found.mean[possible], found.covariance[possible]
             error[some] = np.where(possible, found.error, 0.0)
-        return RefinedBelief(readings, Estimate(mean, covariance, log_evidence), error)
+        return RefinedBelief(readings, Estimate(mean, covariance, log_evidence), error, far)
+
+    def _lies_far(self, readings: Array, found: Refined) -> BoolArray:
+        """Which runs may lie where cells end though a Gaussian prior does not, (M,)."""
+        if (ends := open_ends(self.problem.prior)) is None:
+            return np.zeros(len(readings), dtype=np.bool_)
+        answers = found.mean, found.covariance, found.log_integral - self.coarse.log_integral
+        return may_lie_beyond(self.problem.sensor, self.problem.prior, ends, readings, answers)
 
     def estimate(self, belief: RefinedBelief) -> Estimate:
         """Posterior mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
@@ -158,25 +182,24 @@ class RefinedPointMassFilter(BriefRepr):
         The greater of what the cells say themselves (rules of fewer nodes, jumps that cross cells, cells that
         are still wide) and of the difference to what a second lattice answers, shifted against the first;
         SAFETY times that where the noise is not Gaussian, for both meet the same steps of its density. Of
-        what may lie where cells end, 6 deviations from a Gaussian prior's mean, nothing is known: inf.
+        what may lie where far cells end, 40 deviations from a Gaussian prior's mean, nothing is known: inf.
         """
         mean, covariance, log_evidence = belief.estimate
         errors = belief.error.copy()
-        some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
-        at_once = runs_at_once(self.problem)
-        for start in range(0, len(some), at_once):
-            part = some[start : start + at_once]
-            other = self._answer(self.other_coarse, belief.readings[part])
-            mine, theirs = (mean[part], covariance[part], None), (other.mean, other.covariance, None)
-            differs = deviations_apart(self.problem.space, mine, theirs)
-            differs = np.where(other.log_integral > -np.inf, differs, np.inf)
-            errors[part] = np.maximum(errors[part], differs)
-        if (ends := open_ends(self.problem.prior)) is not None and len(some):
-            answers = mean[some], covariance[some], np.asarray(log_evidence)[some]
-            beyond = may_lie_beyond(
-                self.problem.sensor, self.problem.prior, ends, belief.readings[some], answers
-            )
-            errors[some[beyond]] = np.inf
+        for far in (False, True):
+            some = np.flatnonzero((np.asarray(log_evidence) > -np.inf) & (belief.far == far))
+            asked, at_once = self.far if far and self.far is not None else self, runs_at_once(self.problem)
+            for start in range(0, len(some), at_once):
+                part = some[start : start + at_once]
+                other = asked._answer(asked.other_coarse, belief.readings[part])
+                mine, theirs = (mean[part], covariance[part], None), (other.mean, other.covariance, None)
+                differs = deviations_apart(self.problem.space, mine, theirs)
+                differs = np.where(other.log_integral > -np.inf, differs, np.inf)
+                errors[part] = np.maximum(errors[part], differs)
+        some = np.flatnonzero(belief.far & (np.asarray(log_evidence) > -np.inf))
+        answers = mean[some], covariance[some], np.asarray(log_evidence)[some]
+        lost = out_of_reach(self.problem.sensor, self.problem.prior, belief.readings[some], answers)
+        errors[some[lost]] = np.inf
         return errors if self.problem.sensor.gaussian_stds is not None else SAFETY * errors
 
     def sample(self, belief: RefinedBelief, size: int, rngs: Sequence[Generator]) -> Array:
@@ -202,8 +225,10 @@ class RefinedPointMassFilter(BriefRepr):
 
     def boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
         """Boxes about the nodes of a run's cells: centres (N, n), log masses (N,) and widths (N, n)."""
-        readings = belief.readings[run : run + 1]
-        each = boxes_of_each(self.problem, self.coarse, readings, self.accuracy, self.most_cells)
+        readings, asked = belief.readings[run : run + 1], self
+        if belief.far[run] and self.far is not None:
+            asked = self.far
+        each = boxes_of_each(asked.problem, asked.coarse, readings, self.accuracy, self.most_cells)
         centres, widths, logs = next(each)
         return centres, logs, widths
 
