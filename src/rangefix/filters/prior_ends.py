@@ -9,12 +9,13 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ..arrays import TWO_PI, Array, BoolArray
+from ..arrays import TWO_PI, Array, BoolArray, wrap
 from .models.gaussian_prior import REACH, GaussianPrior
 from .models.mixture_prior import Mixture
-from .models.product_prior import Product
+from .models.product_prior import Product, WithHeading
 from .models.wrapped_noise import perfect_fit
 from .problem import Prior, Sensor
+from .space import StateSpace
 
 FAR_REACH = 40.0  # deviations of a Gaussian prior, to where readings that contradict it may lead
 LEANING_STDS = 5.0  # of the posterior, to where a prior's box ends: nearer, some of it lies beyond
@@ -70,6 +71,10 @@ def box_of(prior: Prior, reach: float = REACH) -> Ends:
         where = [prior.space.names.index(name) for name in prior.prior.space.names]
         lower, upper = lower.copy(), upper.copy()
         lower[where], upper[where] = box_of(prior.prior, reach)
+        if isinstance(prior, WithHeading) and prior.std is not None:
+            heading = prior.space.names.index("heading")
+            middle, away = 0.5 * (lower[heading] + upper[heading]), min(reach * prior.std, np.pi)
+            lower[heading], upper[heading] = middle - away, middle + away
     elif isinstance(prior, Mixture):
         boxes = np.array([box_of(part, reach) for part in prior.priors])
         lower, upper = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
@@ -78,7 +83,7 @@ def box_of(prior: Prior, reach: float = REACH) -> Ends:
 
 
 def open_ends(prior: Prior, within: float = REACH) -> Ends | None:
-    """Where so many deviations of a prior end though it does not; -inf and inf where both do, and for angles.
+    """Where so many deviations of a prior end though it does not; -inf and inf where both do.
 
     None where no Gaussian component of it has such an end.
     """
@@ -87,17 +92,20 @@ def open_ends(prior: Prior, within: float = REACH) -> Ends | None:
     if (near == far).all():
         return None
     low, high = near[:, 0].min(axis=0), near[:, 1].max(axis=0)
-    angle = np.zeros(len(low), dtype=np.bool_)
-    if isinstance(parts[0], GaussianPrior | Product):
-        angle = parts[0].space.is_angle
     ends_low, ends_high = far[:, 0].min(axis=0) < low, far[:, 1].max(axis=0) > high
-    return np.where(ends_low & ~angle, low, -np.inf), np.where(ends_high & ~angle, high, np.inf)
+    if isinstance(parts[0], GaussianPrior | Product):
+        round_about = parts[0].space.is_angle & (high - low >= TWO_PI)
+        ends_low, ends_high = ends_low & ~round_about, ends_high & ~round_about
+    return np.where(ends_low, low, -np.inf), np.where(ends_high, high, np.inf)
 
 
-def leaning(ends: Ends, answers: Answers) -> BoolArray:
+def leaning(space: StateSpace, ends: Ends, answers: Answers) -> BoolArray:
     """Which posteriors lie so near such an end that some of them lies beyond, (M,)."""
     (low, high), (mean, covariance, _) = ends, answers
     reach = LEANING_STDS * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    angle = space.is_angle & np.isfinite(low) & np.isfinite(high)
+    mean, middle = mean.copy(), 0.5 * (low[angle] + high[angle])
+    mean[:, angle] = middle + wrap(mean[:, angle] - middle)
     return np.asarray(((mean - low < reach) | (high - mean < reach)).any(axis=1))
 
 
@@ -118,7 +126,7 @@ def may_lie_beyond(sensor: Sensor, prior: Prior, ends: Ends, readings: Array, an
     told, kind = np.unique((~np.isnan(readings)).sum(axis=(1, 2)), return_inverse=True)
     with np.errstate(over="ignore"):
         short = perfect_fit(sensor, readings).sum(axis=1) - answers[2] - narrower
-    return np.asarray(leaning(ends, answers) | (short > chdtri(told + 2, BY_CHANCE)[kind] / 2))
+    return np.asarray(leaning(sensor.space, ends, answers) | (short > chdtri(told + 2, BY_CHANCE)[kind] / 2))
 
 
 def out_of_reach(sensor: Sensor, prior: Prior, readings: Array, answers: Answers) -> BoolArray:

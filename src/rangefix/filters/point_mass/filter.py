@@ -196,7 +196,7 @@ class PointMassFilter(BriefRepr):
             both = ERROR_FACTOR * deviations_apart(space, mine, reference)
             apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
         if (ends := open_ends(belief.prior)) is not None:
-            apart[leaning(ends, (estimate.mean, estimate.covariance, estimate.log_evidence))] = np.inf
+            apart[leaning(space, ends, (estimate.mean, estimate.covariance, estimate.log_evidence))] = np.inf
         return np.where(np.asarray(estimate.log_evidence) > -np.inf, apart, 0.0)
 
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:
