@@ -121,8 +121,10 @@ def may_lie_beyond(sensor: Sensor, prior: Prior, ends: Ends, readings: Array, an
     """
     from scipy.special import chdtri  # a tenth of a second
 
-    areas = (_determinants(each) for each in (prior.covariance, answers[1]))
-    narrower = 0.5 * np.log(np.maximum(next(areas) / next(areas), 1.0))
+    possible = np.asarray(answers[2]) > -np.inf
+    with np.errstate(divide="ignore", invalid="ignore"):  # a belief without width
+        share = np.where(possible, _determinants(answers[1]) / _determinants(prior.covariance), 1.0)
+        narrower = -0.5 * np.log(np.minimum(share, 1.0))
     told, kind = np.unique((~np.isnan(readings)).sum(axis=(1, 2)), return_inverse=True)
     with np.errstate(over="ignore"):
         short = perfect_fit(sensor, readings).sum(axis=1) - answers[2] - narrower
