@@ -1,5 +1,8 @@
 """What users wait for: whole commands, by the processor's time of their processes, with what they import.
 
+BLAS has one thread, as in all of these benchmarks: that of old releases of numpy spins while it has nothing
+to do, which takes no longer but counts.
+
 Compiled loops are kept in a folder of these tests, which is empty at first. Where there is a peer it is a
 script that does the same by hand; else what is wanted is an aim.
 """
@@ -24,7 +27,8 @@ class Kept:
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self.environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "numba")}
+        one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+        self.environment = os.environ | one_thread | {"NUMBA_CACHE_DIR": str(folder / "numba")}
 
     def seconds(self, *arguments: str) -> float:
         """Of the processor, in a Python process with these arguments and its children."""
