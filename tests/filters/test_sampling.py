@@ -164,7 +164,7 @@ def test_one_heavy_cell_is_filled_evenly():
     step = np.array([0.5, 0.2])
     centres = np.array([[1.0, 1.0], [1.5, 1.0], [1.0, 1.2]])
     claim = centres[:1], np.diag(step**2 / 12)[None]
-    cells = [(centres, np.array([0.0, -np.inf, -np.inf]), step)]
+    cells = [(centres, step, np.array([0.0, -np.inf, -np.inf]))]
     draws = cell_draws(cells, claim, MANY, SPACE, generators([0]))[0]
     inside = (draws - centres[0]) / step
     assert np.abs(inside).max() < 0.501
@@ -176,7 +176,7 @@ def test_two_cells_far_apart_keep_their_places():
     """No spread is claimed across the line through them, so draws have none; and neither cell is moved."""
     centres, step = np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([0.1, 0.1])
     claim = np.array([[2.0, 0.0]]), np.diag([4.0, 0.0])[None]
-    draws = cell_draws([(centres, np.zeros(2), step)], claim, MANY, SPACE, generators([0]))[0]
+    draws = cell_draws([(centres, step, np.zeros(2))], claim, MANY, SPACE, generators([0]))[0]
     near = draws[draws[:, 0] < 2.0]
     assert np.abs(near[:, 0]).max() < 0.051
     assert near[:, 0].mean() == pytest.approx(0.0, abs=2e-3)

@@ -110,11 +110,11 @@ def bounds(
             f"{folder} holds no finished results of this study as it is now, of this version and the same "
             f"map: run it with --bounds, or name the study that was run and {as_typed('--out', folder)}"
         )
+    tell_odd(experiment.truth.sensor.room)
     if curve is not None:
         with replacing(curve):
             _draw_curve(described, experiment, curve, as_json)
         return
-    tell_odd(experiment.truth.sensor.room)
     rows = list(bounds_of(experiment, chosen, doing))
     doing("")
     refused = [row for row in rows if row.bound is None]

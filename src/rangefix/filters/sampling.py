@@ -87,8 +87,8 @@ def cell_draws(
     what such draws have within modes is what the covariance claims there.
 
     Args:
-        cells: Of each run the centres, (G, n), log weights that need not be normalised, not all -inf, (G,),
-            and the cell size along each axis, (n,), or that of each cell, (G, n).
+        cells: Of each run the centres, (G, n), the cell size along each axis, (n,), or that of each cell,
+            (G, n), and log weights that need not be normalised, not all -inf, (G,).
         claim: Claimed means (M, n) and covariances (M, n, n), positive semidefinite.
         size: Draws of each run, S.
         space: The state space.
@@ -99,8 +99,8 @@ def cell_draws(
     """
     means, covariances = claim
     off, spread = np.empty((len(means), size, space.size)), np.empty_like(covariances)
-    for run, ((centres, log_weights, step), rng) in enumerate(zip(cells, rngs, strict=True)):
-        off[run], spread[run] = _even_draws(centres, log_weights, step, means[run], size, space, rng)
+    for run, ((centres, step, log_weights), rng) in enumerate(zip(cells, rngs, strict=True)):
+        off[run], spread[run] = _even_draws(centres, step, log_weights, means[run], size, space, rng)
     if not len(means):
         return off
     root = np.linalg.cholesky(spread)
@@ -114,7 +114,7 @@ def cell_draws(
 
 
 def _even_draws(
-    centres: Array, log_weights: Array, step: Array, mean: Array, size: int, space: StateSpace, rng: Generator
+    centres: Array, step: Array, log_weights: Array, mean: Array, size: int, space: StateSpace, rng: Generator
 ) -> tuple[Array, Array]:
     """Draws even within one run's cells, less the mean, (S, n), and their covariance about it, (n, n)."""
     kept, logs = heaviest(log_weights)

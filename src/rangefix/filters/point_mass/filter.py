@@ -244,7 +244,7 @@ class PointMassFilter(BriefRepr):
         draws = gaussian_draws(mean, covariance, size, space, rngs)
         some = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
         heavy = (self._heavy_cells(belief, int(run)) for run in some)
-        cells = ((grid.centres.take(which, axis=0), logs, grid.step) for which, logs in heavy)
+        cells = ((grid.centres.take(which, axis=0), grid.step, logs) for which, logs in heavy)
         claim = mean[some], covariance[some]
         draws[some] = cell_draws(cells, claim, size, space, [rngs[int(run)] for run in some])
         return draws

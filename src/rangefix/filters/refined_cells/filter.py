@@ -16,7 +16,7 @@ from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import Stationary
 from ..optional_methods import Image
-from ..prior_ends import FarReaching, may_lie_beyond, open_ends, out_of_reach
+from ..prior_ends import Ends, FarReaching, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
 from ..space import deviations_apart, is_definite
@@ -114,9 +114,14 @@ class RefinedPointMassFilter(BriefRepr):
         return cover(self.problem, rng.uniform(0.2, 0.8, self.problem.space.size), OTHER_SEED)
 
     @cached_property
+    def _ends(self) -> Ends | None:
+        """Where cells end though the prior does not."""
+        return open_ends(self.problem.prior)
+
+    @cached_property
     def far(self) -> RefinedPointMassFilter | None:
         """The same filter with cells that go farther along a Gaussian prior; None where the prior ends."""
-        if open_ends(self.problem.prior) is None:
+        if self._ends is None:
             return None
         return replace(self, problem=replace(self.problem, prior=FarReaching(self.problem.prior)))
 
@@ -167,10 +172,10 @@ class RefinedPointMassFilter(BriefRepr):
 
     def _lies_far(self, readings: Array, found: Refined) -> BoolArray:
         """Which runs may lie where cells end though a Gaussian prior does not, (M,)."""
-        if (ends := open_ends(self.problem.prior)) is None:
+        if self._ends is None:
             return np.zeros(len(readings), dtype=np.bool_)
         answers = found.mean, found.covariance, found.log_integral - self.coarse.log_integral
-        return may_lie_beyond(self.problem.sensor, self.problem.prior, ends, readings, answers)
+        return may_lie_beyond(self.problem.sensor, self.problem.prior, self._ends, readings, answers)
 
     def estimate(self, belief: RefinedBelief) -> Estimate:
         """Posterior mean (M, n), conditional covariance (M, n, n) and log evidence (M,)."""
@@ -220,17 +225,15 @@ class RefinedPointMassFilter(BriefRepr):
         """The probabilities of a run's cells, for pictures."""
         if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
             raise NotImplementedError("nothing is possible any more: there is no density to show")
-        centres, logs, _ = self.boxes(belief, run)
+        centres, _, logs = self.boxes(belief, run)
         return image_of_points(centres, self.problem, logs)
 
     def boxes(self, belief: RefinedBelief, run: int) -> tuple[Array, Array, Array]:
-        """Boxes about the nodes of a run's cells: centres (N, n), log masses (N,) and widths (N, n)."""
+        """Boxes about the nodes of a run's cells: centres (N, n), widths (N, n) and log masses (N,)."""
         readings, asked = belief.readings[run : run + 1], self
         if belief.far[run] and self.far is not None:
             asked = self.far
-        each = boxes_of_each(asked.problem, asked.coarse, readings, self.accuracy, self.most_cells)
-        centres, widths, logs = next(each)
-        return centres, logs, widths
+        return next(boxes_of_each(asked.problem, asked.coarse, readings, self.accuracy, self.most_cells))
 
     def _answer(self, coarse: CoarseCells, readings: Array) -> Refined:
         """What cells say of some runs; claims that are flat are raised to those of places even in a cell."""
