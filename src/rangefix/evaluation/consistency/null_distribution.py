@@ -144,7 +144,7 @@ class NullSums:
         assert block.draws is not None
         covariance = block.covariance[runs]
         offsets, size = kept_offsets(block.draws[runs], covariance), len(self.names)
-        squares = nees(offsets, covariance[:, None])
+        squares = nees(offsets, covariance)
         squares = np.where(np.isfinite(squares), squares, 0.0) / size  # a claim of certainty, judged as such
         limit = FAR**2 / size
         bounded = [np.minimum(squares * by, limit) for by in (LARGE_FACTOR, 1 / LARGE_FACTOR)]

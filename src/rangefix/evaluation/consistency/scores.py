@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, sum_terms
 from .intervals import LEVEL
 
 DIRECTIONS = 60  # over which the energy score averages: off by less than 3e-4 of itself, and less than usual
@@ -42,17 +42,20 @@ def _eigen(covariance: Array) -> tuple[Array, Array, BoolArray]:
 
 
 def nees(errors: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared e' P^-1 e of each run: (M, n), (M, n, n) -> (M,).
+    """Normalised estimation errors squared e' P^-1 e: (M, n), (M, n, n) -> (M,), or (M, S, n) -> (M, S).
 
     Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
     not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
     """
+    errors = np.asarray(errors, dtype=float)
     values, vectors, positive = _eigen(covariance)
+    roots = np.sqrt(np.where(positive[..., None], values, 1.0))
+    several = errors if errors.ndim == vectors.ndim else errors[..., None, :]
     with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
-        parts = np.einsum("...ij,...i->...j", vectors, errors) ** 2
-        result = (parts / np.where(positive[..., None], values, 1.0)).sum(-1)
-    wrong = np.where((np.asarray(errors) == 0).all(-1), 0.0, np.inf)
-    return np.where(positive, result, wrong)
+        parts = np.matmul(several, vectors / roots[..., None, :])
+        squares = sum_terms(part**2 for part in np.moveaxis(parts, -1, 0))
+    result = np.where(positive[..., None], squares, np.where((several == 0).all(-1), 0.0, np.inf))
+    return result if several is errors else result[..., 0]
 
 
 def along_principal_axes(errors: Array, covariance: Array) -> Array:
