@@ -15,6 +15,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -170,9 +171,22 @@ def in_threads(loop: Callable[..., None], count: int, work: float, *arguments: A
         return
     shares = min(count, SHARES_PER_THREAD * threads)
     ends = [count * share // shares for share in range(shares + 1)]
-    pool = _pool(os.getpid(), threads)
-    for done in [pool.submit(loop, *share, *arguments) for share in pairwise(ends)]:
-        done.result()
+    waiting = deque(pairwise(ends))  # its ends may be taken from any thread
+
+    def work_off() -> None:
+        while True:
+            try:
+                share = waiting.popleft()
+            except IndexError:  # none is left
+                return
+            loop(*share, *arguments)
+
+    others = [_pool(os.getpid(), threads).submit(work_off) for _ in range(threads - 1)]
+    try:
+        work_off()
+    finally:
+        for other in others:
+            other.result()
 
 
 def _threads() -> int:

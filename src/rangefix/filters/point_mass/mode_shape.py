@@ -234,24 +234,25 @@ def _errors(
         return asked, np.empty((0, size, size))
     run = asked // probes
     steep = np.ascontiguousarray(logs.reshape(-1, len(offsets)).take(asked, axis=0).T)
-    top = steep.max(axis=0)
+    information = _curvature(steep, size)
+    steepest = np.abs(information).sum(axis=0).max(axis=0)  # at least the greatest eigenvalue
+    sharp = np.flatnonzero(steepest > RESOLVED_CURVATURE)
+    steep, run = steep.take(sharp, axis=1), run[sharp]
+    top = steep.max(axis=0, initial=-np.inf)
     weights = np.exp(steep - top)
     held = sum_terms(weights) * np.exp(top - sums.log_sums[run])
     narrow = (held - WIDE_SHARE) / (NARROW_SHARE - WIDE_SHARE)
     kept = np.flatnonzero(narrow > 0.0)
-    information = _curvature(steep.take(kept, axis=1), size)
-    steepest = np.abs(information).sum(axis=0).max(axis=0)  # at least the greatest eigenvalue
-    sharp = np.flatnonzero(steepest > RESOLVED_CURVATURE)
-    kept, information = kept[sharp], information.take(sharp, axis=2)
     if not kept.size:
         return kept, np.empty((0, size, size))
+    run, information = run[kept], information.take(sharp[kept], axis=2)
     _make_definite(information)
     steps = np.outer(grid.step, grid.step)[:, :, None]
-    whole = np.moveaxis(sums.covariances[run[kept]], 0, -1) / steps
+    whole = np.moveaxis(sums.covariances[run], 0, -1) / steps
     error = unresolved_covariance(information, _spread(weights.take(kept, axis=1), offsets), whole)
-    error *= np.minimum(narrow[kept], 1.0) * times.ravel()[asked[kept]] / probes
-    first = np.flatnonzero(np.diff(run[kept], prepend=-1))  # of each run
-    return run[kept][first], np.moveaxis(np.add.reduceat(error, first, axis=-1), -1, 0)
+    error *= np.minimum(narrow[kept], 1.0) * times.ravel()[asked[sharp[kept]]] / probes
+    first = np.flatnonzero(np.diff(run, prepend=-1))  # of each run
+    return run[first], np.moveaxis(np.add.reduceat(error, first, axis=-1), -1, 0)
 
 
 def add_lattice_errors(
