@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rangefix.filters import Uniform, pose_space, position_space
-from rangefix.filters.point_mass.grid import Grid, build_grid
+from rangefix.filters.point_mass.grid import Grid, _tiled, build_grid
 from rangefix.maps import FloorPlan
 
 CORNERS = [[0, 0], [4, 0], [4, 3], [2, 3], [2, 6], [0, 6]]  # an L: cells of its box are missing
@@ -42,3 +42,12 @@ def test_cells_at_the_borders_of_the_box_are_not_inside(heading: bool) -> None:
     numbers = np.stack(np.unravel_index(grid.index, grid.shape), axis=-1)
     borders = ((numbers == 0) | (numbers == np.array(grid.shape) - 1)).any(axis=1)
     np.testing.assert_array_equal(grid.box.inside, ~borders)
+
+
+@pytest.mark.parametrize("shape", [(13, 16), (1, 9), (8,), (3, 5, 9), (2, 1, 3, 4)])
+@pytest.mark.parametrize("tile", [1, 4, 8])
+def test_cells_of_a_tile_lie_together(shape: tuple[int, ...], tile: int) -> None:
+    """Sorted by tile, and within tiles by place, the first axis first."""
+    places = np.indices(shape).reshape(len(shape), -1)
+    order = np.lexsort([*reversed(places % tile), *reversed(places // tile)])
+    np.testing.assert_array_equal(_tiled(shape, tile), order)

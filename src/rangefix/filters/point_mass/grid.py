@@ -160,6 +160,9 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int, shif
     shape = tuple(int(count) for count in counts)
     turns = shape[-1] if space.names[-1] == "heading" and space.size == 3 else 1
     places = _tiled(shape[:-1], PLACES_PER_TILE_SIDE) if turns > 1 else _tiled(shape, CELLS_PER_TILE_SIDE)
+    axes = [
+        low + width * (np.arange(count) + 0.5) for low, width, count in zip(lower, step, shape, strict=True)
+    ]
     row = np.arange(turns)
     index = np.empty((len(places), turns), np.int64)
     centres = np.empty((len(places), turns, space.size))
@@ -167,12 +170,14 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int, shif
     count, size = 0, max(1, CELLS_AT_ONCE // turns)
     for start in range(0, len(places), size):
         cells = places[start : start + size, None] * turns + row
-        numbers = np.stack(np.unravel_index(cells.ravel(), shape), -1)  # numpy 2.4 errs on long columns
-        points = (lower + step * (numbers + 0.5)).reshape(*cells.shape, -1)
+        numbers = np.unravel_index(cells.ravel(), shape)  # numpy 2.4 errs on long columns
+        along = [axis.take(number) for axis, number in zip(axes, numbers, strict=True)]
+        points = np.stack(along, -1).reshape(*cells.shape, -1)
         density = prior.log_density(points)
         allowed = (density > -np.inf).any(axis=1)
+        kept = slice(None) if allowed.all() else allowed  # a view where nothing is left out
         rows = slice(count, count := count + int(allowed.sum()))
-        index[rows], centres[rows], log_mass[rows] = cells[allowed], points[allowed], density[allowed]
+        index[rows], centres[rows], log_mass[rows] = cells[kept], points[kept], density[kept]
     if not count:
         raise ValueError("the prior allows the centre of no cell: take smaller cells")
     log = log_mass[:count].ravel()
@@ -184,6 +189,10 @@ def build_grid(prior: Prior, space: StateSpace, cell: ArrayLike, most: int, shif
 
 def _tiled(shape: tuple[int, ...], tile: int) -> IntArray:
     """Row-major places of all cells of a box, ordered tile by tile."""
-    places = np.indices(shape, dtype=np.int32).reshape(len(shape), -1)
-    keys = [*reversed(places % tile), *reversed(places // tile)]  # the last key sorts first
-    return np.lexsort(keys)
+    sides = [min(tile, count) for count in shape]
+    tiles = [-(-count // side) for count, side in zip(shape, sides, strict=True)]
+    whole = np.full([number * side for number, side in zip(tiles, sides, strict=True)], -1)
+    whole[tuple(slice(count) for count in shape)] = np.arange(math.prod(shape)).reshape(shape)
+    split = whole.reshape([length for pair in zip(tiles, sides, strict=True) for length in pair])
+    order = split.transpose(*range(0, split.ndim, 2), *range(1, split.ndim, 2)).ravel()
+    return order[order >= 0]  # without what tiles at the box's end hold beyond it
