@@ -135,11 +135,9 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
         pairs = set(zip(order[:-1].tolist(), order[1:].tolist(), strict=True))
         blocked = upright[np.abs(start[upright] - left) <= 2 * THIN_M]
         apart = left > before + 2 * THIN_M
-        ended = {
-            pair
-            for pair in open_
-            if apart or pair not in pairs or _is_cut(walls, slopes, pair, left, blocked)
-        }
+        ended = set(open_)
+        if not apart:
+            ended = (ended - pairs) | _cut_off(walls, slopes, [*open_], left, blocked)
         done += [(*pair, open_[pair], before) for pair in ended]
         open_ = {pair: left if pair in ended else open_.get(pair, left) for pair in pairs}
         before = right
@@ -156,11 +154,16 @@ def _trapezoids(segments: Array, direction: Array, lower: Array, upper: Array) -
     return pieces
 
 
-def _is_cut(walls: Array, slopes: Array, pair: tuple[int, int], s: float, upright: IntArray) -> bool:
-    """Whether walls along the direction at s stand between two others."""
-    low, high = (walls[wall, 1] + slopes[wall] * (s - walls[wall, 0]) for wall in pair)
-    ends = np.sort(walls[upright][:, [1, 3]], axis=1)
-    return bool(((ends[:, 0] < high - THIN_M) & (ends[:, 1] > low + THIN_M)).any())
+def _cut_off(
+    walls: Array, slopes: Array, pairs: list[tuple[int, int]], s: float, upright: IntArray
+) -> set[tuple[int, int]]:
+    """The pairs of walls between which walls along the direction stand at s."""
+    if not (len(pairs) and len(upright)):
+        return set()
+    ends, two = np.sort(walls[upright][:, [1, 3]], axis=1), np.array(pairs)
+    low, high = (walls[two, 1] + slopes[two] * (s - walls[two, 0])).T[:, :, None]
+    cut = ((ends[:, 0] < high - THIN_M) & (ends[:, 1] > low + THIN_M)).any(axis=1)
+    return {pair for pair, between in zip(pairs, cut.tolist(), strict=True) if between}
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
