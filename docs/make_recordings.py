@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- made by make recordings: begin -->", "<!-- made by make recordings: end -->"
 ESTIMATORS = ("particle", "ekf", "ukf", "ckf", "enkf", "filterpy-ekf", "filterpy-ukf")
-EVERY_METRE = ("--least-move-m", "1")  # for the adaptive filter, which takes a second to a scan
+EVERY_METRE = ("--least-move-m", "1")  # for the adaptive filter, which takes most of a second to a scan
 
 
 class Recording(NamedTuple):
@@ -76,7 +76,7 @@ def rows_of(recording: Recording, data: Path, chosen: tuple[str, ...] | None, fo
     names = [name for name in recording.estimators if chosen is None or name in chosen]
     kinds: list[tuple[str, list[str | Path]]] = [("no", [])]
     if recording.calibration is not None:
-        sensor = folder / "calibrated.toml"
+        sensor = folder / f"{recording.name}.toml"  # calibrate replaces none
         called("calibrate", *given, *recording.calibration, "--out", sensor)
         kinds.append(("yes", ["--sensor", sensor]))
     for name in names:
