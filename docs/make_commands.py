@@ -27,8 +27,10 @@ are as wide as the terminal, or as `COLUMNS` says; where that is too narrow for 
 figure stands in its place.
 
 A file that `--out` or `--curve` names and that is there already is replaced if rangefix wrote such a file,
-and standard error says so; one of anybody else, or one that the command reads, is refused and kept. `new`,
-`studies` and `calibrate` keep every file that is there, `calibrate` unless `--force` is given.
+and standard error says so; one of anybody else, or one that the command reads, is refused and kept,
+before anything is worked out. So are files in a folder that `map-accuracy`, `plan`, `replay` or `paper` would
+write over. `new`, `studies` and `calibrate` keep every file that is there, `calibrate` unless `--force` is
+given.
 
 Names of commands, options, studies, estimators and figures are completed by the shell after
 `rangefix --install-completion`.

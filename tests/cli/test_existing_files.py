@@ -12,6 +12,7 @@ from PIL import Image
 from .conftest import Said
 
 PLAN = "outline = [[0, 0], [4, 0], [4, 6], [0, 6]]\n"
+PLANNING = "rangefix.evaluation.planning."
 CURVE = "rangefix.evaluation.bounds.threshold.threshold_curve"
 WRITERS = {
     "table.md": ("table", "results", "--out"),
@@ -82,6 +83,48 @@ def test_curves_are_refused_before_they_are_computed(
     said = results("bounds", "s.toml", "--curve", "curve.png")
     assert (said.code, Path("curve.png").read_text()) == (2, "notes")
     assert "curve.png is there and no png file of rangefix" in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "foreign", "work"),
+    [
+        ("plan paper --out a.png", "a.png", PLANNING + "selection.Planner.plan"),
+        ("plan paper --out a", "a/plan.svg", PLANNING + "selection.Planner.plan"),
+        ("plan paper --out notes/a.png", "notes", PLANNING + "selection.Planner.plan"),
+        ("map-accuracy paper --out a", "a/accuracy.png", PLANNING + "accuracy_map.accuracy_map"),
+        ("map-accuracy paper --out a", "a/accuracy.npz", PLANNING + "accuracy_map.accuracy_map"),
+        ("map room:4x6 --out a.png", "a.png", "rangefix.maps.describe.describe"),
+        ("table results --out a.md", "a.md", "rangefix.evaluation.comparison_table"),
+        ("paper --out a", "a/table1.json", "rangefix.evaluation.paper.solve"),
+        ("paper --out a", "a/paper.npz", "rangefix.evaluation.paper.solve"),
+    ],
+)  # fmt: skip
+def test_files_are_refused_before_the_work(
+    results: Callable[..., Said], monkeypatch: pytest.MonkeyPatch, words: str, foreign: str, work: str
+) -> None:
+    """Nobody waits for what is not written in the end."""
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("computed")
+
+    monkeypatch.setattr(work, never)
+    Path(foreign).parent.mkdir(exist_ok=True)
+    Path(foreign).write_text("of somebody else")
+    said = results(*words.split())
+    assert (said.code, Path(foreign).read_text()) == (2, "of somebody else")
+    assert said.err.startswith(f"rangefix: {foreign}" if "/a.png" not in words else "rangefix: cannot write")
+    assert said.err.count("\n") == 1
+
+
+def test_an_accuracy_map_is_made_again(results: Callable[..., Said]) -> None:
+    """Both of its files are ours, and told."""
+    words = "map-accuracy", "paper", "--step-m", "1", "--out", "a"
+    assert results(*words).err == ""
+    said = results(*words)
+    assert said.code == 0
+    assert said.err == "".join(
+        f"rangefix: a/accuracy.{suffix} was there and is replaced\n" for suffix in ("png", "npz")
+    )
 
 
 def test_several_folders_replace_the_page_of_others(results: Callable[..., Said]) -> None:

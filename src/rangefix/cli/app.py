@@ -46,6 +46,8 @@ OURS = {  # how files that we have written are told from others
     "latex": rb"% [^\n]*95 per cent intervals in brackets\n",
     "markdown": rb"[^\n]*95 % intervals in brackets\n",
     "csv": rb"estimator,beams,planned,ok,",
+    "npz": rb"PK\x03\x04.*@\x00[0-9a-f]{64}\Z",  # as `write_npz` seals it
+    "json": rb'\{\s*"table1":',  # of `rangefix paper`
 }
 app = typer.Typer(
     name="rangefix",
@@ -149,14 +151,19 @@ def _no_file(path: Path, expected: str) -> Path:
 def replacing(*paths: Path, kind: str = "", read: Iterable[object] = ()) -> Iterator[None]:
     """Have files written: what would be lost by it is refused beforehand, what was replaced is told after.
 
+    What takes long to make is made within, so that nobody waits for a file that is not written in the end.
+
     Args:
         paths: The files.
         kind: Of OURS; what a path ends with unless given.
         read: Files, folders and other names that the command reads.
 
     Raises:
-        ValueError: If a file is there that is read, or that is not one of ours.
+        ValueError: If a file is there that is read, or that is not one of ours; or a file is in the way.
     """
+    for path in paths:
+        if blocked := [place for place in path.parents if place.exists() and not place.is_dir()]:
+            raise ValueError(f"cannot write {path}: {blocked[0]} is a file")
     there = [path for path in paths if os.path.lexists(path)]
     for path in there:
         refuse_others(path, kind or path.suffix.lower()[1:], read)

@@ -61,36 +61,35 @@ def map_accuracy(
     sensor = check_plannable(problem)
     if beams_deg is not None:
         sensor = turned(sensor, read_directions(beams_deg, "--beams-deg"))
-    found = accuracy_map(problem, sensor, step_m)
-    std, (worst, direction) = found.position_std, found.worst()
-    known = np.isfinite(std)
-    if not known.any():
-        raise ValueError(f"no place in free space is met at steps of {step_m:g} m: take smaller ones")
-    files: list[Path] = []
-    if out is not None:
-        from ..evaluation.figures.files import write_figure
-        from ..evaluation.figures.planning.accuracy import draw_accuracy
-        from ..evaluation.results.npz import write_npz
+    files = [] if out is None else [out / "accuracy.png", out / "accuracy.npz"]
+    with replacing(*files):
+        found = accuracy_map(problem, sensor, step_m)
+        std, (worst, direction) = found.position_std, found.worst()
+        known = np.isfinite(std)
+        if not known.any():
+            raise ValueError(f"no place in free space is met at steps of {step_m:g} m: take smaller ones")
+        if files:
+            from ..evaluation.figures.files import write_figure
+            from ..evaluation.figures.planning.accuracy import draw_accuracy
+            from ..evaluation.results.npz import write_npz
 
-        files = [out / "accuracy.png", out / "accuracy.npz"]
-        with replacing(files[0]):
             write_figure(lambda: draw_accuracy(found, np.asarray(sensor.room.segments)), files[0])
-        write_npz(
-            files[1],
-            {
-                "schema": np.array(SCHEMA),
-                "x1_m": found.x1,
-                "x2_m": found.x2,
-                "position_std_m": std,
-                "worst_std_m": worst,
-                "worst_direction_rad": direction,
-                "covariance_m2": found.covariance,
-                "mistaken_share": found.mistaken,
-                "beams_seen": found.beams_seen.astype(np.int32),
-                "bearings_rad": found.bearings,
-                "heading_rad": np.array(found.heading),
-            },
-        )
+            write_npz(
+                files[1],
+                {
+                    "schema": np.array(SCHEMA),
+                    "x1_m": found.x1,
+                    "x2_m": found.x2,
+                    "position_std_m": std,
+                    "worst_std_m": worst,
+                    "worst_direction_rad": direction,
+                    "covariance_m2": found.covariance,
+                    "mistaken_share": found.mistaken,
+                    "beams_seen": found.beams_seen.astype(np.int32),
+                    "bearings_rad": found.bearings,
+                    "heading_rad": np.array(found.heading),
+                },
+            )
     shares = (0.05, 0.5, 0.95, 1.0)
     figures = [[float(np.quantile(values[known], share)) for share in shares] for values in (std, worst)]
     mistaken = found.mistaken[known]

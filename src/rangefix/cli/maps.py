@@ -46,14 +46,15 @@ def map(
     if map_options.sensor_height is None and needs_height(map_name):
         map_options = replace(map_options, sensor_height=USUAL_HEIGHT)
         remarks.append(f"no --sensor-height was given: {USUAL_HEIGHT:g} m is taken, as in a study")
-    room = map_options.opened(map_name)
 
     from ..maps.describe import describe
 
-    found = describe(room)
-    remarks += found.remarks
-    if out is not None:
-        _draw(found, room, map_name, out)
+    with replacing(*([out] if out else []), read=[map_name]):
+        room = map_options.opened(map_name)
+        found = describe(room)
+        remarks += found.remarks
+        if out is not None:
+            _draw(found, room, map_name, out)
     if as_json:
         print_json(
             {
@@ -86,8 +87,7 @@ def _draw(found: Description, room: Any, title: str, out: Path) -> None:
     from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.one_map import draw_one_map
 
-    with replacing(out, read=[title]):
-        write_figure(lambda: draw_one_map(found, np.asarray(room.segments), Path(title).name), out)
+    write_figure(lambda: draw_one_map(found, np.asarray(room.segments), Path(title).name), out)
 
 
 @takes_map_options

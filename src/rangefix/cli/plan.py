@@ -106,10 +106,13 @@ def plan(
     planner = Planner(problem, candidates, criterion, truths, given.seed, doing)  # type: ignore[arg-type]
     if beams > len(candidates):
         raise ValueError(f"--beams {beams}: there are {len(candidates)} directions ({CANDIDATES})")
-    found = planner.plan(beams, method, adaptive, everywhere=out is not None)  # type: ignore[arg-type]
-    doing("")
-    seconds = _times(problem, planner.sensor, found, given.seed)
-    pictures = [] if out is None else _draw(found, problem, planner.prior.centres, out)
+    pictures = _pictures(out)
+    with replacing(*pictures):
+        found = planner.plan(beams, method, adaptive, everywhere=out is not None)  # type: ignore[arg-type]
+        doing("")
+        seconds = _times(problem, planner.sensor, found, given.seed)
+        if pictures:
+            _draw(found, problem, planner.prior.centres, pictures)
     if as_json:
         print_json(_document(given.name, found, seconds) | {"figures": [str(path) for path in pictures]})
         return
@@ -188,17 +191,20 @@ def _times(problem: Problem, sensor: Any, found: Plan, seed: int) -> list[float]
     ]
 
 
-def _draw(found: Plan, problem: Problem, centres: Array, out: Path) -> list[Path]:
+def _pictures(out: Path | None) -> list[Path]:
+    if out is None:
+        return []
+    is_picture = out.suffix.lower() in PICTURES and not out.is_dir()
+    return [out] if is_picture else [out / "plan.png", out / "plan.svg"]
+
+
+def _draw(found: Plan, problem: Problem, centres: Array, paths: list[Path]) -> None:
     from ..evaluation.figures.files import write_figure
     from ..evaluation.figures.planning.compass import draw_plan
     from ..evaluation.planning.scene import FloorPlan
 
-    is_picture = out.suffix.lower() in PICTURES and not out.is_dir()
-    paths = [out] if is_picture else [out / "plan.png", out / "plan.svg"]
     floor = FloorPlan.of(problem, centres[:, problem.space.position_indices])
-    with replacing(*paths):
-        write_figure(lambda: draw_plan(found, floor), *paths)
-    return paths
+    write_figure(lambda: draw_plan(found, floor), *paths)
 
 
 def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None:

@@ -18,6 +18,7 @@ from .app import (
     named,
     names_in,
     print_json,
+    refuse_others,
     replacing,
     results_folder,
     say,
@@ -174,10 +175,10 @@ def table(
     from ..evaluation.results import write_bytes
 
     form = form or SUFFIXES.get(out.suffix.lower() if out else "", "markdown")
-    results = load(folder)
-    text = comparison_table(results, form)
-    if out is not None:
-        with replacing(out, kind=form):
+    with replacing(*([out] if out else []), kind=form):
+        results = load(folder)
+        text = comparison_table(results, form)
+        if out is not None:
             write_bytes(out, text.encode("utf-8"))
     if as_json:
         print_json({"format": form, "file": str(out) if out else None, "table": text})
@@ -337,6 +338,9 @@ def paper(
     """The table and figures of the paper of Stepanov and Mansour."""
     from ..evaluation.paper import save, solve
 
+    files = [] if out is None else [out / "table1.json", out / "paper.npz"]
+    for path in filter(os.path.lexists, files):  # before it takes minutes
+        refuse_others(path, path.suffix[1:], ())
     solved = solve(draws, seed)
     if out is not None:
         from ..evaluation.drawing import draw

@@ -231,6 +231,24 @@ def test_a_second_replay_into_a_folder(recording: Path, capsys: pytest.CaptureFi
     assert (recording.parent / "beside.csv").read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    "name", ["ekf.csv", "ekf_mcap", "paths.svg", "ekf_errors.png", "ekf.gif", "replay.json"]
+)
+def test_files_of_others_are_kept(recording: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    """A replay that would write over them is refused before it begins, by the first of them."""
+    out = recording.parent / "out"
+    (out / name).mkdir(parents=True) if "_mcap" in name else out.mkdir()
+    kept = out / name / "mine" if "_mcap" in name else out / name
+    kept.write_text('{"files": ["mine"]}')
+    (out / "mine").touch()
+    given = ["replay", "-m", "no map", "-l", recording, "-e", "ekf", "--bag", "mcap", "--animation", "gif"]
+    code, shown, err = call([*given, "--out", out], capsys)
+    assert (code, shown) == (2, "")
+    assert err.startswith(f"rangefix: {out / name} is there and no replay wrote it: ")
+    assert kept.read_text() == '{"files": ["mine"]}'
+    assert (out / "mine").exists()
+
+
 def test_covariances_in_ros() -> None:
     """The heading grows to the right, the yaw to the left: place and yaw covary with the other sign."""
     root = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.05, -0.04, 0.1]])
@@ -743,6 +761,18 @@ def test_readings_in_millimetres_are_told(recording: Path, capsys: pytest.Captur
     code, shown, err = call(["replay", *words, "-e", "ekf"], capsys)
     assert (code, err) == (0, "")
     assert "in metres?" not in shown
+
+
+def test_an_odd_map_is_told_once(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the terminal when it is opened, and not again below the table; programs find it in the notes."""
+    words = ["replay", "--map", "room:4000x6000", "--log", recording, "-e", "ekf", "--start", "2,3,0"]
+    code, shown, err = call([*words, "--out", recording.parent / "out"], capsys)
+    assert code in (0, 1)
+    assert err.count("no usual size") == 1
+    assert "no usual size" not in shown
+    kept = json.loads((recording.parent / "out" / "replay.json").read_text())["notes"]
+    told = json.loads(call([*words, "--json"], capsys)[1])["notes"]
+    assert all("no usual size" in " ".join(notes) for notes in (kept, told))
 
 
 @pytest.mark.parametrize("factor", [100.0, 1000.0])

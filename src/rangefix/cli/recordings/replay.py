@@ -150,7 +150,7 @@ def replay(
     import numpy as np
 
     from ...evaluation.recordings.open_log import open_log
-    from ...evaluation.recordings.replays import Replays
+    from ...evaluation.recordings.replays import Replays, refuse_foreign
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
     from .contestants import read_contestants, refuse_options
@@ -162,6 +162,8 @@ def replay(
     if not 0 < false_alarms < 1:
         raise ValueError(f"--false-alarms must be above 0 and below 1, got {false_alarms:g}")
     contestants = read_contestants(list(names_in(estimators, USUAL)), option)
+    if out is not None:
+        refuse_foreign(out, [each.file_name for each in contestants], bag, animation)
     options = reading_options(
         no_return_m=no_return_m,
         forward_m=forward_m,
@@ -199,9 +201,10 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
+    odd = odd_about(room)  # told already, when the map was opened
     notes = [
         *filter(None, [first.warning]),
-        *odd_about(room),
+        *odd,
         *recording.notes,
         *told.notes(recording.sensor),
     ]
@@ -211,7 +214,7 @@ def replay(
     if as_json:
         print_json(document(rows, notes, first, false_alarms))
     else:
-        show(str(log), rows, notes, first, out)
+        show(str(log), rows, [note for note in notes if note not in odd], first, out)
     if any(row.reason for row in rows):
         raise typer.Exit(ExitCode.NOTHING_RAN if not traces else ExitCode.SOME_FAILED)
 

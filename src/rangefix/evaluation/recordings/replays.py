@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from os import getpid
+from os.path import lexists
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -223,6 +224,45 @@ def _refuse_elsewhere(start: Start, room: RangeMap) -> None:
         ) from None
 
 
+def refuse_foreign(out: Path, names: Sequence[str], bag: str | None, animation: str | None) -> None:
+    """Refuse a folder in which a replay would write over what no replay wrote: told before it begins.
+
+    Args:
+        out: The folder.
+        names: How the files of each estimator are called, without suffix.
+        bag: Kind of bag that is written besides, if any.
+        animation: Suffix of the animations, if there are any.
+
+    Raises:
+        RecordingError: If something that would be lost is there.
+    """
+    if not out.is_dir():
+        return
+    ends = ["_errors.png", "_errors.svg", "_beliefs.png", "_beliefs.svg", ".tum", ".csv"]
+    ends += [".bag" if bag == "bag" else f"_{bag}"] if bag else []
+    ends += [f".{animation}"] if animation else []
+    ours = [f"{figure}.{suffix}" for figure in ("paths", "fit") for suffix in ("png", "svg")]
+    ours += [name + end for name in names for end in ends]
+    before = _written_before(out)
+    lost = [path for name in ours if lexists(path := out / name) and path not in before]
+    if not _is_table(out / TABLE):
+        lost.append(out / TABLE)
+    if lost:
+        text = f"{lost[0]} is there and no replay wrote it: choose another --out, or remove it"
+        raise RecordingError(text)
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is a table of a replay, or nothing is there."""
+    if not lexists(path):
+        return True
+    try:
+        told = read_json(path)
+    except ResultsError:
+        return False
+    return isinstance(told, dict) and {"rangefix", "estimators", "files"} <= told.keys()
+
+
 @contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
     """A folder to write into, whose files come to another as they are whole; nothing comes if it fails.
@@ -241,7 +281,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
                     older.unlink()
                 elif (older / "metadata.yaml").is_file():  # a bag
                     rmtree(older)
-            for path in sorted(part.iterdir()):
+            for path in sorted(part.iterdir(), key=lambda path: path.name != TABLE):  # which names the others
                 goal = out / path.name
                 if goal.is_dir():
                     rmtree(goal)
