@@ -14,7 +14,7 @@ import rangefix
 
 ROOT = Path(rangefix.__file__).parent
 ON_TOP = {"cli", "__main__"}
-GROUND = {"arrays", "compiled", "errors", "extensions", "numba_options", "raster"}
+GROUND = {"arrays", "compiled", "errors", "extensions", "numba_options", "raster", "text_files"}
 MAY_IMPORT = {
     "maps": {"maps"} | GROUND,
     "filters": {"filters"} | GROUND,
@@ -132,7 +132,7 @@ maps.mesh_formats
 maps.polygon
 maps._open3d maps.grid_kernels maps.polygon_kernels
 maps.base
-raster extensions compiled
+raster extensions compiled text_files
 arrays errors rangefix
 """
 RANKS = {

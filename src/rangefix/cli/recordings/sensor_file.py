@@ -23,6 +23,7 @@ from ...evaluation.study.sections.sensor import SensorSection
 from ...evaluation.study.study import Study
 from ...evaluation.study.toml_lines import deep_line, key_lines
 from ...filters import Noise
+from ...text_files import NotText, read_text
 
 BEAMS = {"bearings_deg", "resolution_deg", "blind_sector_deg"}
 PLACE = {"forward_m", "left_m", "yaw_deg"}
@@ -118,11 +119,13 @@ def read_sensor(path: Path, options: ReadingOptions) -> SensorFile:
         ValueError: If there is no such table, or it is not sound: a line for each mistake.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         deep = deep_line(text)
         document = tomllib.loads(text) if deep is None else {}
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror or error}") from None
+    except NotText as error:
+        raise ValueError(f"{path}: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise ValueError(not_toml(str(path), error)) from None
     except (RecursionError, ValueError) as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 from pathlib import Path
 
+from ...text_files import NotText, refuse_other_text
 from .log import Log, RecordingError
 from .options import SAYS_ALL, ReadingOptions
 from .readers.carmen import CarmenLog
@@ -57,6 +58,10 @@ def _reader(path: Path, options: ReadingOptions) -> Log:
         return RosbagLog(path, options)
     if start.startswith(ARCHIVE) or path.suffix == ".npz":
         return ArrayLog(path, options)
+    try:
+        refuse_other_text(start)
+    except NotText as error:
+        raise RecordingError(f"{path}: {error}") from None
     text = start.removeprefix(codecs.BOM_UTF8)  # which some programs put before UTF-8
     if text.startswith(TABLE) or (path.suffix.lower() == ".csv" and not text.startswith(CARMEN)):
         return TableLog(path, options)

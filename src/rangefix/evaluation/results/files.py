@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...errors import printable
+from ...text_files import decoded
 
 MAX_JSON = 5 << 20  # bytes
 MAX_DEPTH = 60  # of tables and lists in one another
@@ -129,7 +130,7 @@ def read_json(path: Path) -> Any:
     """
     try:
         with open_regular(path, MAX_JSON) as file:
-            document = json.loads(file.read().decode("utf-8"))
+            document = json.loads(decoded(file.read()))
     except FileNotFoundError:
         raise ResultsError(f"no {path.name} in {path.parent}: it is not a folder of results") from None
     except ResultsError:

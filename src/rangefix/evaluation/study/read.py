@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from ...errors import one_line, suggestion
 from ...maps.readers import kind_of, map_table
+from ...text_files import NotText, read_text
 from .build import build_world
 from .check_estimators import refuse_plugins
 from .mistakes import Mistakes, StudyError
@@ -70,11 +71,13 @@ def load_study(
             raise StudyError(
                 [f"{target}: has more than {MOST_BYTES} bytes: put a large map in a file of its own"]
             )
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         raise StudyError([f"{target}: no such file{_meant(path)}"]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError([f"{target}: cannot be read: {one_line(error)}"]) from None
+    except NotText as error:
+        raise StudyError([f"{target}: {error}"]) from None
+    except OSError as error:
+        raise StudyError([f"{target}: cannot be read: {error.strerror or one_line(error)}"]) from None
     changes = {"runs": runs, "seed": seed, "map": map_path and str(map_path)}
     return parse_study(
         text,

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...errors import one_line
+from ...text_files import LOOKED_AT, NotText, refuse_other_text
 from ..base import MapError
 from .obj import read_obj
 from .off import read_off
@@ -33,6 +34,7 @@ PLAIN: dict[str, Callable[[Path], tuple[Array, IntArray]]] = {
 }
 SCENES = (".gltf", ".glb", ".dae")
 MESHES = (*PLAIN, *SCENES)
+TEXTS = (".obj", ".off", ".ply", ".gltf")  # what begins with text in UTF-8
 PathLike = str | os.PathLike[str]
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # in metres
 TURNS = {  # from the axes of the file to z up: rows of a rotation
@@ -97,6 +99,13 @@ def read_mesh(path: PathLike, unit: str | None = None, up: str | None = None) ->
         raise MapError(f"{path}: no unit {unit!r}; there are {', '.join(UNITS)}")
     if up not in (None, *TURNS):
         raise MapError(f"{path}: up is {', '.join(TURNS)}, the axis of the file that points up, not {up!r}")
+    if suffix in TEXTS:
+        with path.open("rb") as file:
+            start = file.read(LOOKED_AT)
+        try:
+            refuse_other_text(start)
+        except NotText as error:
+            raise MapError(f"{path}: {error}") from None
     if suffix in PLAIN:
         stated_up, stated_unit = "", 0.0
         try:
@@ -175,6 +184,7 @@ def _read_apart(path: Path) -> tuple[Array, IntArray, str, float]:
         told.seek(max(0, told.seek(0, io.SEEK_END) - 65536))
         lines = told.read().decode(errors="replace").splitlines()
         last = " ".join((lines or [""])[-1].split())[:300]
+        last = last.removeprefix("ValueError: ").removeprefix(f"{NotText.__module__}.{NotText.__name__}: ")
         if code < 0:
             cause = f"it ended with {signal.Signals(-code).name}"
             raise MapError(f"{path}: not a mesh that can be read ({cause}): the file is broken")

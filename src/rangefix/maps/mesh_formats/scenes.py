@@ -10,6 +10,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from ...arrays import Array, IntArray
+from ...text_files import decoded
 from .triangulate import triangulated
 
 SURFACES = (4, 5)  # modes of glTF that are read: triangles and strips; those below are points and lines
@@ -74,7 +75,7 @@ def _told(path: Path) -> dict[str, Any]:
         if told != len(content):
             raise ValueError(f"{told} bytes are announced, {len(content)} are there")
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
-    table = json.loads(content)
+    table = json.loads(decoded(content))
     if not isinstance(table, dict):
         raise ValueError("its JSON is no table")
     return table

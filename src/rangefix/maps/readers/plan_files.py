@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import one_line
+from ...text_files import read_text
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import PathLike
@@ -62,7 +63,7 @@ def read_plan(path: Path, **options: Any) -> RectangularRoom | FloorPlan:
     if suffix == ".geojson" and "layers" not in options:
         return read_geojson(path, **options)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
         content = tomllib.loads(text) if suffix == ".toml" else json.loads(text)
         if is_geojson(content) and "layers" not in options:
             return read_geojson(path, content, **options)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arrays import TWO_PI, Array, BoolArray
 from ...errors import one_line
+from ...text_files import read_text
 from ..base import MapError
 from ..occupancy import FREE, UNKNOWN, WALL, OccupancyMap, Unknown, WallLines
 
@@ -98,8 +99,8 @@ def read_yaml(path: Path) -> MapYaml:
     if path.stat().st_size > MOST_BYTES:
         raise MapError(f"{path}: has more than {MOST_BYTES} bytes: no map_server file")
     try:
-        content = _plain_yaml(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        content = _plain_yaml(read_text(path))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise MapError(f"{path}: not a map_server .yaml ({one_line(error)})") from None
     missing = [key for key in ("image", "resolution", "origin") if key not in content]
     if missing:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import one_line
+from ...text_files import LOOKED_AT, NotText, read_text, refuse_other_text
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import UNITS
@@ -59,7 +60,7 @@ def read_geojson(
     if content is None:
         _check_bytes(path)
         try:
-            content = json.loads(path.read_text(encoding="utf-8-sig"))
+            content = json.loads(read_text(path))
         except (ValueError, RecursionError) as error:
             raise MapError(f"{path}: not a GeoJSON file ({one_line(error)})") from None
     if not is_geojson(content):
@@ -154,8 +155,15 @@ def _library(name: str, path: Path) -> Any:
 
 
 def _check_bytes(path: Path) -> None:
+    """Refuse what is too large, or text that is not in UTF-8, before a library reads it."""
     if path.stat().st_size > MOST_BYTES:
         raise MapError(f"{path}: has more than {MOST_BYTES} bytes: too large for a floor plan")
+    with path.open("rb") as file:
+        start = file.read(LOOKED_AT)
+    try:
+        refuse_other_text(start)
+    except NotText as error:
+        raise MapError(f"{path}: {error}") from None
 
 
 def _metres(unit: str, path: Path) -> float:

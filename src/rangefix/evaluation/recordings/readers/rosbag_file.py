@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ....errors import one_line
+from ....text_files import NotText, read_text
 from ..log import RecordingError
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 MISSING = "bags are read by the package rosbags: pip install 'rangefix[logs]'"
 ROS1, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3"  # how files begin
 KINDS = {ROS1: ".bag", MCAP: ".mcap", SQLITE: ".db3"}
+UNINDEXED = "index", "read from file"  # words of the library on a bag of ROS 1 whose end is not there
 STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
@@ -87,7 +90,18 @@ class Messages:
         except RecordingError:
             raise
         except Exception as error:  # of any kind: the library, its codecs and sqlite have their own each
-            raise RecordingError(f"{self.path}: no bag, or a damaged one: {one_line(error)}") from None
+            raise RecordingError(f"{self.path}: {_what_is_wrong(self.path, error)}") from None
+
+
+def _what_is_wrong(path: Path, error: Exception) -> str:
+    """What is wrong with a bag, by an error of the library, its codecs or sqlite."""
+    said = one_line(error)
+    if path.is_dir() and "metadata" in said.lower():
+        return f"its metadata.yaml is none of ROS 2: {said}"
+    if not path.is_dir() and _suffix(path) == ".bag" and any(word in said.lower() for word in UNINDEXED):
+        return f"no bag, or one that is cut off or damaged; `rosbag reindex` may mend it ({said})"
+    said = re.sub(r"/\S*/bag\.(?=db3|mcap)", f"{path.stem}.", said)  # the link that the library is given
+    return f"no bag, or a damaged one: {said}" if str(error) else "no bag, or a damaged one"
 
 
 @contextmanager
@@ -99,6 +113,10 @@ def _as_bag(path: Path) -> Iterator[Path]:
     all of it.
     """
     if path.is_dir():
+        try:
+            read_text(path / "metadata.yaml")
+        except NotText as error:
+            raise RecordingError(f"{path / 'metadata.yaml'}: {error}") from None
         yield path
         return
     if _belongs_to_folder(path):
@@ -131,7 +149,7 @@ def _belongs_to_folder(path: Path) -> bool:
     import yaml
 
     try:
-        told = yaml.safe_load(beside.read_text(encoding="utf-8"))
+        told = yaml.safe_load(read_text(beside))
         names = told["rosbag2_bagfile_information"]["relative_file_paths"]
         return path.name in {Path(name).name for name in names}
     except (yaml.YAMLError, KeyError, TypeError, ValueError):  # it is of something else

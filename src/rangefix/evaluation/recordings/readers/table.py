@@ -21,6 +21,8 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ....arrays import Array, wrap
+from ....errors import one_line
+from ....text_files import NotText, line_in_utf8
 from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan, beyond
 from ..options import ReadingOptions
 from .file_log import FileLog
@@ -165,17 +167,19 @@ class TableLog(FileLog):
 
     def _lines(self) -> Iterator[tuple[int, list[str]]]:
         try:
-            with open(self.path, encoding="utf-8-sig", newline="") as file:
+            with open(self.path, encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
                 number = 0
                 while text := file.readline(LONGEST_LINE):
                     number += 1
                     if len(text) == LONGEST_LINE:
                         raise RecordingError(f"{self.path}, line {number}: too long for a line of a table")
                     if text.strip():
-                        yield number, next(csv.reader([text]))
+                        yield number, next(csv.reader([line_in_utf8(text, number)]))
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from None
-        except (UnicodeDecodeError, csv.Error):
+        except NotText as error:
+            raise RecordingError(f"{self.path}: {error}") from None
+        except csv.Error:
             raise RecordingError(f"{self.path} is no table of text") from None
 
 
@@ -195,7 +199,7 @@ class ArrayLog(FileLog):
         with self._opened() as archive:
             for name in ("bearings_deg", *LASER):
                 if f"{name}.npy" in archive.namelist():
-                    with archive.open(f"{name}.npy") as file:
+                    with self._member(archive, name) as file:
                         shape = self._header(file, name)
                         if prod(shape) > MOST_BEAMS:
                             raise RecordingError(f"{self.path}: {name} has more than {MOST_BEAMS} numbers")
@@ -245,7 +249,7 @@ class ArrayLog(FileLog):
             held = [name for name in names if f"{name}.npy" in archive.namelist()]
             if missing := {"time_s", "ranges_m"} - set(held):
                 raise RecordingError(f"{self.path}: no array {' or '.join(sorted(missing))}")
-            files = {name: archive.open(f"{name}.npy") for name in held}
+            files = {name: self._member(archive, name) for name in held}
             lengths = set()
             for name, file in files.items():
                 shape = self._header(file, name)
@@ -271,8 +275,22 @@ class ArrayLog(FileLog):
     def _opened(self) -> ZipFile:
         try:
             return ZipFile(self.path)
-        except (OSError, BadZipFile) as error:
-            raise RecordingError(f"cannot read {self.path}: {error}") from None
+        except BadZipFile:
+            raise RecordingError(f"{self.path}: no file of numpy (.npz), or one that is cut off") from None
+        except OSError as error:
+            raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from None
+
+    def _member(self, archive: ZipFile, name: str) -> IO[bytes]:
+        """An array of the archive, to be read."""
+        try:
+            return archive.open(f"{name}.npy")
+        except (
+            OSError,
+            BadZipFile,
+            RuntimeError,
+            NotImplementedError,
+        ) as error:  # a lock, or a kind of packing
+            raise RecordingError(f"{self.path}: {name} is damaged: {one_line(error)}") from None
 
     def _header(self, file: IO[bytes], name: str) -> tuple[int, ...]:
         """Shape of an array, whose header is read."""
@@ -281,7 +299,7 @@ class ArrayLog(FileLog):
             read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
             shape, fortran, dtype = read(file)
         except Exception as error:  # of a damaged header: ValueError, SyntaxError and more
-            raise RecordingError(f"{self.path}: {name} is no array: {error}") from None
+            raise RecordingError(f"{self.path}: {name} is damaged, or no array: {one_line(error)}") from None
         if dtype != np.float64 or (fortran and len(shape) > 1):
             order = " in Fortran order" if fortran and len(shape) > 1 else ""
             raise RecordingError(f"{self.path}: {name} must be float64 in C order, got {dtype}{order}")
@@ -292,7 +310,7 @@ class ArrayLog(FileLog):
         try:
             raw: Any = file.read(8 * count)
         except Exception as error:  # of the archive's decoder
-            raise RecordingError(f"{self.path}: {name} is damaged: {error}") from None
+            raise RecordingError(f"{self.path}: {name} is damaged: {one_line(error)}") from None
         if len(raw) != 8 * count:
             raise RecordingError(f"{self.path}: {name} is cut off")
         return np.frombuffer(raw, dtype=np.float64)
