@@ -124,7 +124,7 @@ def test_arrays_that_are_cut_off(folder: Callable[..., Said], kept: float) -> No
     said = folder(*REPLAY.split(), "drive.npz")
     assert (said.code, said.err) == (
         2,
-        "rangefix: drive.npz: no file of numpy (.npz), or one that is cut off\n",
+        "rangefix: cannot read drive.npz: no file of numpy, or one that is cut off\n",
     )
 
 

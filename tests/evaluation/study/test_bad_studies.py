@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from rangefix.evaluation import StudyError, parse_study
@@ -127,6 +132,46 @@ def test_keys_of_a_true_state_are_told_at_once() -> None:
     with pytest.raises(StudyError) as error:
         parse_study(STUDY.replace("[[est", "heading_deg = 1.0\nvelocity_m_per_s = [1.0, 1.0]\n[[est", 1))
     assert ["is no part of the state" in line for line in error.value.mistakes] == [True, True]
+
+
+WITHOUT_MAP = """
+from numba.core import event
+
+import rangefix.compiled
+from rangefix.evaluation import StudyError, load_study
+
+class Compiled(event.Listener):
+    def on_start(self, event):
+        print(event.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Compiled())
+try:
+    load_study("study.toml", map_path="nofile", given_as={"map": "--map"})
+except StudyError as error:
+    print(*error.mistakes, sep="\\n")
+"""
+
+
+def test_a_missing_map_is_told_at_once_with_all_else(tmp_path: Path) -> None:
+    """Estimators are built to see whether their options fit; kernels took seconds for a map not there."""
+    (tmp_path / "study.toml").write_text(
+        'map = "room:4x6"\nsensor = { bearings_deg = [0], std_m = 0.05 }\nstate = { heading_deg = 0 }\n'
+        '[[estimators]]\nname = "adaptive-point-mass"\n[[estimators]]\nname = "exact"\n'
+        '[[estimators]]\nname = "exact"\nlabel = "other"\noptions = { most_pieces = 0 }\n'
+        '[[estimators]]\nname = "adaptive-point-mass"\nlabel = "wide"\noptions = { accuracy = 2 }\n'
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_MAP], cwd=tmp_path, capture_output=True, text=True, check=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+    )  # fmt: skip
+    assert done.stdout.splitlines() == [
+        "--map nofile: no such map file",
+        "study.toml:11: estimators[3].options: other: most_pieces must be a whole number from 1 on, got 0",
+        "study.toml:15: estimators[4].options: wide: the accuracy must be in [0.0001, 0.5], got 2",
+    ]
 
 
 def test_the_study_itself_is_sound() -> None:

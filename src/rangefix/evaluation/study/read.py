@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ...errors import one_line, suggestion
+from ...maps import MapError
 from ...maps.readers import kind_of, map_table
 from ...text_files import NotText, read_text
 from .build import build_world
@@ -137,7 +138,7 @@ def parse_study(
     mistakes = Mistakes(source, key_lines(text), typed)
     if "map" in changed:
         typed["map",] += f" {changed['map']}"
-        told = mistakes.attempt(("map",), lambda: _with_kind("map", str(changed["map"]))) or SOUND["map"]
+        told = mistakes.attempt(("map",), lambda: _given_map(str(changed["map"]))) or SOUND["map"]
         if "path" in told:
             told["path"] = str(Path(told["path"]).absolute())
         typed |= {("map", key): typed["map",] for key in told}
@@ -192,6 +193,20 @@ def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
             if not fixed:
                 filled["assumed"][name] = merged
     return filled
+
+
+def _given_map(name: str) -> Any:
+    """The section of a map that is given instead of the file's; a name without suffix may be that of no file.
+
+    Raises:
+        ValueError: If there is no such file, or its kind is unknown.
+    """
+    try:
+        return _with_kind("map", name)
+    except MapError:
+        if not Path(name).suffix and "path" in map_table(name) and not Path(name).exists():
+            raise ValueError("no such map file") from None
+        raise
 
 
 def _with_kind(name: str, told: Any) -> Any:

@@ -276,7 +276,9 @@ class ArrayLog(FileLog):
         try:
             return ZipFile(self.path)
         except BadZipFile:
-            raise RecordingError(f"{self.path}: no file of numpy (.npz), or one that is cut off") from None
+            raise RecordingError(
+                f"cannot read {self.path}: no file of numpy, or one that is cut off"
+            ) from None
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from None
 
