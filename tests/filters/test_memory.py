@@ -10,6 +10,7 @@ import pytest
 from rangefix.evaluation import streams
 from rangefix.filters import (
     Gaussian,
+    GaussianPrior,
     Problem,
     Rangefinder,
     Stationary,
@@ -74,6 +75,49 @@ def test_the_estimate_is_what_is_taken(name, posed, options):
     need = memory_needed(name, posed, options, RUNS)
     assert measured > 2 * MB
     assert measured / 2 < need.peak < 3 * measured
+
+
+def follows(name, prior_of, beams, space):
+    """Estimator and problem in a room of 30 x 40 m, with readings far out in the prior taken in."""
+    room = RectangularRoom(width=30.0, length=40.0)
+    sensor = Rangefinder(room, np.deg2rad(np.arange(beams) * (360.0 / beams)), Gaussian(0.05), space)
+    posed = Problem(space, Stationary(space), sensor, prior_of(room, space))
+    far = np.array([10.0, 24.0, 1.2])[: space.size]
+    readings, rngs = sensor.expected(far[None]), streams(1, "estimator", range(1))
+    estimator = build(name, posed)
+    belief = estimator.update(estimator.init(posed.prior, rngs), readings, rngs)
+    estimator.error(belief)
+    return estimator, posed
+
+
+def near_a_corner(room, space):
+    """A Gaussian about (15, 20), 20 deviations from where the readings are of."""
+    return GaussianPrior([15.0, 20.0, 0.1][: space.size], 0.3**2 * np.eye(space.size), space, room)
+
+
+@pytest.mark.parametrize(
+    ("name", "prior_of", "beams", "space"),
+    [
+        ("point-mass", near_a_corner, 8, position_space()),
+        ("point-mass", near_a_corner, 30, position_space()),
+        ("point-mass", Uniform, 8, position_space()),  # a large map has more cells
+        ("adaptive-point-mass", near_a_corner, 12, pose_space()),
+    ],
+)
+def test_tables_are_what_is_kept(name, prior_of, beams, space):
+    """Within 30 %, with those that are made where readings lie far out in a Gaussian prior."""
+    follows(name, prior_of, beams, space)
+    tracemalloc.start()
+    try:
+        _, posed = kept = follows(name, prior_of, beams, space)
+        measured = tracemalloc.get_traced_memory()[0]
+        del kept
+    finally:
+        tracemalloc.stop()
+    need = memory_needed(name, posed, {}, 1)
+    assert measured > 10 * MB
+    assert need.kept == pytest.approx(measured, rel=0.3)
+    assert need.peak > need.kept
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +16,13 @@ from .kalman.batch import WORK_PER_RANGE
 from .kalman.batch import runs_at_once as kalman_runs_at_once
 from .models.motion import Stationary
 from .particle.likelihood import Likelihood
+from .prior_ends import FarReaching, open_ends
 from .problem import Prior, Problem
 from .registry import BUILT_IN, resolve
 
 FLOAT = 8.0  # bytes
 FREE_PROBES = 4096  # points at which a prior is asked how much of its box it allows
+CELLS_PROBED, PLACES_PROBED = 1024, 9  # cells, and places in each, for those that walls cut
 MAX_BELIEF_BYTES = 16e6  # of the runs that are worked on at once: more would be taken from the system anew
 LEAST_RUNS = 2  # that are worked on at once to see how much a run takes
 
@@ -115,17 +118,33 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
 def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed:
     """Coarse cells of two lattices, and the cells of the runs that are worked on at once."""
     from .point_mass.named import REFINED_CELLS
-    from .refined_cells.coarse_cells import CELLS, SEARCH_BEAMS
+    from .refined_cells.coarse_cells import (
+        CUT_SIDE,
+        PLACES_A_SIDE,
+        RANGES_AT_ONCE,
+        SEARCH_BEAMS,
+        count_coarse,
+    )
     from .refined_cells.filter import USUAL_CELLS, run_bytes, runs_at_once
     from .refined_cells.halving import VALUES_AT_ONCE
 
     size, beams = problem.space.size, len(problem.sensor.bearings)
     searched = min(beams, SEARCH_BEAMS)
-    coarse = 2 * CELLS[size] * FLOAT * (size**2 + 4 * size + (6.0 + size) * searched)
+    made = FLOAT * (size**2 + 4 * size + 3 + (6.0 + size) * searched)  # of a cell, with models of its ranges
+    a_cell = made if beams <= SEARCH_BEAMS else made - FLOAT * (2.0 + size) * searched
+    rows = max(1, RANGES_AT_ONCE // (CUT_SIDE**size * searched))
+    coarse = making = 0.0
+    for part in _near_and_far(problem):
+        free = _free_share(part.prior)
+        cells = float(count_coarse(part).prod()) * free
+        places = (PLACES_A_SIDE[size] if free >= 1 else CUT_SIDE) ** size + 2**size
+        asked = min(cells, rows) * FLOAT * places * (size + 6 + 4 * searched)
+        making = max(making, coarse + a_cell * cells + max(asked, 2 * made * cells))
+        coarse += 2 * a_cell * cells
     most = REFINED_CELLS if options["most_cells"] is None else options["most_cells"]
     runs = runs_at_once(problem)
     share = min(float(most) / USUAL_CELLS, 1.0)
-    peak = coarse + share * runs * run_bytes(size, beams) + 6 * FLOAT * VALUES_AT_ONCE
+    peak = max(making, coarse + share * runs * run_bytes(size, beams) + 6 * FLOAT * VALUES_AT_ONCE)
     what = f"{share * USUAL_CELLS * runs:.6g} cells of {runs} runs with {_beams(beams)}"
     return MemoryNeed(coarse, peak, what, "take a smaller most_cells or fewer beams")
 
@@ -133,20 +152,26 @@ def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed
 def _adaptive(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     """The table of least and greatest ranges, and the lattices of one run; or the pieces of `exact`."""
     from .adaptive.choice import MOST_PIECES
+    from .adaptive.filter import FAR_BOUNDS
     from .adaptive.range_bounds import table_shape
 
     if problem.space.heading is not None and isinstance(problem.motion, Stationary):
         pieces = _exact(problem, {"most_pieces": MOST_PIECES}, runs)
         return pieces._replace(advice="take fewer beams, or a map of fewer walls")
-    cells, columns, rows = table_shape(problem.sensor, problem.prior, options["table_rays"])
-    places, size = float(np.prod(cells)), problem.space.size
-    table = 4.0 * places * columns
-    band = rows * (2.0 * cells[1] + 1) * columns * 2 * 3 * FLOAT
+    size, kept, peak = problem.space.size, 0.0, 0.0
     lattices = FLOAT * options["most_cells"] * (3 * size + 6)
-    found = 4.0 * places * (columns if problem.space.heading is None else 1)
-    what = f"a table of {_times(cells)} places in {columns} directions"
-    peak = max(3 * table + band, table + found + lattices)
-    return MemoryNeed(table, peak, what, "take a smaller prior, fewer beams or a smaller most_cells")
+    for part in _near_and_far(problem):
+        cells, columns, rows = table_shape(part.sensor, part.prior, options["table_rays"])
+        places = float(np.prod(cells))
+        if part is not problem and places * columns > FAR_BOUNDS:
+            break  # the filter goes without
+        table = 4.0 * places * columns * _touched_share(part.prior, cells)
+        band = rows * (2.0 * cells[1] + 1) * columns * 2 * 3 * FLOAT
+        found = 4.0 * places * (columns if problem.space.heading is None else 1)
+        peak = max(peak, kept + 3 * table + band, kept + table + found + lattices)
+        kept += table
+        what = f"a table of {_times(cells)} places in {columns} directions"
+    return MemoryNeed(kept, peak, what, "take a smaller prior, fewer beams or a smaller most_cells")
 
 
 def _particle(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
@@ -220,12 +245,28 @@ def _at_once(runs: int, belief: float) -> float:
     return max(LEAST_RUNS, min(runs, MAX_BELIEF_BYTES / max(belief, 1.0)))
 
 
+def _near_and_far(problem: Problem) -> list[Problem]:
+    """The problem; and, where its prior has Gaussian parts, the same as it is followed far out in them."""
+    if open_ends(problem.prior) is None:
+        return [problem]
+    return [problem, replace(problem, prior=FarReaching(problem.prior))]
+
+
 def _free_share(prior: Prior) -> float:
     """How much of its box a prior allows, from points drawn with a seed of their own."""
     lower, upper = prior.support
     points = lower + (upper - lower) * np.random.default_rng(0).random((FREE_PROBES, len(lower)))
     share = float((np.asarray(prior.log_density(points)) > -np.inf).mean())
     return float(min(1.0, share + 2 * np.sqrt(share * (1 - share) / FREE_PROBES) + 1 / FREE_PROBES))
+
+
+def _touched_share(prior: Prior, cells: tuple[int, int]) -> float:
+    """In how many quarters of the cells over a prior's box some place is allowed, as a share of them."""
+    rng, (lower, upper) = np.random.default_rng(0), prior.support
+    width = (upper - lower) / np.array([*(2.0 * np.array(cells)), *np.ones(len(lower) - 2)])
+    corners = lower + (upper - lower - width) * rng.random((CELLS_PROBED, 1, len(lower)))
+    places = corners + width * rng.random((CELLS_PROBED, PLACES_PROBED, len(lower)))
+    return float((np.asarray(prior.log_density(places)) > -np.inf).any(axis=1).mean())
 
 
 def _times(counts: Any) -> str:

@@ -145,16 +145,22 @@ def _cast_only(problem: Problem, beams: IntArray) -> tuple[Problem, IntArray]:
     return replace(problem, sensor=few), np.arange(len(beams))
 
 
-def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:
-    """Centres and sizes of cells over the prior's support; those at its edges end there."""
-    space = problem.space
-    lower, upper = problem.prior.support
-    extent, size = upper - lower, space.size
+def count_coarse(problem: Problem) -> IntArray:
+    """How many cells there are along each component of the prior's support, (n,)."""
+    space, size = problem.space, problem.space.size
+    extent = np.subtract(*problem.prior.support[::-1])
     scale = np.where(space.is_angle, 1 / TYPICAL_RANGE, 1.0)
     volume = float(np.prod(extent / scale))
     fine = min(volume / WIDEST_M**2, MOST_CELLS) if size == 2 else 0.0
     width = (volume / max(CELLS[size], fine)) ** (1 / size)
-    counts = np.maximum(1, np.ceil(extent / (width * scale))).astype(int)
+    return np.asarray(np.maximum(1, np.ceil(extent / (width * scale))), dtype=np.int64)
+
+
+def _lattice(problem: Problem, shift: Array) -> tuple[Array, Array]:
+    """Centres and sizes of cells over the prior's support; those at its edges end there."""
+    space = problem.space
+    lower, upper = problem.prior.support
+    extent, counts = upper - lower, count_coarse(problem)
     step = extent / counts
     turns = space.is_angle & (np.abs(extent - TWO_PI) < 1e-9)
     counts = counts + (~turns & (shift > 0))
