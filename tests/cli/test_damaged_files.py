@@ -157,7 +157,7 @@ def arrays() -> bytes:
         (
             "a.bag",
             b"#ROSBAG V2.0\n",
-            "no bag, or one that is cut off or damaged; `rosbag reindex` may mend it",
+            "no bag, or a damaged one: `rosbag reindex` may mend one that is cut off",
         ),
         ("a.db3", b"SQLite format 3\0" + b"\1" * 50, "no bag, or a damaged one: Cannot open database a.db3"),
         ("a.mcap", b"\x89MCAP0\r\n" + b"\1" * 50, "no bag, or a damaged one\n"),

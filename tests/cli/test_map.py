@@ -210,3 +210,31 @@ def test_a_size_that_no_building_has_is_told(rangefix: Callable[..., Said], comm
     said = rangefix(*words.get(command, (command, "s.toml")))
     told = said.out if command == "map" else said.err
     assert "4000 x 6000 m is no usual size of a building: is it in metres?" in told
+
+
+def test_cells_in_another_unit_are_asked_about(rangefix: Callable[..., Said]) -> None:
+    """A resolution of 5, that is 5 cm: the map of 300 m was taken for a building without a word."""
+    image = Image.new("L", (60, 40), 254)
+    image.paste(0, (0, 0, 60, 1))
+    image.save("map.png")
+    for resolution, told in (("5", True), ("0.05", False), ("1.0", False)):
+        Path("map.yaml").write_text(f"image: map.png\nresolution: {resolution}\norigin: [0, 0, 0]\n")
+        said = rangefix("map", "map.yaml")
+        assert said.code == 0
+        assert ("cells of 5 m are of no usual size: is the resolution in metres?" in said.out) == told
+
+
+def test_an_image_without_an_opaque_pixel_says_so(rangefix: Callable[..., Said]) -> None:
+    """It was said to have no walls, as if by its thresholds."""
+    image = Image.new("L", (60, 40), 254)
+    image.paste(0, (0, 0, 60, 1))
+    image = image.convert("RGBA")
+    image.putalpha(128)
+    image.save("map.png")
+    Path("map.yaml").write_text("image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    said = rangefix("map", "map.yaml")
+    assert (said.code, said.err) == (
+        2,
+        "rangefix: map.yaml: no pixel of its image is opaque, and others are unknown: save it without "
+        "transparency\n",
+    )

@@ -17,6 +17,7 @@ from .rectangle import RectangularRoom
 LONGEST = 500  # cells along the longer side of the free space
 DOOR = 1.0  # m; areas are rooms of their own where openings between them are narrower
 LEAST_ROOM = 0.25  # m^2 that are farther than half a door from walls
+USUAL_CELLS = (0.001, 1.0)  # m, of a robot's map
 USUAL_SIDES = (1.0, 3000.0)  # m, of the box about a map: those of others are hardly in metres
 KINDS = {MeshRoom: "mesh", OccupancyMap: "occupancy", FloorPlan: "floor-plan", RectangularRoom: "rectangle"}
 
@@ -98,9 +99,11 @@ def odd_size(room: Any) -> tuple[str, ...]:
     """A sentence on a map that is as large or as small as no building, which another unit may explain."""
     lower, upper = (np.asarray(corner, dtype=np.float64) for corner in room.bounds)
     sides = upper - lower
-    if USUAL_SIDES[0] <= sides.max() <= USUAL_SIDES[1]:
-        return ()
-    return (f"{sides[0]:.4g} x {sides[1]:.4g} m is no usual size of a building: is it in metres?",)
+    if not USUAL_SIDES[0] <= sides.max() <= USUAL_SIDES[1]:
+        return (f"{sides[0]:.4g} x {sides[1]:.4g} m is no usual size of a building: is it in metres?",)
+    if isinstance(room, OccupancyMap) and not USUAL_CELLS[0] <= room.resolution <= USUAL_CELLS[1]:
+        return (f"cells of {room.resolution:.4g} m are of no usual size: is the resolution in metres?",)
+    return ()
 
 
 def _crossed(segments: np.ndarray, raster: Raster) -> BoolArray:

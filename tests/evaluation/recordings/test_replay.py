@@ -29,7 +29,7 @@ from rangefix.evaluation.recordings.readers.tum import tum_line
 from rangefix.evaluation.recordings.replay import odometry_is_true, replay
 from rangefix.evaluation.recordings.score import Row, Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
-from rangefix.evaluation.recordings.steps import STILL, WITHOUT_ODOMETRY, Choice, steps, survey
+from rangefix.evaluation.recordings.steps import NOTHING_MET, STILL, WITHOUT_ODOMETRY, Choice, steps, survey
 from rangefix.evaluation.recordings.trace import Trace
 from rangefix.filters import Gaussian, build, pose_space
 from rangefix.maps import RectangularRoom
@@ -773,6 +773,70 @@ def test_an_odd_map_is_told_once(recording: Path, capsys: pytest.CaptureFixture[
     kept = json.loads((recording.parent / "out" / "replay.json").read_text())["notes"]
     told = json.loads(call([*words, "--json"], capsys)[1])["notes"]
     assert all("no usual size" in " ".join(notes) for notes in (kept, told))
+
+
+ODD = {  # what is changed in the recording -> what is asked
+    "times in ms": (lambda old: {"time_s": 1e3 * old["time_s"]}, "s or more apart: are their times in sec"),
+    "times in ns": (lambda old: {"time_s": 1e9 * old["time_s"]}, "s or more apart: are their times in sec"),
+    "times in days": (lambda old: {"time_s": old["time_s"] / 86400}, "s or less apart: are their times in"),
+    "odometry in mm": (
+        lambda old: {"odometry": old["odometry"] * [1e3, 1e3, 1]},
+        "m/s: is it in metres, and",
+    ),
+    "headings in rad": (
+        lambda old: {"odometry": radians(old["odometry"])},
+        "if they are in radians: degrees",
+    ),
+    "headings as yaw": (lambda old: {"odometry": old["odometry"] * [1, 1, -1] + [0, 0, 90]}, "the other way"),
+    "swapped axes": (
+        lambda old: {"odometry": np.stack(old["odometry"].T[[1, 0, 2]], axis=1)},
+        "or if x1 and x2 are swapped",
+    ),
+    "beams in rad": (lambda old: {"bearings_deg": np.deg2rad(old["bearings_deg"])}, "beams lie within"),
+    "beams in 1/100 deg": (lambda old: {"bearings_deg": 100 * old["bearings_deg"]}, "The beams go round"),
+    "readings in km": (lambda old: {"ranges_m": old["ranges_m"] / 1000}, "No reading is longer than 0.00"),
+}
+
+
+def radians(odometry: Array) -> Array:
+    """With headings in radians, as they should not be."""
+    return np.column_stack([odometry[:, :2], np.deg2rad(odometry[:, 2])])
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_what_is_odd_about_units_and_angles_is_asked(recording: Path, what: str) -> None:
+    """Filters followed such recordings without a word, or were called lost."""
+    change, asked = ODD[what]
+    with np.load(recording) as archive:
+        changed = {"ranges_m": archive["ranges_m"], **change(dict(archive))}
+    warning = survey(open_log(rewritten(recording, 1.0, **changed)), Choice(), ROOM).warning
+    assert asked in warning
+    assert warning.count("?") + warning.count("egrees are expected") + warning.count("CARMEN.") == 1
+    assert survey(open_log(recording), Choice(), ROOM).warning == ""
+
+
+def test_a_robot_that_goes_sideways_or_backwards_is_not_odd(recording: Path) -> None:
+    """Headings that are a quarter or half a turn off the way, or stay as they are, are no mistake."""
+    with np.load(recording) as archive:
+        odometry = archive["odometry"]
+    for factors, turn in (([1, 1, 1], 90), ([1, 1, 1], 180), ([1, 1, 0], 3)):
+        turned = odometry * factors + np.array([0, 0, turn])
+        assert survey(open_log(rewritten(recording, 1.0, odometry=turned)), Choice(), ROOM).warning == ""
+
+
+def test_scans_that_are_left_out_lie_between(recording: Path) -> None:
+    """A slow robot whose scans are used every metre: no matter of units."""
+    with np.load(recording) as archive:
+        slow = rewritten(recording, 1.0, time_s=50 * archive["time_s"])
+    assert survey(open_log(slow), Choice(least_move_m=1.0), ROOM).warning == ""
+
+
+def test_scans_that_meet_nothing_are_counted(recording: Path) -> None:
+    """A laser that is covered, say."""
+    with np.load(recording) as archive:
+        ranges = np.full_like(archive["ranges_m"], np.inf)
+    told = survey(open_log(rewritten(recording, 1.0, ranges_m=ranges)), Choice(), ROOM)
+    assert told.oddities[NOTHING_MET] == told.used == 24
 
 
 @pytest.mark.parametrize("factor", [100.0, 1000.0])

@@ -194,13 +194,13 @@ def replay(
         false_alarms,
     )
     first = replays.surveyed()
-    if first.warning:
-        warn(first.warning)
     if at == "odometry":
         replays = _at_odometry(replays, first)
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
+    if first.warning:
+        warn(first.warning)
     odd = odd_about(room)  # told already, when the map was opened
     notes = [
         *filter(None, [first.warning]),

@@ -11,16 +11,17 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters import RangeMap
 from .log import UNLIMITED_M, LaserDescription, Log, RecordingError, motion_between
+from .readers.odd_units import OddUnits
 from .readers.sweeps import without_motion
 
 STILL = "scans taken where the one before was (left out: a standing robot repeats its errors)"
 WITHOUT_ODOMETRY = "scans without odometry (left out)"
 BEYOND = f"readings beyond {UNLIMITED_M:g} m (taken for none: nobody says how far the laser measures)"
-FAR, LARGE_SHARE = 1.1, 0.25  # beyond so many limits a reading is too long; such a share of them is odd
 WITHOUT_END = "scans without odometry at their last beam (their ranges are left as they are)"
 WITHOUT_TRUTH = "scans at whose time the true pose is not known (not compared with it)"
 INVALID = "readings of the chosen beams that say nothing (NaN, 0, negative, or below the shortest range)"
 WITHOUT_READINGS = "scans whose chosen beams are all invalid"
+NOTHING_MET = "scans in which none of the chosen beams meets anything"
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
             ranges = np.where(far, np.inf, ranges)
         counts[INVALID] += int(np.isnan(ranges).sum())
         counts[WITHOUT_READINGS] += bool(np.isnan(ranges).all())
+        counts[NOTHING_MET] += bool(np.isposinf(ranges).any() and not np.isfinite(ranges).any())
         before, some = scan.odometry, True
         read = scan.ranges_m[np.isfinite(scan.ranges_m)]
         lengths = np.concatenate([read, scan.beyond_m])
@@ -145,8 +147,8 @@ class Survey:
         turned_rad: How much it turned.
         first: The first step that is used.
         oddities: What is odd, with how often.
-        warning: That many readings are too long for the laser or for the map, as they are in other units; ""
-            where they are not.
+        warning: What tells of other units or of angles that count otherwise, such as many readings that are
+            too long for the laser or for the map; "" where nothing does.
         longest_m: The longest reading below what the laser is taken to measure, m; 0 without one.
         longest_count: How often it stands there.
     """
@@ -161,45 +163,6 @@ class Survey:
     warning: str
     longest_m: float
     longest_count: int
-
-
-class _TooLong:
-    """How many readings are too long for a laser and for a map, but for numbers that mean no return.
-
-    Such a number is little more than the laser's longest range; or else it is the longest reading of all, and
-    stands there more than once.
-    """
-
-    def __init__(self, laser: LaserDescription, extent: float) -> None:
-        self.limits = {
-            f"{laser.range_max_m:g} m, the longest range of the laser (range_max_m)": laser.range_max_m,
-            f"{extent:.3g} m, the extent of the map": extent,
-        }
-        self.range_max = laser.range_max_m
-        self.counts = dict.fromkeys(self.limits, 0)
-        self.read, self.longest, self.repeated = 0, -np.inf, 0
-
-    def add(self, lengths: Array) -> None:
-        """Count those of one more scan, (K,), m."""
-        lengths = lengths[(lengths <= self.range_max) | (lengths > FAR * self.range_max)]
-        self.read += len(lengths)
-        for what, limit in self.limits.items():
-            self.counts[what] += int(np.count_nonzero(lengths > FAR * limit))
-        longest = float(lengths.max(initial=-np.inf))
-        if longest > self.longest:
-            self.longest, self.repeated = longest, 0
-        self.repeated += int(np.count_nonzero(lengths == self.longest))
-
-    @property
-    def warning(self) -> str:
-        """What there is to say of it."""
-        none = self.repeated if self.repeated > 1 else 0
-        for what, limit in self.limits.items():
-            count = self.counts[what] - none * (self.longest > FAR * limit)
-            if count > LARGE_SHARE * (self.read - none):
-                share = 100 * count / (self.read - none)
-                return f"{share:.0f} % of the readings are beyond {what}: are they in metres?"
-        return ""
 
 
 def survey(
@@ -223,13 +186,13 @@ def survey(
     """
     tally = Counter[str]() if tally is None else tally
     extent = np.inf if room is None else float(np.hypot(*np.subtract(*room.bounds)))
-    too_long = _TooLong(log.sensor, extent)
+    odd = OddUnits(log.sensor, extent, not (choice.least_move_m or choice.least_turn_rad))
     first = last = None
     used, way, turned, longest, count = 0, 0.0, 0.0, 0.0, 0
     for step in steps(log, choice, tally):
         first = step if first is None else first
         last, used = step, used + 1
-        too_long.add(step.lengths)
+        odd.add(step.time_s, step.odometry, step.lengths)
         if len(measured := step.lengths[step.lengths < log.sensor.reach_m]):
             top = float(measured.max())
             longest, count = max(longest, top), count * (top <= longest)
@@ -248,7 +211,7 @@ def survey(
     scans = used + tally[STILL] + tally[WITHOUT_ODOMETRY]
     told = {kind: count for kind, count in tally.items() if count}
     duration = last.time_s - first.time_s
-    return Survey(scans, used, duration, way, turned, first, told, too_long.warning, longest, count)
+    return Survey(scans, used, duration, way, turned, first, told, odd.warning, longest, count)
 
 
 def reach_in_words(laser: LaserDescription, told: Survey) -> str:

@@ -76,7 +76,12 @@ def read_ros_map(
     """
     told = read_yaml(path)
     image = image_path(path, told.image, image_anywhere)
-    states = states_of(*_grey_and_opaque(image, memory_gb), told)
+    shades, opaque = _grey_and_opaque(image, memory_gb)
+    if opaque is not None and not opaque.any():
+        raise MapError(
+            f"{path}: no pixel of its image is opaque, and others are unknown: save it without transparency"
+        )
+    states = states_of(shades, opaque, told)
     along_axes = np.ascontiguousarray(states[::-1].T)  # rows run down from the top, x2 runs up
     return OccupancyMap(
         along_axes,

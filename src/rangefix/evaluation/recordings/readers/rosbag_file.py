@@ -97,9 +97,9 @@ def _what_is_wrong(path: Path, error: Exception) -> str:
     """What is wrong with a bag, by an error of the library, its codecs or sqlite."""
     said = one_line(error)
     if path.is_dir() and "metadata" in said.lower():
-        return f"its metadata.yaml is none of ROS 2: {said}"
+        return f"no bag, or a damaged one: its metadata.yaml is none of ROS 2: {said}"
     if not path.is_dir() and _suffix(path) == ".bag" and any(word in said.lower() for word in UNINDEXED):
-        return f"no bag, or one that is cut off or damaged; `rosbag reindex` may mend it ({said})"
+        return f"no bag, or a damaged one: `rosbag reindex` may mend one that is cut off ({said})"
     said = re.sub(r"/\S*/bag\.(?=db3|mcap)", f"{path.stem}.", said)  # the link that the library is given
     return f"no bag, or a damaged one: {said}" if str(error) else "no bag, or a damaged one"
 
