@@ -110,3 +110,80 @@ def test_calibrate_to_swapped_axes_is_told(words: list[Any], capsys: pytest.Capt
         assert code == 0, err
         assert ("hits scatter by" in err) == is_odd
         assert ("# hits scatter by" in out.read_text()) == is_odd
+
+
+def trajectory(words: list[Any], lines: list[str]) -> Path:
+    """A file of true poses beside the recording."""
+    path: Path = words[4].with_name("truth.tum")
+    path.write_text("".join(lines))
+    return path
+
+
+def true_lines(factor: float = 1.0, swapped: bool = False) -> list[str]:
+    """The true poses, with quaternions or axes that are otherwise."""
+    times, poses = drive(24)
+    halves = 0.5 * (0.5 * np.pi - poses[:, 2])
+    places = poses[:, [1, 0]] if swapped else poses
+    rows = zip(times, places, factor * np.cos(halves), factor * np.sin(halves), strict=True)
+    return [f"{time} {x[0]} {x[1]} 0 0 0 {z} {w}\n" for time, x, w, z in rows]
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0, 1e-200, 1e200])
+def test_quaternions_that_are_not_of_length_one(
+    words: list[Any], capsys: pytest.CaptureFixture[str], factor: float
+) -> None:
+    """With the length, which none of the four numbers tells."""
+    code, _, err = call([*words[:-1], trajectory(words, true_lines(factor))], capsys)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"truth.tum, line 1: a quaternion has a length of {factor:.3g}, and 1 is meant" in err
+
+
+def test_a_truth_of_few_scans_is_told(words: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """The error of the first of them stood in the table as if it were that of all."""
+    log = record(words[4].parent, 24)
+    code, _, err = call([*words[:4], log, *words[5:-1], trajectory(words, true_lines()[:8])], capsys)
+    assert code == 0
+    assert err == (
+        "rangefix: The true pose is known at the times of 9 of 24 scans: do its times fit the recording's?\n"
+    )
+
+
+def test_a_truth_that_is_not_sorted_says_so(words: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """Of its poses those were left out that made the first unknown, without a word."""
+    lines = true_lines()
+    log, path = record(words[4].parent, 24), trajectory(words, [lines[5], *lines[:5], *lines[6:]])
+    code, _, err = call([*words[:4], log, *words[5:-1], path], capsys)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the true pose at the first scan is not known; " in err
+    assert "true poses whose time goes back (left out): give the start as" in err
+
+
+def test_a_truth_with_swapped_axes_is_asked_about(
+    words: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its errors were those of the filter."""
+    log = record(words[4].parent, 24)
+    path = trajectory([*words[:4], log], true_lines(swapped=True))
+    code, _, err = call([*words[:4], log, *words[5:-1], path, "--start", "2,1.5,90"], capsys)
+    assert code == 0
+    assert "The true pose moves as its headings say if they count the other way round, or if x1 and x2" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time_s;range_m@0\n0;1\n", "its cells are separated by semicolons, and commas are read"),
+        ("time_s\trange_m@0\n0\t1\n", "its cells are separated by tabs, and commas are read"),
+        ("# of Monday\ntime_s,range_m@0\n0,1\n", "no column is called '# of Monday'"),
+        ("time_s,range_m@x\n0,1\n", "range_m@ needs the bearing in degrees behind it"),
+    ],
+)
+def test_tables_of_another_form(
+    words: list[Any], capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    """What they are, by their name once."""
+    path = words[4].with_name("log.csv")
+    path.write_text(text)
+    _, _, err = call([*words[:4], path, *words[5:]], capsys)
+    assert err.startswith(f"rangefix: {path}: {said}")
+    assert err.count("log.csv") == err.count("\n") == 1

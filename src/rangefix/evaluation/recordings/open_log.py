@@ -14,7 +14,8 @@ from .readers.rosbag_file import KINDS
 from .readers.table import ArrayLog, TableLog
 
 BAGS = tuple(KINDS)
-CARMEN = (b"#", b"FLASER", b"ROBOTLASER", b"PARAM", b"ODOM")
+CARMEN = (b"FLASER", b"ROBOTLASER", b"PARAM", b"ODOM")  # beginnings of lines
+LOOKED_AT = 1 << 16  # bytes, for a line that is no comment
 ARCHIVE = b"PK\x03\x04"
 TABLE = b"time_s,"
 LONGEST_MAGIC = 16
@@ -63,6 +64,14 @@ def _reader(path: Path, options: ReadingOptions) -> Log:
     except NotText as error:
         raise RecordingError(f"{path}: {error}") from None
     text = start.removeprefix(codecs.BOM_UTF8)  # which some programs put before UTF-8
-    if text.startswith(TABLE) or (path.suffix.lower() == ".csv" and not text.startswith(CARMEN)):
+    if text.startswith(TABLE) or (path.suffix.lower() == ".csv" and not _is_carmen(path)):
         return TableLog(path, options)
     return CarmenLog(path, options)
+
+
+def _is_carmen(path: Path) -> bool:
+    """Whether the first line that is no comment is one of a log of CARMEN."""
+    with open(path, "rb") as file:
+        lines = file.read(LOOKED_AT).removeprefix(codecs.BOM_UTF8).splitlines()
+    first = next((line for line in lines if line.strip() and not line.startswith(b"#")), b"")
+    return first.startswith(CARMEN)

@@ -43,6 +43,7 @@ PARTICLES, PARTICLES_ANYWHERE = 2000, 20_000  # at first: from a start that is k
 LEAST_PARTICLES = 1000  # once the belief needs no more
 LONGEST_NAME = 100  # letters of an estimator's label in the names of its files
 TOLD = ValueError, TypeError, ArithmeticError, MemoryError, RuntimeError  # whose messages say enough
+BACK = "true poses whose time goes back"  # beginning of what is told of them
 TABLE = "replay.json"  # of a folder: it names the files beside it
 
 
@@ -133,8 +134,10 @@ class Replays:
         if self.start_at_truth:
             truth = self.true_poses()(first.first)
             if truth is None:
+                left_out = [f"; {count} {kind}" for kind, count in first.oddities.items() if BACK in kind]
                 raise RecordingError(
-                    "the true pose at the first scan is not known: give the start as x1,x2,heading, or global"
+                    f"the true pose at the first scan is not known{''.join(left_out)}: give the start as "
+                    "x1,x2,heading, or global"
                 )
             start = start.about(truth, random_stream(self.seed, "start", 0))
             _refuse_elsewhere(replace(start, pose=truth), self.room)

@@ -192,12 +192,13 @@ def survey(
     for step in steps(log, choice, tally):
         first = step if first is None else first
         last, used = step, used + 1
-        odd.add(step.time_s, step.odometry, step.lengths)
+        pose = None if truth is None else truth(step)
+        odd.add(step.time_s, step.odometry, step.lengths, None if pose is step.odometry else pose)
         if len(measured := step.lengths[step.lengths < log.sensor.reach_m]):
             top = float(measured.max())
             longest, count = max(longest, top), count * (top <= longest)
             count += int(np.count_nonzero(measured == longest))
-        tally[WITHOUT_TRUTH] += truth is not None and truth(step) is None
+        tally[WITHOUT_TRUTH] += truth is not None and pose is None
         if step.control is not None:
             way += float(np.hypot(step.control[0], step.control[1]))
             turned += abs(float(step.control[2]))
@@ -210,8 +211,12 @@ def survey(
         )
     scans = used + tally[STILL] + tally[WITHOUT_ODOMETRY]
     told = {kind: count for kind, count in tally.items() if count}
+    warning = odd.warning
+    if 2 * tally[WITHOUT_TRUTH] > used:
+        known = f"at the times of {used - tally[WITHOUT_TRUTH]} of {used} scans"
+        warning += f"{' ' * bool(warning)}The true pose is known {known}: do its times fit the recording's?"
     duration = last.time_s - first.time_s
-    return Survey(scans, used, duration, way, turned, first, told, odd.warning, longest, count)
+    return Survey(scans, used, duration, way, turned, first, told, warning, longest, count)
 
 
 def reach_in_words(laser: LaserDescription, told: Survey) -> str:

@@ -33,34 +33,26 @@ class OddUnits:
         self._laser, self._ranges = laser, _Ranges(laser, extent)
         self._times: Array = np.array([np.inf, 0.0])  # the least and the greatest from one scan to the next
         self._last: tuple[float, Array] | None = None
-        self._leg: Array | None = None  # where one begins
-        self._way, self._seconds, self._legs = 0.0, 0.0, 0
-        self._sums = np.zeros(3, dtype=complex)  # of headings as they are, as radians, and mirrored
-        self._widest = 0.0  # heading, rad
+        self._way, self._seconds = 0.0, 0.0
+        self._headings = {"robot": _Headings(), "true pose": _Headings()}
 
-    def add(self, time_s: float, odometry: Array, lengths: Array) -> None:
-        """One more scan: its time, pose by odometry (3,) and finite readings (K,), m."""
+    def add(self, time_s: float, odometry: Array, lengths: Array, truth: Array | None = None) -> None:
+        """One more scan: its time, pose by odometry (3,), finite readings (K,), m, and true pose (3,)."""
         self._ranges.add(lengths)
-        self._widest = max(self._widest, abs(float(odometry[2])))
+        self._headings["robot"].add(odometry)
+        if truth is not None:
+            self._headings["true pose"].add(truth)
         if self._last is not None and (step := time_s - self._last[0]) > 0:
             self._times = np.array([min(self._times[0], step), max(self._times[1], step)])
             self._way += float(np.hypot(*(odometry - self._last[1])[:2]))
             self._seconds += step
         self._last = time_s, odometry
-        if self._leg is None:
-            self._leg = odometry
-        moved = odometry - self._leg
-        if np.hypot(moved[0], moved[1]) >= LEG_M:
-            heading = 0.5 * (odometry[2] + self._leg[2]) if abs(moved[2]) < 1 else odometry[2]
-            towards = np.arctan2(moved[0], moved[1])
-            assumed = np.array([heading, np.rad2deg(heading), -heading])
-            self._sums += np.exp(2j * (towards - assumed))  # twice: it may go backwards
-            self._legs, self._leg = self._legs + 1, odometry
 
     @property
     def warning(self) -> str:
         """A sentence for each thing that is odd; "" if nothing is."""
-        return " ".join([*self._ranges.odd(), *self._odd_beams(), *self._odd_times(), *self._odd_headings()])
+        headings = [text for who, told in self._headings.items() for text in told.odd(who)]
+        return " ".join([*self._ranges.odd(), *self._odd_beams(), *self._odd_times(), *headings])
 
     def _odd_beams(self) -> Iterable[str]:
         bearings = self._laser.bearings_rad
@@ -79,15 +71,37 @@ class OddUnits:
             speed = f"{self._way / self._seconds:.3g} m/s"
             yield f"By odometry the robot moves at {speed}: is it in metres, and the times in seconds?"
 
-    def _odd_headings(self) -> Iterable[str]:
+
+class _Headings:
+    """Whether headings go with the way: as they are, or only if they are something else."""
+
+    def __init__(self) -> None:
+        self._leg: Array | None = None  # where one begins
+        self._legs, self._widest = 0, 0.0
+        self._sums = np.zeros(3, dtype=complex)  # of headings as they are, as radians, and mirrored
+
+    def add(self, pose: Array) -> None:
+        """One more pose, (3,)."""
+        if self._leg is None:
+            self._leg = pose
+        self._widest, moved = max(self._widest, abs(float(pose[2]))), pose - self._leg
+        if np.hypot(moved[0], moved[1]) >= LEG_M:
+            heading = 0.5 * (pose[2] + self._leg[2]) if abs(moved[2]) < 1 else pose[2]
+            towards = np.arctan2(moved[0], moved[1])
+            assumed = np.array([heading, np.rad2deg(heading), -heading])
+            self._sums += np.exp(2j * (towards - assumed))  # twice: it may go backwards
+            self._legs, self._leg = self._legs + 1, pose
+
+    def odd(self, who: str) -> Iterable[str]:
+        """What there is to say of them."""
         if self._legs < LEAST_LEGS:
             return
         own, radians, mirrored = np.abs(self._sums) / self._legs
         if own < APART and radians > ALIKE and self._widest <= NARROWEST_RAD:
-            yield "The robot moves as its headings say if they are in radians: degrees are expected."
+            yield f"The {who} moves as its headings say if they are in radians: degrees are expected."
         elif own < APART and mirrored > ALIKE:
             yield (
-                "The robot moves as its headings say if they count the other way round, or if x1 and x2 are "
+                f"The {who} moves as its headings say if they count the other way round, or if x1 and x2 are "
                 "swapped: they are clockwise from +x2 in tables, counter-clockwise from +x in ROS and CARMEN."
             )
 

@@ -85,6 +85,12 @@ class TableLog(FileLog):
         for _, cells in self._lines():
             names = [cell.strip() for cell in cells]
             known = {"time_s", *POSE, *LASER}
+            for mark in ";\t":
+                if len(names) == 1 and len(others := names[0].split(mark)) > 1 and others[0].strip() in known:
+                    shown = "semicolons" if mark == ";" else "tabs"
+                    raise RecordingError(
+                        f"{self.path}: its cells are separated by {shown}, and commas are read"
+                    )
             for name in names:
                 if name not in known and not name.startswith(RANGE):
                     raise RecordingError(
@@ -102,7 +108,7 @@ class TableLog(FileLog):
         try:
             return np.array([float(name) for name in names])
         except ValueError:
-            raise RecordingError(f"{self.path}: {RANGE} needs the bearing in degrees behind it") from None
+            raise RecordingError(f"{RANGE} needs the bearing in degrees behind it") from None
 
     @cached_property
     def sensor(self) -> LaserDescription:

@@ -52,10 +52,12 @@ def rigid_of(shift: Any, turn: Any) -> Rigid:
         RecordingError: If they are not finite, or the quaternion is none.
     """
     x, y, z, w = (float(value) for value in (turn.x, turn.y, turn.z, turn.w))
-    length = np.sqrt(x * x + y * y + z * z + w * w)
+    length = float(np.hypot(np.hypot(x, y), np.hypot(z, w)))
     move = np.array([shift.x, shift.y, shift.z], dtype=float)
-    if not (np.isfinite(move).all() and 0.5 < length < 2.0):
-        raise RecordingError("a pose or transform of the recording is not finite, or its quaternion is none")
+    if not (np.isfinite(move).all() and np.isfinite([x, y, z, w]).all()):
+        raise RecordingError("a pose or transform is not finite")
+    if not 0.5 < length < 2.0:
+        raise RecordingError(f"a quaternion has a length of {length:.3g}, and 1 is meant: it is no direction")
     x, y, z, w = (value / length for value in (x, y, z, w))
     rotation = np.array(
         [
