@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rangefix.cli import main
+from rangefix.cli.screen import as_lines, new_table
 
 
 def call(*arguments: str) -> int:
@@ -123,3 +124,10 @@ def test_steps_that_cannot_be(step: str, capsys: pytest.CaptureFixture[str]) -> 
     """Exit code 2 and one line."""
     assert call("map-accuracy", "paper", "--step-m", step) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_cells_of_two_lines_are_one_on_a_narrow_screen() -> None:
+    """Such as the share and the first of the scans at which a filter is lost."""
+    table = new_table("Replay", ["estimator", "lost"])
+    table.add_row("ekf", "89 %,\nfrom 1")
+    assert [text for text, _ in as_lines(table)] == ["Replay", "ekf", "      lost: 89 %, from 1"]

@@ -103,5 +103,5 @@ def as_lines(table: Table) -> Iterator[tuple[str, str]]:
         values = [column[place] for column in cells]
         yield "  ".join(filter(None, values[:labels])), str(row.style or "")
         for header, value in zip(headers[labels:], values[labels:], strict=True):
-            if value:
+            if value := " ".join(value.split()):  # cells of a wide table may have lines of their own
                 yield f"      {header}: {value}" if header else f"      {value}", str(row.style or "")

@@ -299,3 +299,19 @@ def test_bags_by_what_they_hold(
     bag.close()
     file = (tmp_path / "bag" if kind == "bag" else tmp_path / "bag" / "bag.mcap").rename(tmp_path / name)
     assert len(list(open_log(file).scans())) == 1
+
+
+def test_a_base_frame_that_is_not_there(tmp_path: Path, new_bag: NewBag) -> None:
+    """It was taken without a word, and the laser stood at the robot's reference point."""
+    path = path_of(tmp_path, "mcap")
+    bag = new_bag(path, "mcap")
+    bag.transform(0.0, "base_link", "laser", (0.3, 0.0, 0.0), static=True)
+    for time, pose, scan in zip(drive(5)[0], in_ros(drive(5)[1]), ranges_at(drive(5)[1]), strict=True):
+        bag.odometry(time, pose)
+        bag.scan(time, scan)
+    bag.close()
+    with pytest.raises(
+        RecordingError, match=r"no frame 'bas' \(--base-frame\); there are .*base_link.*laser"
+    ):
+        open_log(path, ReadingOptions(base_frame="bas"))
+    assert open_log(path, ReadingOptions(base_frame="base_link")).sensor.is_placed

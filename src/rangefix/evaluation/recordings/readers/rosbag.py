@@ -128,6 +128,23 @@ class RosbagLog(FileLog):
                     return found
         return None
 
+    def _refuse_unknown_base(self) -> None:
+        """Refuse a base frame that the bag does not know.
+
+        Raises:
+            RecordingError: With those that it knows.
+        """
+        if not (name := (self.options.base_frame or "").lstrip("/")):
+            return
+        known = set(self._tree.frames)
+        if (source := self._odometry) is not None and source.topic is not None:
+            for _, message in self.messages.of([source.topic]):
+                known.add((message.__dict__.get("child_frame_id") or "").lstrip("/"))
+                break
+        if name not in known:
+            frames = ", ".join(sorted(known - {""})) or "none"
+            raise RecordingError(f"{self.path}: no frame {name!r} (--base-frame); there are {frames}")
+
     @cached_property
     def _is_upside_down(self) -> bool:
         return self._place is not None and bool(self._place.rotation[2, 2] < 0)
@@ -153,6 +170,7 @@ class RosbagLog(FileLog):
     @cached_property
     def sensor(self) -> LaserDescription:
         """The laser, as its first scan and tf describe it."""
+        self._refuse_unknown_base()
         message, place = self._first, self._place
         low, high = max(float(message.range_min), 0.0), float(message.range_max)
         high = high if high > low else np.inf
