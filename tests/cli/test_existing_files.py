@@ -116,6 +116,21 @@ def test_files_are_refused_before_the_work(
     assert said.err.count("\n") == 1
 
 
+def test_a_folder_that_cannot_be_written_is_told_before_the_fit(
+    rangefix: Callable[..., Said], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`calibrate` fits for minutes: a file in the way, or a folder of somebody else."""
+    words = "calibrate", "-m", "room:4x6", "-l", "none.npz", "--truth", "odometry", "--out"
+    Path("notes").write_text("mine")
+    said = rangefix(*words, "notes/a.toml")
+    assert (said.code, said.err) == (2, "rangefix: cannot write notes/a.toml: notes is a file\n")
+    Path("theirs").mkdir()
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path).name != "theirs")
+    said = rangefix(*words, "theirs/b/a.toml")
+    assert said.code == 2
+    assert said.err == "rangefix: cannot write theirs/b/a.toml: nothing may be written in theirs\n"
+
+
 def test_an_accuracy_map_is_made_again(results: Callable[..., Said]) -> None:
     """Both of its files are ours, and told."""
     words = "map-accuracy", "paper", "--step-m", "1", "--out", "a"

@@ -8,6 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import typer
+
+from rangefix.cli.main import app
 
 from .conftest import Said
 from .test_map import OBJ
@@ -47,3 +50,14 @@ def test_a_folder_is_not_to_be_removed(rangefix: Callable[..., Said]) -> None:
     Path("folder.png").mkdir()
     said = rangefix("map", "room:4x6", "--out", "folder.png")
     assert (said.code, said.err) == (2, "rangefix: folder.png is a folder: name a file to write\n")
+
+
+def test_an_option_has_the_same_short_name_everywhere() -> None:
+    """`-m` and `-l` of `replay` were unknown to `calibrate`. `--beams` counts beams or is short for none."""
+    short: dict[str, set[tuple[str, ...]]] = {}
+    for command in typer.main.get_command(app).commands.values():  # type: ignore[attr-defined]
+        for parameter in command.params:
+            for name in (each for each in parameter.opts if each.startswith("--") and each != "--beams"):
+                others = tuple(each for each in parameter.opts if not each.startswith("--"))
+                short.setdefault(name, set()).add(others)
+    assert {name: found for name, found in short.items() if len(found) > 1} == {}

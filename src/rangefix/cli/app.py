@@ -161,15 +161,27 @@ def replacing(*paths: Path, kind: str = "", read: Iterable[object] = ()) -> Iter
     Raises:
         ValueError: If a file is there that is read, or that is not one of ours; or a file is in the way.
     """
-    for path in paths:
-        if blocked := [place for place in path.parents if place.exists() and not place.is_dir()]:
-            raise ValueError(f"cannot write {path}: {blocked[0]} is a file")
+    refuse_blocked(paths)
     there = [path for path in paths if os.path.lexists(path)]
     for path in there:
         refuse_others(path, kind or path.suffix.lower()[1:], read)
     yield
     for path in there:
         warn(f"{path} was there and is replaced")
+
+
+def refuse_blocked(paths: Iterable[Path]) -> None:
+    """Refuse files whose folder is a file, or where nothing may be written; missing folders are made.
+
+    Raises:
+        ValueError: With what is in the way.
+    """
+    for path in paths:
+        nearest = next(place for place in (*path.parents, Path()) if place.exists())
+        if not nearest.is_dir():
+            raise ValueError(f"cannot write {path}: {nearest} is a file")
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            raise ValueError(f"cannot write {path}: nothing may be written in {nearest}")
 
 
 def refuse_others(path: Path, kind: str, read: Iterable[object]) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import Json, doing, named, print_json, refuse_others, refuse_sources, say, warn
+from ..app import Json, doing, named, print_json, refuse_blocked, refuse_others, refuse_sources, say, warn
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
 from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
 
@@ -23,8 +23,8 @@ DEFAULT_BEAMS = 24
 
 @takes_map_options
 def calibrate(
-    map_name: Annotated[str, typer.Option("--map", metavar="MAP", help="A map file, or a room.")],
-    log_path: Annotated[Path, typer.Option("--log", parser=named, metavar="LOG", help="A recording.")],
+    map_name: Annotated[str, typer.Option("--map", "-m", metavar="MAP", help="A map file, or a room.")],
+    log_path: Annotated[Path, typer.Option("--log", "-l", parser=named, metavar="LOG", help="A recording.")],
     truth: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="True poses (TUM), or the word odometry where that is true."),
@@ -139,6 +139,7 @@ def _refuse_existing(files: list[Path], force: bool, read: Iterable[object]) -> 
     Raises:
         ValueError: If one of the files is there and not to be replaced, or is read.
     """
+    refuse_blocked(files)
     for file in files:
         refuse_sources(file, read)
         if os.path.lexists(file) and not force:

@@ -143,7 +143,7 @@ def replay(
         str | None,
         typer.Option(metavar="SUFFIX", help="With --out: an animation of each, gif or mp4 (by ffmpeg)."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of all random numbers.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", "-s", min=0, metavar="N", help="Of all random numbers.")] = 0,
     as_json: Json = False,
 ) -> None:
     """Put a recording to estimators: where they put the robot, what they claim, and whether that holds."""
