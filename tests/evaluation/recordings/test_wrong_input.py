@@ -84,8 +84,9 @@ def test_a_cell_that_is_no_number(words: list[Any], capsys: pytest.CaptureFixtur
     ("given", "said"),
     [
         ((), "the poses are needed: give --truth, or --start from which a filter follows them"),
-        (("--start", "99", "99", "0"), "--start 99,99 is not in the free space of "),
-        (("--start", "nan", "1", "0"), "--start nan 1 0: must be finite"),
+        (("--start", "99,99,0"), "--start 99,99 is not in the free space of "),
+        (("--start", "nan,1,0"), "a start must be finite, got 'nan,1,0'"),
+        (("--start", "odometry"), "a start is x1,x2,heading (m, m, deg), got 'odometry'"),
     ],
 )
 def test_calibrate_needs_poses_on_the_map(

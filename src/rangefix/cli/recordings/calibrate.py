@@ -30,8 +30,11 @@ def calibrate(
         typer.Option(metavar="FILE", help="True poses (TUM), or the word odometry where that is true."),
     ] = None,
     start: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(metavar="X1 X2 DEG", help="Without truth: the pose from which a filter follows."),
+        str | None,
+        typer.Option(
+            metavar="X1,X2,HEADING",
+            help="Without truth: the pose from which a filter follows (m, m, deg clockwise from +x2).",
+        ),
     ] = None,
     beams: Annotated[
         int, typer.Option(min=0, metavar="N", help="Beams of a scan that filters will take; 0: all.")
@@ -56,12 +59,11 @@ def calibrate(
     as_json: Json = False,
 ) -> None:
     """Fit the noise of a rangefinder to a recording on a map."""
-    import numpy as np
-
     from ...evaluation.figures.files import write_figure
     from ...evaluation.figures.recordings.residuals import draw_residuals
     from ...evaluation.recordings.calibrate import calibrate as fit
     from ...evaluation.recordings.open_log import open_log
+    from ...evaluation.recordings.replays import pose_of
     from ...evaluation.recordings.residuals import find_residuals
     from ...evaluation.recordings.sensor_text import sensor_text
     from ...evaluation.recordings.setting import Start
@@ -71,8 +73,7 @@ def calibrate(
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
-    if start is not None and not np.isfinite(start).all():
-        raise ValueError(f"--start {' '.join(f'{each:g}' for each in start)}: must be finite")
+    pose = None if start is None else pose_of(start)
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     files = [out, out.with_suffix(".png")]
@@ -90,8 +91,7 @@ def calibrate(
     refuse_without_bag(log, log_path, scan_topic, odometry_topic, base_frame)
     if truth is None and start is None:
         raise ValueError("the poses are needed: give --truth, or --start from which a filter follows them")
-    pose = None if start is None else np.array([*start[:2], np.deg2rad(start[2])])
-    refuse_outside(Start(pose), room, " ".join(f"{each:g}" for each in start or ()), map_name)
+    refuse_outside(Start(pose), room, start or "", map_name)
     doing("comparing readings with the map")
     residuals = find_residuals(room, log, Choice(beams=beams), truth=truth, start=pose)
     if residuals.warning:

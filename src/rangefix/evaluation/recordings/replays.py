@@ -311,13 +311,26 @@ def start_of(text: str, position_std_m: float, heading_std_rad: float) -> Start:
     """
     if text == "global":
         return Start(None)
+    pose = pose_of(text, "truth, odometry or global")
+    return Start(pose, position_std_m, heading_std_rad)
+
+
+def pose_of(text: str, others: str = "") -> Array:
+    """A pose as it is written: x1,x2,heading in m, m and deg clockwise from +x2; in rad, (3,).
+
+    Args:
+        text: What is written.
+        others: What else a start may be, for messages.
+
+    Raises:
+        ValueError: If it is none.
+    """
     try:
         x1, x2, heading = (float(part) for part in text.replace(",", " ").split())
-        pose: Array = np.array([x1, x2, np.deg2rad(heading)])
     except ValueError:
-        raise ValueError(
-            f"a start is x1,x2,heading (m, m, deg), truth, odometry or global, got {text!r}"
-        ) from None
+        expected = "x1,x2,heading (m, m, deg)" + (f", {others}" if others else "")
+        raise ValueError(f"a start is {expected}, got {text!r}") from None
+    pose: Array = np.array([x1, x2, np.deg2rad(heading)])
     if not np.isfinite(pose).all():
         raise ValueError(f"a start must be finite, got {text!r}")
-    return Start(pose, position_std_m, heading_std_rad)
+    return pose
