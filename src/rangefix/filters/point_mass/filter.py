@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array, IntArray, keep_whole
+from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
 from ..measurement import check_measurement
@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import StateSpace, deviations_apart, is_definite
+from ..space import NO_DIRECTION, StateSpace, deviations_apart, is_definite
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
@@ -182,7 +182,9 @@ class PointMassFilter(BriefRepr):
         Half as much again as the difference to what cells answer that are shifted against these, to either
         side: together they see a wall or a jump as finer cells would. Those to the other side are asked only
         where the first are not of one mind with these. A mode that all miss is not told. Of a posterior that
-        leans on where the grid ends, 6 deviations from a Gaussian prior's mean, nothing is known: inf.
+        leans on where the grid ends, 6 deviations from a Gaussian prior's mean, nothing is known: inf. Nor
+        is anything where headings may be so evenly spread that none is their mean: shifted grids that agree
+        there do so by chance.
         """
         space, estimate = self.problem.space, belief.estimate
         first, second = self.other_cells
@@ -197,7 +199,46 @@ class PointMassFilter(BriefRepr):
             apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
         if (ends := open_ends(belief.prior)) is not None:
             apart[leaning(space, ends, (estimate.mean, estimate.covariance, estimate.log_evidence))] = np.inf
+        apart[self._may_lack_direction(belief, apart)] = np.inf
         return np.where(np.asarray(estimate.log_evidence) > -np.inf, apart, 0.0)
+
+    def resultant(self, belief: PointMassBelief) -> Array:
+        """Length of the mean resultant vector of the heading, (M,): see `CanTellDirection`.
+
+        1 where no cell is possible any more.
+
+        Raises:
+            NotImplementedError: If the heading is known.
+        """
+        if self.problem.space.heading is not None:
+            raise NotImplementedError("the heading is known")
+        return np.array([self._resultant(belief, run) for run in range(len(belief.counts))])
+
+    def _resultant(self, belief: PointMassBelief, run: int) -> float:
+        """That of one run."""
+        if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
+            return 1.0
+        which, logs = self._heavy_cells(belief, run)
+        weights = np.exp(logs - logs.max())
+        headings = self.grid.centres[which, self.problem.space.names.index("heading")]
+        return float(np.abs(weights @ np.exp(1j * headings)) / weights.sum())
+
+    def _may_lack_direction(self, belief: PointMassBelief, error: Array) -> BoolArray:
+        """In which runs headings may have no mean, (M,), as far as such an error of the moments, (M,), tells.
+
+        The length of the mean resultant vector, which is off by as much, is only worked out where the claimed
+        variance v leaves it open: it is no less than 1 - v / 2, for 2 (1 - cos d) <= d^2.
+        """
+        space = self.problem.space
+        lacking = np.zeros(len(error), bool)
+        if space.heading is not None:
+            return lacking
+        place = space.names.index("heading")
+        variances = belief.estimate.covariance[:, place, place]
+        off = error * np.sqrt(np.clip(variances, 0.0, 1.0))
+        for run in np.flatnonzero(~(1 - variances / 2 - off >= NO_DIRECTION)):
+            lacking[run] = not self._resultant(belief, int(run)) - off[run] >= NO_DIRECTION
+        return lacking
 
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:
         """What these cells answer to all that another grid's belief has been told."""
