@@ -19,7 +19,8 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import NO_DIRECTION, StateSpace, deviations_apart, is_definite
+from ..space import NO_DIRECTION, deviations_apart, is_definite
+from .belief import PointMassBelief, mixed, runs_of, some_runs
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
 from .records import CellMass, Readings
@@ -30,34 +31,6 @@ OTHER_SHIFTS = (0.382, 0.618)  # of a cell, by which other cells are shifted aga
 SURE_APART = 0.005  # deviations: where one shifted lattice is no further off no other is asked
 ERROR_FACTOR = 1.5  # on the difference to theirs, for it may be small by chance
 DENSITIES_AT_ONCE = 1 << 18  # log densities, where noise is not Gaussian: they stay in the cache
-
-
-@dataclass(frozen=True, repr=False)
-class PointMassBelief(BriefRepr):
-    """Cell probabilities, kept as what they were before the readings and what the readings said.
-
-    Readings of a beam with Gaussian noise enter a static object's posterior through their number and mean
-    alone, so no (M, G) array is kept for them; other noise goes into log_mass at once.
-
-    Attributes:
-        log_mass: Log probability of each cell before the readings, (1, G) shared by the runs, or (M, G).
-        top_mass: The greatest of it in each block of cells, (1 or M, ...).
-        counts: How many readings of each beam, (M, B).
-        readings: Their mean, (M, B), m; inf = no return.
-        log_scale: Log of what the readings' densities have in common over all cells, (M,).
-        estimate: What it all comes down to.
-        prior: What it began from.
-        measurements: All of them, (M, T, B), m: what other cells are told, to see how far these are off.
-    """
-
-    log_mass: Array
-    top_mass: Array
-    counts: Array
-    readings: Array
-    log_scale: Array
-    estimate: Estimate
-    prior: Prior
-    measurements: Array
 
 
 @dataclass(frozen=True, repr=False)
@@ -193,8 +166,8 @@ class PointMassFilter(BriefRepr):
         apart = np.where(np.asarray(one.log_evidence) > -np.inf, apart, np.inf)
         unsure = np.flatnonzero(apart > SURE_APART)
         if len(unsure):
-            mine, half = _runs(estimate, unsure), _runs(one, unsure)
-            reference = mixed(space, (half, second._told_the_same(_some(belief, unsure))))
+            mine, half = runs_of(estimate, unsure), runs_of(one, unsure)
+            reference = mixed(space, (half, second._told_the_same(some_runs(belief, unsure))))
             both = ERROR_FACTOR * deviations_apart(space, mine, reference)
             apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
         if (ends := open_ends(belief.prior)) is not None:
@@ -402,36 +375,3 @@ class PointMassFilter(BriefRepr):
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
         return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
-
-
-def _runs(estimate: Estimate, rows: IntArray) -> Estimate:
-    """The estimates of some runs."""
-    return Estimate(estimate.mean[rows], estimate.covariance[rows], np.asarray(estimate.log_evidence)[rows])
-
-
-def _some(belief: PointMassBelief, rows: IntArray) -> PointMassBelief:
-    """The belief of some runs."""
-    shared = len(belief.log_mass) == 1
-    return replace(
-        belief,
-        log_mass=belief.log_mass if shared else belief.log_mass[rows],
-        top_mass=belief.top_mass if shared else belief.top_mass[rows],
-        counts=belief.counts[rows],
-        readings=belief.readings[rows],
-        log_scale=np.broadcast_to(belief.log_scale, len(belief.counts))[rows],
-        estimate=_runs(belief.estimate, rows),
-        measurements=belief.measurements[rows],
-    )
-
-
-def mixed(space: StateSpace, answers: Sequence[Estimate]) -> Estimate:
-    """Moments of beliefs that count as their evidence says; log evidence -inf where none is possible."""
-    logs = np.stack([np.asarray(answer.log_evidence) for answer in answers], axis=1)
-    top = logs.max(axis=1)
-    shares = np.exp(logs - np.where(top > -np.inf, top, 0.0)[:, None])
-    shares /= np.maximum(shares.sum(axis=1), 1.0)[:, None]
-    means = np.stack([answer.mean for answer in answers], axis=1)
-    mean, covariance = space.moments(means, shares)
-    for share, answer in zip(shares.T, answers, strict=True):
-        covariance += share[:, None, None] * answer.covariance
-    return Estimate(mean, covariance, top)
