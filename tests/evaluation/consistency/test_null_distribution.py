@@ -104,6 +104,32 @@ def test_draws_of_a_thin_slanting_ridge_are_those_of_its_claim(thin):
     assert row.null.coherent
 
 
+@pytest.mark.parametrize("width", [1e-3, 4e-4, 1e-4, 1e-6])
+def test_two_modes_narrower_than_draws_are_kept_have_no_wrong_shape(width):
+    """Places 4 m apart that look alike, each known to 2 mm or less: 20 studies of 500 runs.
+
+    Draws are kept to three digits and truths were not: each of these studies was an alarm but for the widest
+    modes. With 6 % of false alarms more than four come up for 1 seed in 150.
+    """
+    claim, kinds = np.diag([4.0 * (1 + width**2), 1e-6]), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        places = rng.standard_normal((500, KEPT_DRAWS + 1, 2)) * [width, 1.0]
+        places[..., 0] += rng.choice([-1.0, 1.0], (500, KEPT_DRAWS + 1))
+        places *= [2.0, 1e-3]
+        row = credibility(places[:, 0], np.zeros((500, 2)), claim, draws=places[:, 1:])
+        kinds.append(decide(row).kind)
+    assert 20 - kinds.count("honest") <= 4
+
+
+def test_two_modes_that_are_claimed_too_narrow_are_still_told():
+    """Negative control: the truth is nearer to the estimate than either mode of the draws."""
+    rng = np.random.default_rng(0)
+    draws = rng.choice([-1.0, 1.0], (500, KEPT_DRAWS, 2)) * (1 + 1e-4 * rng.standard_normal((500, 39, 2)))
+    row = credibility(rng.uniform(-1.7, 1.7, (500, 2)), np.zeros((500, 2)), np.eye(2), draws=draws)
+    assert decide(row).kind == "shape"
+
+
 def test_draws_of_older_folders_are_read():
     """They are in deviations of the components, with three digits of these."""
     rng, claim = np.random.default_rng(10), np.array([[[4.0, 1.5], [1.5, 1.0]]])

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ..results import KEPT_DRAWS, kept_offsets
+from ..results import KEPT_DRAWS, HalfArray, keep_draws, kept_offsets
+from ..results.draws import FARTHEST
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval, Moments, uniform_p_value
 from .scores import nees
@@ -34,6 +35,7 @@ COUNTED = 2  # of them at least beyond a figure, or its p-value is that of a gam
 SLAB = 500  # runs at once, which stay in the cache
 COHERENT = 0.05  # by how much draws' squared distances may differ from those claimed, however sure it is
 INCOHERENT_P = 0.001  # p-value below which they do not differ by chance
+SUM_ROUNDING = 1e-9  # of a figure: sums of the same numbers in another order differ by less
 LARGE_FACTOR = 1.5  # ANEES / n beyond it, or its inverse, is no longer "a little"; intervals must tell it
 FAR = 5.0  # claimed deviations from the estimate, beyond which errors are far
 RAREST = 0.002  # share of a far mode that verdicts reckon with
@@ -130,6 +132,8 @@ class NullSums:
         self.near, self.found, self.far = 0.0, 0, np.zeros(3)
         self.ranks = np.zeros((size + 1, 10))
         self.claimed = Moments()
+        self.rounding = np.zeros(1 + 2 * size)  # what truths rounded as draws would add to the sums
+        self._lots = np.random.default_rng(0)  # the same in every process
 
     def add(self, block: RunBlock) -> None:
         """Add the runs of a block that have draws."""
@@ -153,13 +157,35 @@ class NullSums:
             self.sums[(self.runs + place) % GROUPS] += figures[place::GROUPS].sum(0)
         self.runs += len(runs)
         self.claimed.add(squares.mean(1))
-        errors, true = block.errors[runs], block.nees[runs] / size
+        true = block.nees[runs] / size
         beyond = squares > limit
         self.far += beyond.sum() / KEPT_DRAWS, squares[beyond].sum(), squares.sum()
         self.near += float(np.minimum(true, limit).sum())
         self.found += int((true > limit).sum())
-        ranks = [*(offsets < errors[:, None]).sum(1).T, (squares < true[:, None]).sum(1)]
-        self.ranks += np.stack([rank_histogram(column, KEPT_DRAWS) for column in ranks])
+        truths = keep_draws(block.errors[runs][:, None], covariance)
+        kept = np.concatenate([block.draws[runs], truths], axis=1)
+        self._rank(kept, covariance, certain=~np.isfinite(true))
+        sound = (np.abs(truths) < FARTHEST).all((1, 2)) & np.isfinite(true)
+        errors, claims = block.errors[runs][sound], covariance[sound]
+        rounded = kept_offsets(truths[sound], claims)[:, 0]
+        off = [nees(rounded, claims) / size - true[sound], *(rounded - errors).T, *(rounded**2 - errors**2).T]
+        self.rounding += np.stack(off).sum(1)
+
+    def _rank(self, kept: HalfArray, covariance: Array, certain: BoolArray) -> None:
+        """Count ranks of truths, the last of the draws as they are kept, (k, S + 1, n).
+
+        Truths are rounded as draws are, and where they are equal then their places are drawn: beside draws
+        that rounding has spread, modes narrower than its steps would have them in their middle too often.
+        Of a claim of certainty that errs, (k,), the truth is farther than any draw.
+        """
+        offsets, distances = kept_offsets(kept, covariance), (kept.astype(float) ** 2).sum(-1)
+        distances[certain, -1] = np.inf
+        lots = self._lots.random((len(kept), len(self.ranks))).T  # run by run, whatever the blocks
+        for place, values in enumerate((*np.moveaxis(offsets, -1, 0), distances)):
+            below = (values[:, :-1] < values[:, -1:]).sum(1)
+            equal = (values[:, :-1] == values[:, -1:]).sum(1)
+            ranks = np.floor(below + lots[place] * (equal + 1))
+            self.ranks[place] += rank_histogram(ranks, KEPT_DRAWS)
 
     def distribution(self, figures: Mapping[str, Interval], claims: Array) -> NullDistribution | None:
         """What the sums say of the figures of a row; None without draws.
@@ -182,7 +208,12 @@ class NullSums:
         columns = {"anees": studies[:, 0]}
         columns |= {f"bias_{name}": studies[:, 3 + i] for i, name in enumerate(self.names)}
         columns |= {f"ratio_{name}": variances[:, i] for i, name in enumerate(self.names)}
-        scatter = {name: _scatter(column, figures[name].value) for name, column in columns.items()}
+        rounding = self.rounding / self.runs
+        rounding[1 + size :] /= np.where(claims > 0, claims, 1.0)
+        scatter = {
+            name: _scatter(column, figures[name].value + off)
+            for (name, column), off in zip(columns.items(), rounding, strict=True)
+        }
         p = self.claimed.p_value_of_mean(1.0)
         least, most = _narrowest(np.maximum(columns["anees"], 0.0))
         tail = 100 * (1 - LEVEL) / 2
@@ -229,7 +260,7 @@ def _tail(drawn: Array, value: float) -> float:
 
     if value != value:
         return float("nan")
-    beyond = int((drawn >= value).sum())
+    beyond = int((drawn >= value - SUM_ROUNDING * abs(value)).sum())
     counted = (1 + beyond) / (1 + len(drawn))
     if beyond >= COUNTED or (spread := float(drawn.std())) == 0.0:
         return counted

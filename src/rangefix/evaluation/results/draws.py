@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, sum_terms
 
 HalfArray = NDArray[np.float16]
 KEPT_DRAWS = 39  # of each belief: the truth has a rank from 0 to 39 among them, four to a bin of ten
@@ -22,8 +22,10 @@ def keep_draws(offsets: Array, covariance: Array) -> HalfArray:
 
 
 def kept_offsets(draws: HalfArray, covariance: Array) -> Array:
-    """What `keep_draws` was given, but for rounding."""
-    return np.asarray(draws.astype(float) @ np.linalg.inv(_whitening(covariance)))
+    """What `keep_draws` was given, but for rounding; the same of draws that are kept as the same."""
+    back, numbers = np.linalg.inv(_whitening(covariance)), draws.astype(float)
+    size = back.shape[-1]
+    return np.asarray(sum_terms(numbers[..., j, None] * back[..., None, j, :] for j in range(size)))
 
 
 def whitened(draws: HalfArray, covariance: Array) -> HalfArray:
