@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import Array, BoolArray, IntArray, sum_terms
 from ..results import KEPT_DRAWS, HalfArray, keep_draws, kept_offsets
 from ..results.draws import FARTHEST
 from .belief_scores import rank_histogram
@@ -146,10 +146,13 @@ class NullSums:
 
     def _add(self, block: RunBlock, runs: IntArray) -> None:
         assert block.draws is not None
-        covariance = block.covariance[runs]
-        offsets, size = kept_offsets(block.draws[runs], covariance), len(self.names)
-        squares = nees(offsets, covariance)
-        squares = np.where(np.isfinite(squares), squares, 0.0) / size  # a claim of certainty, judged as such
+        covariance, size, errors = block.covariance[runs], len(self.names), block.errors[runs]
+        truths = keep_draws(errors[:, None], covariance)
+        kept = np.concatenate([block.draws[runs], truths], axis=1)
+        placed = kept_offsets(kept, covariance)  # the draws, and at last the truth, rounded as they are
+        squared = nees(placed, covariance) / size
+        offsets, rounded = placed[:, :-1], placed[:, -1]
+        squares = np.where(np.isfinite(squared), squared, 0.0)[:, :-1]  # a claim of certainty, judged as such
         limit = FAR**2 / size
         bounded = [np.minimum(squares * by, limit) for by in (LARGE_FACTOR, 1 / LARGE_FACTOR)]
         figures = np.concatenate([np.stack([squares, *bounded], axis=-1), offsets, offsets**2], axis=-1)
@@ -162,23 +165,19 @@ class NullSums:
         self.far += beyond.sum() / KEPT_DRAWS, squares[beyond].sum(), squares.sum()
         self.near += float(np.minimum(true, limit).sum())
         self.found += int((true > limit).sum())
-        truths = keep_draws(block.errors[runs][:, None], covariance)
-        kept = np.concatenate([block.draws[runs], truths], axis=1)
-        self._rank(kept, covariance, certain=~np.isfinite(true))
+        self._rank(kept, placed, certain=~np.isfinite(true))
         sound = (np.abs(truths) < FARTHEST).all((1, 2)) & np.isfinite(true)
-        errors, claims = block.errors[runs][sound], covariance[sound]
-        rounded = kept_offsets(truths[sound], claims)[:, 0]
-        off = [nees(rounded, claims) / size - true[sound], *(rounded - errors).T, *(rounded**2 - errors**2).T]
-        self.rounding += np.stack(off).sum(1)
+        off = np.column_stack([squared[:, -1] - true, rounded - errors, rounded**2 - errors**2])
+        self.rounding += off[sound].sum(0)
 
-    def _rank(self, kept: HalfArray, covariance: Array, certain: BoolArray) -> None:
-        """Count ranks of truths, the last of the draws as they are kept, (k, S + 1, n).
+    def _rank(self, kept: HalfArray, offsets: Array, certain: BoolArray) -> None:
+        """Count ranks of truths, the last of the draws as they are kept and placed, (k, S + 1, n).
 
         Truths are rounded as draws are, and where they are equal then their places are drawn: beside draws
         that rounding has spread, modes narrower than its steps would have them in their middle too often.
         Of a claim of certainty that errs, (k,), the truth is farther than any draw.
         """
-        offsets, distances = kept_offsets(kept, covariance), (kept.astype(float) ** 2).sum(-1)
+        distances = sum_terms(column.astype(float) ** 2 for column in np.moveaxis(kept, -1, 0))
         distances[certain, -1] = np.inf
         lots = self._lots.random((len(kept), len(self.ranks))).T  # run by run, whatever the blocks
         for place, values in enumerate((*np.moveaxis(offsets, -1, 0), distances)):

@@ -23,9 +23,9 @@ def keep_draws(offsets: Array, covariance: Array) -> HalfArray:
 
 def kept_offsets(draws: HalfArray, covariance: Array) -> Array:
     """What `keep_draws` was given, but for rounding; the same of draws that are kept as the same."""
-    back, numbers = np.linalg.inv(_whitening(covariance)), draws.astype(float)
-    size = back.shape[-1]
-    return np.asarray(sum_terms(numbers[..., j, None] * back[..., None, j, :] for j in range(size)))
+    back, columns = np.linalg.inv(_whitening(covariance)), np.moveaxis(draws.astype(float), -1, 0)
+    back = np.moveaxis(back, (-2, -1), (0, 1))[..., None]
+    return np.stack([sum_terms(map(np.multiply, columns, rows)) for rows in back.swapaxes(0, 1)], axis=-1)
 
 
 def whitened(draws: HalfArray, covariance: Array) -> HalfArray:
