@@ -34,7 +34,7 @@ def test_a_plan_in_words_and_as_json(capsys: pytest.CaptureFixture[str], tmp_pat
     assert call("plan", "paper", "--beams", "1", *FEW) == 0
     text = capsys.readouterr().out
     assert "1.336" in text
-    assert "exact" in text
+    assert "none" in text
 
 
 @pytest.mark.parametrize("width", [60, 80])

@@ -215,7 +215,7 @@ def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None
     table = new_table(f"Planned beams: {name}", [*columns, "ms per\nupdate"])
     for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1):
         direction = "by readings" if step.bearing is None else f"{_degrees(step.bearing):.2f}"
-        error = f"{step.error:.2g}" if step.error else "exact"
+        error = f"{step.error:.2g}" if step.error else "none"
         cells = f"{step.position_std:.4g}", f"{step.value:.4g}", error, f"{1e3 * second:.3g}"
         table.add_row(str(number), direction, *cells)
     screen = console()

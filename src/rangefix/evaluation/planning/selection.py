@@ -1,8 +1,8 @@
 """Which beams to measure: greedy, exchange or exhaustive search, or each chosen after the reading before it.
 
-What the first beam is expected to bring is worked out exactly. From the second beam on the readings before it
-are drawn for truths from the prior, the same ones for all candidates, and the last beam's reading is
-integrated exactly.
+What the first beam is expected to bring is worked out without draws. From the second beam on the readings
+before it are drawn for truths from the prior, the same ones for all candidates, and the last beam's reading
+is integrated exactly.
 """
 
 from __future__ import annotations
