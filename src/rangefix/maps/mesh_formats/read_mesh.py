@@ -100,12 +100,7 @@ def read_mesh(path: PathLike, unit: str | None = None, up: str | None = None) ->
     if up not in (None, *TURNS):
         raise MapError(f"{path}: up is {', '.join(TURNS)}, the axis of the file that points up, not {up!r}")
     if suffix in TEXTS:
-        with path.open("rb") as file:
-            start = file.read(LOOKED_AT)
-        try:
-            refuse_other_text(start)
-        except NotText as error:
-            raise MapError(f"{path}: {error}") from None
+        refuse_encoding(path)
     if suffix in PLAIN:
         stated_up, stated_unit = "", 0.0
         try:
@@ -168,6 +163,20 @@ def _check_up(path: Path, mesh: Mesh, turn: str) -> None:
             f"{areas[other]:.3g} m^2 along {in_file}, where it is {size[other]:.3g} m high: give up = "
             f"{turn!r} or up = {in_file!r}"
         )
+
+
+def refuse_encoding(path: Path) -> None:
+    """Refuse a file of text that is in UTF-16 or UTF-32, before a library reads it.
+
+    Raises:
+        MapError: If it is.
+    """
+    with path.open("rb") as file:
+        start = file.read(LOOKED_AT)
+    try:
+        refuse_other_text(start)
+    except NotText as error:
+        raise MapError(f"{path}: {error}") from None
 
 
 def _read_apart(path: Path) -> tuple[Array, IntArray, str, float]:

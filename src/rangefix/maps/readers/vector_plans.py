@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import one_line
-from ...text_files import LOOKED_AT, NotText, read_text, refuse_other_text
+from ...text_files import read_text
 from ..base import MapError
 from ..floor_plan import FloorPlan
-from ..mesh_formats.read_mesh import UNITS
+from ..mesh_formats.read_mesh import UNITS, refuse_encoding
 from .dxf_parts import CURVES, parts, stated_metres
 
 if TYPE_CHECKING:
@@ -158,12 +158,7 @@ def _check_bytes(path: Path) -> None:
     """Refuse what is too large, or text that is not in UTF-8, before a library reads it."""
     if path.stat().st_size > MOST_BYTES:
         raise MapError(f"{path}: has more than {MOST_BYTES} bytes: too large for a floor plan")
-    with path.open("rb") as file:
-        start = file.read(LOOKED_AT)
-    try:
-        refuse_other_text(start)
-    except NotText as error:
-        raise MapError(f"{path}: {error}") from None
+    refuse_encoding(path)
 
 
 def _metres(unit: str, path: Path) -> float:
