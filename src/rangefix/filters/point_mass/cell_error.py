@@ -2,9 +2,12 @@
 
 Lengths are in cells. The sum's mean misses a Gaussian's of variance s, averaged over places of the lattice,
 by T(s) = 2 pi^2 s^2 sum_m 1 / sinh^2(2 pi^2 m s): 1/12 for s = 0 and 8 pi^2 s^2 exp(-4 pi^2 s) for large s
-(from the Fourier series of log theta_3). With several components the lattice's basis is reduced until it is
-nearly orthogonal in the metric C^-1 of the covariance C. There C = L D L', L unit triangular, has about the
-error L T(D) L' (docs/decisions/0002-cell-width.md).
+(from the Fourier series of log theta_3). With q = exp(-4 pi^2 s) the sum is 4 sum_n sigma(n) q^n, a power
+series: sigma(n) is the sum of n's divisors.
+
+With several components the lattice's basis is reduced until it is nearly orthogonal in the metric C^-1 of the
+covariance C. There C = L D L', L unit triangular, has about the error L T(D) L'
+(docs/decisions/0002-cell-width.md).
 """
 
 from __future__ import annotations
@@ -16,23 +19,22 @@ import numpy as np
 from ...arrays import Array, sum_terms
 
 MIN_CURVATURE = 1e-2  # 1 / cells^2: a deviation of ten cells has no error
-TERMS_OF_SUM = 11  # of the sum over m
+SUMS_OF_DIVISORS = (0, 1, 3, 4, 7, 6, 12, 8, 15, 13, 18, 12, 28, 14, 24)  # sigma(n) above
 MOST_ROUNDS = 100  # of reduction; two or three are common
 BESIDE, ALONE = 0.7, 0.9  # of the whole variance: with so much a place's own is not, or is, all there is
 LARGE_UNRESOLVED_SHARE = 0.01  # of the variance; where so much is missed the sum's own variance is luck
 
 
 def unresolved_variance(variance: Array) -> Array:
-    """Mean squared error of the mean of a lattice sum, T(s) above, for Gaussians of these variances, (K,).
+    """Mean squared error of the mean of a lattice sum, T(s) above, for Gaussians of these variances.
 
     Below 1 / (2 pi^2) it is 1/12 - s + pi^2 s^2 / 3 to 1e-8.
     """
     x = 2.0 * np.pi**2 * np.asarray(variance)
-    shrunk = np.exp(-2.0 * np.maximum(x, 1.0))  # 1 / sinh^2(m x) = 4 q^m / (1 - q^m)^2
-    power, total = np.ones_like(shrunk), np.zeros_like(shrunk)
-    for _ in range(TERMS_OF_SUM):
-        power = power * shrunk
-        total += power / (1.0 - power) ** 2
+    power, total = np.exp(-2.0 * np.maximum(x, 1.0)), np.zeros_like(x)
+    for sigma in reversed(SUMS_OF_DIVISORS):
+        total *= power
+        total += sigma
     narrow = 1.0 / 12.0 - variance + np.pi**2 * variance**2 / 3.0
     return np.where(x < 1.0, narrow, 8.0 * (np.pi * variance) ** 2 * total)
 
@@ -58,22 +60,19 @@ def unresolved_covariance(information: Array, spread: Array, whole: Array) -> Ar
     metric, inverse = information.copy(), basis.copy()
     _reduce(metric, basis, inverse)
     variance = _orthogonalise(metric, basis, inverse)
-    error = np.zeros_like(information)
-    for k in range(size):
-        own, total = (_variance_along(covariance, inverse[:, k]) for covariance in (spread, whole))
-        alone = np.clip((own / np.maximum(total, 1e-300) - BESIDE) / (ALONE - BESIDE), 0.0, 1.0)
-        least = unresolved_variance(variance[k])
-        share = (least / variance[k]) ** 2
-        share /= share + LARGE_UNRESOLVED_SHARE**2
-        extra = np.maximum(least + share * (variance[k] - own), -0.5 * alone * own)
-        error += extra * basis[k, :, None] * basis[k]
-    return error
+    own, total = _variances_along(spread, inverse), _variances_along(whole, inverse)
+    alone = np.clip((own / np.maximum(total, 1e-300) - BESIDE) / (ALONE - BESIDE), 0.0, 1.0)
+    least = unresolved_variance(variance)
+    share = (least / variance) ** 2
+    share /= share + LARGE_UNRESOLVED_SHARE**2
+    extra = np.maximum(least + share * (variance - own), -0.5 * alone * own)
+    return sum_terms(extra[k] * basis[k, :, None] * basis[k] for k in range(size))
 
 
-def _variance_along(covariance: Array, vector: Array) -> Array:
-    """Vector' covariance vector, (n, n, K) and (n, K) -> (K,)."""
-    along = [sum_terms(row * vector) for row in covariance]
-    return sum_terms(part * other for part, other in zip(vector, along, strict=True))
+def _variances_along(covariance: Array, vectors: Array) -> Array:
+    """Vectors' covariances vectors, each vector a column, (n, n, K) and (n, m, K) -> (m, K)."""
+    along = [sum_terms(row[:, None] * vectors) for row in covariance]
+    return sum_terms(part * other for part, other in zip(vectors, along, strict=True))
 
 
 def _reduce(metric: Array, basis: Array, inverse: Array) -> None:

@@ -232,12 +232,11 @@ def _errors(
     asked = np.flatnonzero(times)
     if not asked.size:
         return asked, np.empty((0, size, size))
-    run = asked // probes
     steep = np.ascontiguousarray(logs.reshape(-1, len(offsets)).take(asked, axis=0).T)
     information = _curvature(steep, size)
     steepest = np.abs(information).sum(axis=0).max(axis=0)  # at least the greatest eigenvalue
     sharp = np.flatnonzero(steepest > RESOLVED_CURVATURE)
-    steep, run = steep.take(sharp, axis=1), run[sharp]
+    steep, run = steep.take(sharp, axis=1), asked[sharp] // probes
     top = steep.max(axis=0, initial=-np.inf)
     weights = np.exp(steep - top)
     held = sum_terms(weights) * np.exp(top - sums.log_sums[run])
