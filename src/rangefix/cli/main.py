@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import re
 import sys
 import traceback
@@ -59,6 +61,7 @@ for group, commands in GROUPS.items():
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run a command and end the process with its exit code; mistakes of the user are one line each."""
     arguments, interrupt = sys.argv[1:] if arguments is None else arguments, Interrupt()
+    atexit.register(gc.freeze)  # what is left goes with the process: nobody need look for garbage in it
     try:
         if current_thread() is main_thread():
             signal(SIGTERM, interrupt)  # like Ctrl-C
