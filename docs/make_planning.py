@@ -95,7 +95,7 @@ def even(count: int) -> list[Array]:
 
 def adaptive(planner: Planner, states: Array, rng: np.random.Generator) -> dict[int, Array]:
     """Trace of P after each beam, which is chosen after the readings before it."""
-    first = int(np.argmin(planner.first_objective))
+    first = int(np.argmin(planner.objective.first))
     found: dict[int, list[float]] = {count: [] for count in BEAMS}
     for place, state in enumerate(states):
         chosen: list[int] = []

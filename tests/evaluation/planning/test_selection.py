@@ -250,7 +250,9 @@ def test_beams_with_noise_of_their_own() -> None:
     assert [step.bearing for step in found[0].steps] == [step.bearing for step in found[1].steps]
     variances = [[np.diagonal(step.covariance) for step in plan.steps] for plan in found]
     np.testing.assert_allclose(np.sqrt(variances[0]), np.sqrt(variances[1]), rtol=0.1)
-    pitches = [Planner(problem, bearings[order])._pitch for order in (np.array([0, 2, 4]), np.array([2]))]
+    pitches = [
+        Planner(problem, bearings[order]).objective.pitch for order in (np.array([0, 2, 4]), np.array([2]))
+    ]
     np.testing.assert_allclose(*pitches)
 
 

@@ -1,0 +1,170 @@
+"""Sets of beams that are chosen before any is read: greedy, bettered by exchange, or the best of all sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from ...arrays import IntArray
+from .candidates import candidates_near, coarse_candidates
+from .cells import Cells
+from .objective import Objective
+
+FIRST_TRUTHS = 16  # with which many candidates are compared, and by which more are added
+FINE_PLACES = 12  # of them, about which all are
+SECTORS, FINALISTS = 40, 20  # whose best candidates, and how many of these, meet more truths: for rare modes
+CLEARLY = 3.0  # standard errors of the difference on the same truths
+WORTH = 0.002  # of the criterion: a difference that does not matter
+PASSES = 3  # of exchange over all beams
+MOST_SETS = 2000  # of beams, in an exhaustive search
+FINAL_SETS = 10  # the best of them, which are compared by many truths
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class BeamSets:
+    """Sets of candidates, by their places among all.
+
+    Args:
+        objective: What is made as small as possible.
+        tell: Told what is being done.
+    """
+
+    objective: Objective
+    tell: Tell
+
+    def greedy(self, beams: int) -> list[int]:
+        """So many candidates, one after the other, each the best beside those before it."""
+        chosen: list[int] = []
+        for count in range(beams):
+            self.tell(f"choosing beam {count + 1} of {beams}")
+            if count == 0:
+                chosen.append(int(np.argmin(self.objective.first)))
+            else:
+                chosen.append(self._best(chosen))
+        return chosen
+
+    def exchanged(self, chosen: list[int]) -> list[int]:
+        """Put another candidate in the place of each beam in turn, where that is better on fresh truths.
+
+        Of all sets on the way that counts which is best over many truths, where they can be asked: what is
+        better over few may leave two places open now and then.
+        """
+        best, least = chosen, self.objective.mean_after(chosen)
+        for turn in range(PASSES):
+            before = list(chosen)
+            for place in range(len(chosen)):
+                self.tell(f"exchange {turn + 1}: beam {place + 1} of {len(chosen)}")
+                others = chosen[:place] + chosen[place + 1 :]
+                other = self._best(others, chosen[place])
+                if other == chosen[place]:
+                    continue
+                if self.objective.is_better(others, other, chosen[place], f"check {turn} {place}"):
+                    chosen = [*others[:place], other, *others[place:]]
+                    mean = self.objective.mean_after(chosen)
+                    if mean is None or least is None or mean < least:
+                        best, least = chosen, mean
+            if chosen == before:
+                break
+        return self._ordered(best)
+
+    def exhaustive(self, beams: int) -> list[int]:
+        """The best of all sets of so many candidates.
+
+        Raises:
+            ValueError: If there are too many sets.
+        """
+        count = len(self.objective.candidates)
+        if comb(count, beams) > MOST_SETS:
+            raise ValueError(
+                f"{comb(count, beams)} sets of {beams} beams of {count} candidates are more than {MOST_SETS}:"
+                " name fewer candidates, or choose by exchange"
+            )
+        if beams == 1:
+            return self.greedy(1)
+        tried: list[tuple[float, list[int]]] = []
+        for others in combinations(range(count - 1), beams - 1):
+            self.tell(f"sets with candidates {', '.join(str(each + 1) for each in others)}")
+            last = list(range(others[-1] + 1, count))
+            beliefs = self.objective.beliefs(others, 0, self.objective.truths, "choice")
+            values = np.mean([self.objective.values(belief, last) for belief in beliefs], axis=0)
+            tried += [(float(value), [*others, each]) for value, each in zip(values, last, strict=True)]
+        best = [chosen for _, chosen in sorted(tried)[:FINAL_SETS]]
+        means = [self.objective.mean_after(chosen) for chosen in best]
+        first = int(np.argmin([np.inf if mean is None else mean for mean in means]))
+        return self._ordered(best[first])
+
+    def _ordered(self, chosen: list[int]) -> list[int]:
+        """A set of beams in the order in which each brings most."""
+        first = min(chosen, key=lambda each: float(self.objective.first[each]))
+        ordered, left = [first], [each for each in chosen if each != first]
+        while len(left) > 1:
+            beliefs = self.objective.beliefs(ordered, 0, FIRST_TRUTHS, "order")
+            brought = np.mean([self.objective.values(belief, left) for belief in beliefs], axis=0)
+            ordered.append(left.pop(int(np.argmin(brought))))
+        return ordered + left
+
+    @cached_property
+    def _best_known(self) -> dict[frozenset[int], int]:
+        """What `_best` has found, by the beams that were chosen before."""
+        return {}
+
+    def _best(self, chosen: Sequence[int], instead: int | None = None) -> int:
+        """The candidate that brings most beside others, or one that brings hardly less.
+
+        Some candidates, and then those about the best of these, on a few truths; of the best of each sector
+        those that are not clearly worse on more. The truths are the same whatever is chosen.
+
+        Args:
+            chosen: The others.
+            instead: What is taken unless another is better by more than WORTH.
+        """
+        known, key = self._best_known, frozenset(chosen)
+        if key not in known:
+            count, first = len(self.objective.candidates), min(FIRST_TRUTHS, self.objective.truths)
+            beliefs = self.objective.beliefs(chosen, 0, first, "choice")
+            found, coarse = np.full(count, np.inf), coarse_candidates(count)
+            found[coarse] = self.objective.summed(beliefs, coarse.tolist())
+            if len(coarse) < count:
+                near = candidates_near(coarse, found[coarse], FINE_PLACES, count)
+                found[near] = self.objective.summed(beliefs, near.tolist())
+            found[list(chosen)] = np.inf
+            sectors = np.array_split(np.arange(count), min(SECTORS, count))
+            short = np.array([sector[np.argmin(found[sector])] for sector in sectors])
+            short = short[np.isfinite(found[short])]
+            short = short[np.argsort(found[short])[:FINALISTS]]
+            if instead is not None and instead not in short:
+                short = np.append(short, instead)
+            known[key] = self._race(chosen, beliefs, short, instead)
+        return known[key]
+
+    def _race(
+        self, chosen: Sequence[int], beliefs: list[Cells], finalists: IntArray, instead: int | None
+    ) -> int:
+        """The best of some candidates; ever more truths decide between those that are not clearly worse."""
+        values = np.array([self.objective.values(belief, finalists.tolist()) for belief in beliefs])
+        while len(values) < self.objective.truths:
+            best = int(values.mean(axis=0).argmin())
+            behind = values - values[:, [best]]
+            sure = behind.std(axis=0, ddof=1) / np.sqrt(len(values))
+            slack = WORTH * abs(values[:, best].mean())
+            left = behind.mean(axis=0) <= CLEARLY * sure + slack
+            left |= finalists == (-1 if instead is None else instead)
+            finalists, values = finalists[left], values[:, left]
+            if left.sum() == 1 or (behind.mean(axis=0) + CLEARLY * sure <= slack)[left].all():
+                break
+            end = min(len(values) + FIRST_TRUTHS, self.objective.truths)
+            more = self.objective.beliefs(chosen, len(values), end, "choice")
+            found = [self.objective.values(belief, finalists.tolist()) for belief in more]
+            values = np.concatenate([values, found])
+        means = values.mean(axis=0)
+        best = int(means.argmin())
+        if instead in finalists:
+            own = int(np.flatnonzero(finalists == instead)[0])
+            best = own if means[own] <= means[best] + WORTH * abs(means[best]) else best
+        return int(finalists[best])

@@ -1,0 +1,150 @@
+"""What beams are chosen by: a criterion after them, expected of a belief or averaged over drawn truths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...arrays import Array
+from ...filters import Problem, Rangefinder
+from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.models.rangefinder import some_beams
+from ..seeds import stream
+from .cells import Cells, beams_alike, check_plannable, posterior_cells, prior_cells, turned
+from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance
+from .one_beam import noise_width
+from .reading_table import SharedTables
+from .whole_sets import covariances_after, criterion_of, truths_of
+
+FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the best of these by usual cells
+MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What is made as small as possible, worked out for candidates by their places among all.
+
+    Args:
+        problem: Of an object that stays where it is; only its prior, map and sensor count.
+        candidates: Bearings that may be chosen, rad, (D,).
+        criterion: Of the expected accuracy; information, which is to be large, by its negative.
+        truths: Draws from the prior over which it is averaged while beams are looked for, from the second on.
+        seed: Of the draws. They are the same for a purpose, whatever is compared.
+    """
+
+    problem: Problem
+    candidates: Array
+    criterion: Criterion
+    truths: int
+    seed: int
+
+    @cached_property
+    def sensor(self) -> Rangefinder:
+        """The rangefinder with a beam towards each candidate."""
+        return turned(check_plannable(self.problem), self.candidates)
+
+    @cached_property
+    def prior(self) -> Cells:
+        """What is believed before the first beam."""
+        return prior_cells(self.problem)
+
+    @cached_property
+    def pitch(self) -> Array:
+        """Cells of a posterior are no finer, m and rad, (n,)."""
+        lower, upper = self.problem.sensor.room.bounds
+        reach = float(np.hypot(*(upper - lower)))
+        beams = [0] if beams_alike(self.sensor) else range(len(self.candidates))
+        noises = [noise_of_beams(self.sensor.noise, beam, len(self.candidates)) for beam in beams]
+        pitch = MERGED * min(noise_width(noise, 0.0, reach) for noise in noises)
+        return np.where(self.problem.space.is_angle, pitch / (0.25 * reach), pitch)
+
+    @cached_property
+    def first(self) -> Array:
+        """The criterion after each candidate as the only beam, (D,): of the best ones by fine cells."""
+        few = prior_cells(self.problem, FEW_CELLS)
+        found = expected_covariance(few, self.sensor, self._needs_second).objective(self.criterion)
+        best = np.argsort(found)[:FINE_CANDIDATES]
+        found[best] = self.values(self.prior, best.tolist())
+        return found
+
+    def expected(self, belief: Cells, beams: Sequence[int] | None = None) -> ExpectedAccuracy:
+        """What some candidates, or all, bring to a belief."""
+        sensor = self.sensor if beams is None else some_beams(self.sensor, np.asarray(beams))
+        return expected_covariance(belief, sensor, self._needs_second, self._tables)
+
+    def values(self, belief: Cells, beams: Sequence[int] | None = None) -> Array:
+        """The objective of some candidates, or of all, for a belief."""
+        return self.expected(belief, beams).objective(self.criterion)
+
+    def summed(self, beliefs: Sequence[Cells], beams: Sequence[int]) -> Array:
+        """The objective of some candidates, summed over beliefs."""
+        return np.asarray(np.sum([self.values(belief, beams) for belief in beliefs], axis=0))
+
+    @property
+    def _needs_second(self) -> bool:
+        return self.criterion in ("det", "largest")
+
+    @cached_property
+    def _tables(self) -> SharedTables:
+        return SharedTables()
+
+    def problem_with(self, chosen: Sequence[int]) -> Problem:
+        """The problem with some candidates as its beams."""
+        return replace(self.problem, sensor=some_beams(self.sensor, np.asarray(chosen)))
+
+    def beliefs(self, chosen: Sequence[int], first: int, end: int, purpose: str) -> list[Cells]:
+        """What is believed after some beams, of truths `first` to `end` - 1, the same for a purpose."""
+        readings = self._readings(chosen, end, purpose)[first:]
+        return posterior_cells(self.problem_with(chosen), readings, self.pitch)
+
+    def _readings(self, chosen: Sequence[int], truths: int, purpose: str) -> Array:
+        """Readings of some candidates at so many truths, m, (M, b): the same whatever others are read."""
+        states = self.problem.prior.sample(truths, stream(self.seed, f"plan {purpose}", 0))
+        readings = []
+        for beam in chosen:
+            rng = stream(self.seed, f"plan {purpose} {beam}", 0)
+            readings.append(some_beams(self.sensor, np.array([beam])).sample(states, rng)[:, 0])
+        return np.stack(readings, axis=1)
+
+    def accuracy(self, chosen: Sequence[int], truths: int, purpose: str) -> tuple[Array, Array]:
+        """E[P] after two or more candidates, and the criterion for each of so many truths, or `truths_of`."""
+        found = self._after_all(chosen, purpose)
+        if found is not None:
+            return found.mean(axis=0), criterion_of(found, self.criterion)
+        beliefs = self.beliefs(chosen[:-1], 0, truths, purpose)
+        results = [self.expected(belief, [chosen[-1]]) for belief in beliefs]
+        covariance = np.mean([each.covariance[0] for each in results], axis=0)
+        return covariance, np.array([each.objective(self.criterion)[0] for each in results])
+
+    def _after_all(self, chosen: Sequence[int], purpose: str) -> Array | None:
+        """P after some candidates for many truths, the same for a purpose: see `covariances_after`."""
+        if self.criterion == "information":
+            return None
+        readings = self._readings(chosen, truths_of(self.problem), purpose)
+        return covariances_after(self.problem_with(chosen), readings)
+
+    def mean_after(self, chosen: Sequence[int]) -> float | None:
+        """The criterion after a set of candidates, over truths by which all sets are compared."""
+        known, key = self._means_known, frozenset(chosen)
+        if key not in known:
+            found = self._after_all(sorted(chosen), "sets")
+            known[key] = None if found is None else float(criterion_of(found, self.criterion).mean())
+        return known[key]
+
+    @cached_property
+    def _means_known(self) -> dict[frozenset[int], float | None]:
+        """What `mean_after` has found."""
+        return {}
+
+    def is_better(self, others: Sequence[int], other: int, instead: int, purpose: str) -> bool:
+        """Whether one candidate is better beside others than another, on fresh truths."""
+        beliefs = self.beliefs(others, 0, self.truths, purpose)
+        pairs = np.array([self.values(belief, [other, instead]) for belief in beliefs])
+        return bool(pairs[:, 0].mean() < pairs[:, 1].mean())
+
+    def shown(self, value: float) -> float:
+        """A value as plans state it: information is made small as its negative."""
+        return -value if self.criterion == "information" else value
