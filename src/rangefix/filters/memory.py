@@ -78,7 +78,7 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
     from .point_mass.turning_ranges import directions
 
     if options["cell"] is None and looks_for_modes(problem):
-        from .adaptive.range_bounds import TABLE_RAYS  # with what else that takes, a quarter of a second
+        from .adaptive.range_table import TABLE_RAYS  # with what else that takes, a quarter of a second
 
         most = MODE_CELLS if options["most_cells"] is None else options["most_cells"]
         return _adaptive(problem, {"table_rays": TABLE_RAYS, "most_cells": most}, runs)
@@ -153,7 +153,7 @@ def _adaptive(problem: Problem, options: Mapping[str, Any], runs: int) -> Memory
     """The table of least and greatest ranges, and the lattices of one run; or the pieces of `exact`."""
     from .adaptive.choice import MOST_PIECES
     from .adaptive.filter import FAR_BOUNDS
-    from .adaptive.range_bounds import table_shape
+    from .adaptive.range_table import table_shape
 
     if problem.space.heading is not None and isinstance(problem.motion, Stationary):
         pieces = _exact(problem, {"most_pieces": MOST_PIECES}, runs)

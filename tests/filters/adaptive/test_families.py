@@ -16,7 +16,7 @@ import pytest
 from rangefix.arrays import Array
 from rangefix.filters import EachRun, Gaussian, Problem, Rangefinder, Stationary, Uniform, build, pose_space
 from rangefix.filters.adaptive import AdaptivePointMassFilter
-from rangefix.filters.adaptive.range_bounds import TABLE_RAYS
+from rangefix.filters.adaptive.range_table import TABLE_RAYS
 from rangefix.filters.adaptive.target import STATE_COST, WORK, TooManyCells, Work
 from rangefix.filters.exact import ExactPositionFilter
 from rangefix.filters.optional_methods import numerical_error

@@ -16,7 +16,8 @@ from rangefix.filters import (
     Uniform,
     pose_space,
 )
-from rangefix.filters.adaptive.range_bounds import beam_order, build_table, penalties, shortfall_bounds
+from rangefix.filters.adaptive.range_bounds import penalties, shortfall_bounds
+from rangefix.filters.adaptive.range_table import beam_order, build_table
 from rangefix.filters.adaptive.target import Target
 from rangefix.maps import FloorPlan
 

@@ -26,7 +26,7 @@ from .mode_gaussians import kept_count, sample_modes
 from .modes import refined, verified, with_lattices
 from .predicted import Predicted, coarse_axes, predict_modes
 from .quadrature import Accuracy, Quadrature
-from .range_bounds import TABLE_RAYS, SearchTable, build_table, table_shape
+from .range_table import TABLE_RAYS, SearchTable, build_table, table_shape
 from .search import MAX_GUESSES_PER_PART, ModeSearch
 from .target import STATE_COST, WORK, Target, TooManyCells
 

@@ -12,7 +12,8 @@ from .gauss_newton import QUICK_BEAMS, STEPS, box_scores, climb, quick_scores
 from .modes import SEARCH_SHARE, with_lattices
 from .predicted import GUESS_BEAMS, Draws, Predicted
 from .quadrature import NOWHERE, Accuracy, Quadrature
-from .range_bounds import SearchTable, shortfall_bounds
+from .range_bounds import shortfall_bounds
+from .range_table import SearchTable
 from .target import Target, Work
 
 MARGIN_FACTORS = (1.0, 10.0, 100.0, np.inf)  # readings that fit nowhere are looked for more widely
