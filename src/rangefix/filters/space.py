@@ -142,6 +142,16 @@ def deviations_apart(
     return np.where(np.isnan(apart), np.inf, apart)
 
 
+def resultant_error(error: Array | float, variance: Array | float) -> Array:
+    """How far the length of a heading's mean resultant vector may be off where moments are by so much.
+
+    Args:
+        error: Of the moments, in deviations.
+        variance: Of the heading, rad^2; of more than 1 it counts as 1, for directions lie on a unit circle.
+    """
+    return np.asarray(error * np.sqrt(np.clip(variance, 0.0, 1.0)))
+
+
 def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST_VARIANCE) -> BoolArray:
     """Which covariances are finite and positive definite by more than rounding leaves.
 

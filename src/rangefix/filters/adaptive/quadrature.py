@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtri, lambertw
 
 from ...arrays import Array, BoolArray
-from ..space import LEAST_VARIANCE, NO_DIRECTION
+from ..space import LEAST_VARIANCE, NO_DIRECTION, resultant_error
 from .lattice import Lattice, Taken
 from .moments import Moments, is_cut, moments_of, sums_about
 
@@ -124,8 +124,7 @@ class Quadrature:
         if not self.modes or error == np.inf:
             return error
         angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
-        resultant_error = error * min(1.0, float(np.sqrt(angles.max(initial=0.0))))
-        if self.moments.resultant - resultant_error < NO_DIRECTION:
+        if self.moments.resultant - resultant_error(error, angles.max(initial=0.0)) < NO_DIRECTION:
             return np.inf
         return error + self._wrong(self._spreads_about(error * self._deviations))
 

@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import NO_DIRECTION, deviations_apart, is_definite
+from ..space import NO_DIRECTION, deviations_apart, is_definite, resultant_error
 from .belief import PointMassBelief, mixed, runs_of, some_runs
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
@@ -208,7 +208,7 @@ class PointMassFilter(BriefRepr):
             return lacking
         place = space.names.index("heading")
         variances = belief.estimate.covariance[:, place, place]
-        off = error * np.sqrt(np.clip(variances, 0.0, 1.0))
+        off = resultant_error(error, variances)
         for run in np.flatnonzero(~(1 - variances / 2 - off >= NO_DIRECTION)):
             lacking[run] = not self._resultant(belief, int(run)) - off[run] >= NO_DIRECTION
         return lacking
