@@ -276,12 +276,13 @@ def doing(text: str) -> None:
 
 def print_json(document: Any) -> None:
     """One JSON document on standard output, in printable ASCII; numbers that are not finite become null."""
+    typer.echo(json.dumps(plain_json(document), indent=2, allow_nan=False).replace("\x7f", "\\u007f"))
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {str(key): plain(each) for key, each in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(each) for each in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    typer.echo(json.dumps(plain(document), indent=2, allow_nan=False).replace("\x7f", "\\u007f"))
+def plain_json(value: Any) -> Any:
+    """What JSON can hold: numbers that are not finite become null."""
+    if isinstance(value, dict):
+        return {str(key): plain_json(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_json(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

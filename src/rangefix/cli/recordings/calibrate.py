@@ -63,17 +63,16 @@ def calibrate(
     from ...evaluation.figures.recordings.residuals import draw_residuals
     from ...evaluation.recordings.calibrate import calibrate as fit
     from ...evaluation.recordings.open_log import open_log
-    from ...evaluation.recordings.replays import pose_of
     from ...evaluation.recordings.residuals import find_residuals
     from ...evaluation.recordings.sensor_text import sensor_text
     from ...evaluation.recordings.setting import Start
     from ...evaluation.recordings.steps import Choice
     from ...evaluation.results.files import write_bytes
-    from .start import refuse_outside
+    from .start import read_pose, refuse_outside
 
     if truth is not None and start is not None:
         raise ValueError("--start is where a filter begins to follow: leave it out beside --truth")
-    pose = None if start is None else pose_of(start)
+    pose = None if start is None else read_pose(start)
     if out.suffix != ".toml":
         raise ValueError(f"--out is a file of a study's sections, such as calibrated.toml, got {out}")
     files = [out, out.with_suffix(".png")]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ...evaluation.recordings.steps import Survey
     from ...evaluation.recordings.trace import Trace
     from ...filters import Problem
+    from .replay_folder import ReplayFolder
 
 USUAL = ("particle", "adaptive-point-mass", "ekf", "ukf")
 EVERY_STEPS = 5  # of progress that are told
@@ -150,7 +151,7 @@ def replay(
     import numpy as np
 
     from ...evaluation.recordings.open_log import open_log
-    from ...evaluation.recordings.replays import Replays, refuse_foreign
+    from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
     from .contestants import read_contestants, refuse_options
@@ -158,12 +159,12 @@ def replay(
     from .sensor_file import SensorFile, read_sensor
     from .start import read_start, refuse_outside
 
-    _check_outputs(out, bag, animation)
+    folder = _folder_to_write(out, bag, animation)
     if not 0 < false_alarms < 1:
         raise ValueError(f"--false-alarms must be above 0 and below 1, got {false_alarms:g}")
     contestants = read_contestants(list(names_in(estimators, USUAL)), option)
-    if out is not None:
-        refuse_foreign(out, [each.file_name for each in contestants], bag, animation)
+    if folder is not None:
+        folder.refuse_foreign([each.file_name for each in contestants])
     options = reading_options(
         no_return_m=no_return_m,
         forward_m=forward_m,
@@ -209,7 +210,7 @@ def replay(
         *told.notes(recording.sensor),
     ]
     notes += notes_of(replays, contestants, first, told.noise is None)
-    rows, traces = _run(replays, contestants, problem, first, out, bag, animation, notes)
+    rows, traces = _run(replays, contestants, problem, first, folder, notes)
     doing("")
     if as_json:
         print_json(document(rows, notes, first, false_alarms))
@@ -219,8 +220,9 @@ def replay(
         raise typer.Exit(ExitCode.NOTHING_RAN if not traces else ExitCode.SOME_FAILED)
 
 
-def _check_outputs(out: Path | None, bag: str | None, animation: str | None) -> None:
+def _folder_to_write(out: Path | None, bag: str | None, animation: str | None) -> ReplayFolder | None:
     from ...evaluation.recordings.pose_files import BAGS
+    from .replay_folder import ReplayFolder
 
     if bag is not None:
         one_of(bag, BAGS, "kind of bag")
@@ -233,6 +235,7 @@ def _check_outputs(out: Path | None, bag: str | None, animation: str | None) -> 
 
         if which("ffmpeg") is None:
             raise ValueError("--animation mp4 needs ffmpeg, which is not found: take gif")
+    return None if out is None else ReplayFolder(out, bag, animation)
 
 
 def _at_odometry(replays: Replays, first: Survey) -> Replays:
@@ -247,21 +250,18 @@ def _run(
     contestants: list[Contestant],
     problem: Problem,
     first: Survey,
-    out: Path | None,
-    bag: str | None,
-    animation: str | None,
+    folder: ReplayFolder | None,
     notes: list[str],
 ) -> tuple[list[Row], dict[str, Trace]]:
     """All estimators, one after the other, with their files."""
     from contextlib import nullcontext
 
     from ...evaluation.recordings.pose_files import PoseFiles
-    from ...evaluation.recordings.replays import whole_folder
     from .replay_table import document
 
     rows: list[Row] = []
     traces: dict[str, Trace] = {}
-    with nullcontext(None) if out is None else whole_folder(out) as folder:
+    with nullcontext(None) if folder is None else folder.written() as path:
         for contestant in contestants:
 
             def advance(done: int, label: str = contestant.label) -> None:
@@ -271,17 +271,17 @@ def _run(
             doing(f"{contestant.label}: building")
             files = (
                 nullcontext(None)
-                if folder is None
-                else PoseFiles(folder, contestant.file_name, problem.space, bag)
+                if folder is None or path is None
+                else PoseFiles(path, contestant.file_name, problem.space, folder.bag)
             )
             with files as written:
                 row, trace = replays.run(contestant, problem, first, written, advance)
             rows.append(row)
             if trace.kept:
                 traces[contestant.label] = trace
-        if folder is not None:
+        if folder is not None and path is not None:
             from .replay_files import finish
 
             told = document(rows, notes, first, replays.false_alarms)
-            finish(folder, traces, contestants, problem, animation, told)
+            finish(path, traces, contestants, problem, folder.animation, told)
     return rows, traces

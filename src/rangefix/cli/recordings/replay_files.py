@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,11 @@ from ...evaluation.figures.files import write_figure
 from ...evaluation.figures.recordings.errors import draw_errors, draw_fit
 from ...evaluation.figures.recordings.paths import draw_beliefs, draw_paths
 from ...evaluation.figures.style import styled
-from ...evaluation.recordings.replays import TABLE, Contestant
+from ...evaluation.recordings.replays import Contestant
 from ...evaluation.recordings.trace import Trace
 from ...filters import Problem
-from ..app import doing
+from ..app import doing, plain_json
+from .replay_folder import TABLE
 
 
 def finish(
@@ -57,13 +57,4 @@ def finish(
                     with styled():
                         animate(labels[contestant.label], traces[contestant.label], problem, path)
     told = told | {"files": sorted(path.name for path in folder.iterdir())}
-    (folder / TABLE).write_text(json.dumps(_plain(told), indent=2) + "\n", encoding="utf-8")
-
-
-def _plain(value: Any) -> Any:
-    """What JSON can hold: numbers that are not finite become null."""
-    if isinstance(value, dict):
-        return {name: _plain(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    (folder / TABLE).write_text(json.dumps(plain_json(told), indent=2) + "\n", encoding="utf-8")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...evaluation.recordings.replays import start_of
+from ...arrays import Array
 from ...evaluation.recordings.setting import Start
 from ...filters import RangeMap, pose_space
 
@@ -25,7 +25,30 @@ def read_start(text: str, std_m: float | None, std_deg: float | None) -> Start:
         if not 0 < value < np.inf:
             raise ValueError(f"{name} must be positive, got {value:g} {unit}")
     stds = STD_M if std_m is None else std_m, float(np.deg2rad(STD_DEG if std_deg is None else std_deg))
-    return Start(None, *stds) if text in ("truth", "odometry") else start_of(text, *stds)
+    if text in ("truth", "odometry"):
+        return Start(None, *stds)
+    return Start(None) if text == "global" else Start(read_pose(text, "truth, odometry or global"), *stds)
+
+
+def read_pose(text: str, others: str = "") -> Array:
+    """A pose as it is written: x1,x2,heading in m, m and deg clockwise from +x2; in rad, (3,).
+
+    Args:
+        text: What is written.
+        others: What else a start may be, for messages.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    try:
+        x1, x2, heading = (float(part) for part in text.replace(",", " ").split())
+    except ValueError:
+        expected = "x1,x2,heading (m, m, deg)" + (f", {others}" if others else "")
+        raise ValueError(f"a start is {expected}, got {text!r}") from None
+    pose: Array = np.array([x1, x2, np.deg2rad(heading)])
+    if not np.isfinite(pose).all():
+        raise ValueError(f"a start must be finite, got {text!r}")
+    return pose
 
 
 def refuse_outside(start: Start, room: RangeMap, text: str, map_name: str) -> None:

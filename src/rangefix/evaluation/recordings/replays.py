@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from os import getpid
-from os.path import lexists
 from pathlib import Path
-from shutil import rmtree
 from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
 from ...errors import one_line
 from ...filters import Problem, RangeMap, pose_space
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.plugin_line import plugin_line
 from ...filters.registry import build
 from ..consistency.lost import FALSE_ALARMS, LostTest
-from ..results.files import ResultsError, read_json
 from ..results.folder import file_name
 from ..seeds import stream as random_stream
 from .log import Log, RecordingError
@@ -44,7 +38,6 @@ LEAST_PARTICLES = 1000  # once the belief needs no more
 LONGEST_NAME = 100  # letters of an estimator's label in the names of its files
 TOLD = ValueError, TypeError, ArithmeticError, MemoryError, RuntimeError  # whose messages say enough
 BACK = "true poses whose time goes back"  # beginning of what is told of them
-TABLE = "replay.json"  # of a folder: it names the files beside it
 
 
 @dataclass(frozen=True)
@@ -225,112 +218,3 @@ def _refuse_elsewhere(start: Start, room: RangeMap) -> None:
             f"space of the map, {low[0]:.4g},{low[1]:.4g} to {high[0]:.4g},{high[1]:.4g}: is the truth in "
             "metres, and in the frame of the map?"
         ) from None
-
-
-def refuse_foreign(out: Path, names: Sequence[str], bag: str | None, animation: str | None) -> None:
-    """Refuse a folder in which a replay would write over what no replay wrote: told before it begins.
-
-    Args:
-        out: The folder.
-        names: How the files of each estimator are called, without suffix.
-        bag: Kind of bag that is written besides, if any.
-        animation: Suffix of the animations, if there are any.
-
-    Raises:
-        RecordingError: If something that would be lost is there.
-    """
-    if not out.is_dir():
-        return
-    ends = ["_errors.png", "_errors.svg", "_beliefs.png", "_beliefs.svg", ".tum", ".csv"]
-    ends += [".bag" if bag == "bag" else f"_{bag}"] if bag else []
-    ends += [f".{animation}"] if animation else []
-    ours = [f"{figure}.{suffix}" for figure in ("paths", "fit") for suffix in ("png", "svg")]
-    ours += [name + end for name in names for end in ends]
-    before = _written_before(out)
-    lost = [path for name in ours if lexists(path := out / name) and path not in before]
-    if not _is_table(out / TABLE):
-        lost.append(out / TABLE)
-    if lost:
-        text = f"{lost[0]} is there and no replay wrote it: choose another --out, or remove it"
-        raise RecordingError(text)
-
-
-def _is_table(path: Path) -> bool:
-    """Whether a file is a table of a replay, or nothing is there."""
-    if not lexists(path):
-        return True
-    try:
-        told = read_json(path)
-    except ResultsError:
-        return False
-    return isinstance(told, dict) and {"rangefix", "estimators", "files"} <= told.keys()
-
-
-@contextmanager
-def whole_folder(out: Path) -> Iterator[Path]:
-    """A folder to write into, whose files come to another as they are whole; nothing comes if it fails.
-
-    The files that an earlier replay wrote there, by its table, go; all others stay.
-    """
-    part = out.with_name(f".{out.name}.{getpid()}.part")
-    with ExitStack() as stack:
-        try:
-            part.mkdir(parents=True)
-            stack.callback(rmtree, part, ignore_errors=True)
-            yield part
-            out.mkdir(parents=True, exist_ok=True)
-            for older in _written_before(out):
-                if older.is_symlink() or not older.is_dir():
-                    older.unlink()
-                elif (older / "metadata.yaml").is_file():  # a bag
-                    rmtree(older)
-            for path in sorted(part.iterdir(), key=lambda path: path.name != TABLE):  # which names the others
-                goal = out / path.name
-                if goal.is_dir():
-                    rmtree(goal)
-                path.replace(goal)
-        except OSError as error:
-            raise RecordingError(f"cannot write {out}: {error.strerror or error}") from None
-
-
-def _written_before(out: Path) -> list[Path]:
-    """What lies in a folder and is named by the table of an earlier replay there."""
-    try:
-        told = read_json(out / TABLE)
-    except ResultsError:
-        return []
-    names = told.get("files") if isinstance(told, dict) else None
-    return [path for path in out.iterdir() if isinstance(names, list) and path.name in names]
-
-
-def start_of(text: str, position_std_m: float, heading_std_rad: float) -> Start:
-    """A start as it is written: x1,x2,heading in m, m and deg clockwise from +x2; or "global".
-
-    Raises:
-        ValueError: If it is neither.
-    """
-    if text == "global":
-        return Start(None)
-    pose = pose_of(text, "truth, odometry or global")
-    return Start(pose, position_std_m, heading_std_rad)
-
-
-def pose_of(text: str, others: str = "") -> Array:
-    """A pose as it is written: x1,x2,heading in m, m and deg clockwise from +x2; in rad, (3,).
-
-    Args:
-        text: What is written.
-        others: What else a start may be, for messages.
-
-    Raises:
-        ValueError: If it is none.
-    """
-    try:
-        x1, x2, heading = (float(part) for part in text.replace(",", " ").split())
-    except ValueError:
-        expected = "x1,x2,heading (m, m, deg)" + (f", {others}" if others else "")
-        raise ValueError(f"a start is {expected}, got {text!r}") from None
-    pose: Array = np.array([x1, x2, np.deg2rad(heading)])
-    if not np.isfinite(pose).all():
-        raise ValueError(f"a start must be finite, got {text!r}")
-    return pose
