@@ -10,9 +10,9 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ..problem import Problem
+from .box_model import Boxes, survey
 from .likelihood import Likelihood
 from .pool import Pool
-from .quadrature import Boxes, survey
 from .range_model import (
     QUADRATIC_NATS,
     PriorModel,

@@ -8,7 +8,8 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ..space import StateSpace
-from .quadrature import Boxes, Sums
+from .box_model import Boxes
+from .quadrature import Sums
 from .range_model import PriorModel, RangeModel
 
 

@@ -11,44 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, BoolArray, IntArray
+from ...arrays import Array, IntArray
 from ...compiled import in_threads, njit
-from .likelihood import IMPOSSIBLE_NATS, TAIL_SHARE, Terms, best_in, term_at
-from .range_model import LEAST_COSINE
+from .box_model import NODES, Boxes, at_nodes, load, most_in, widest
+from .likelihood import IMPOSSIBLE_NATS, Terms
 
 WIDE_BOX = 3.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
 NEGLIGIBLE_NATS = float(np.log(1e-7))  # of a belief: boxes that hold less are not halved
-NODES = 3  # along each axis of a box
 NODE_WORK = 100  # values that a node and a beam are worth: a cell is mostly integrated in several boxes
 STACK = 512  # boxes that wait; halving them one after the other takes no more than their depth
-
-
-class Boxes(NamedTuple):
-    """Cells and what is known of them.
-
-    Attributes:
-        run: Which run each belongs to, (N,).
-        step: Size, (N, n).
-        ranges: At the centres, m, (N, B).
-        slopes: By the state, (N, B, n).
-        level: Log prior at the centres, (N,).
-        slope: Of the log prior, (N, n).
-        curve: Of the log prior, (N, n, n).
-        bound: A bound on log prior times likelihood, (N,).
-        cap: What log prior times likelihood is cut off at, (N,): inf where one wall is met all over a cell.
-        weigh: How much more than its mass a cell counts: its squared distance from the mean, (N,).
-    """
-
-    run: IntArray
-    step: Array
-    ranges: Array
-    slopes: Array
-    level: Array
-    slope: Array
-    curve: Array
-    bound: Array
-    cap: Array
-    weigh: Array
 
 
 class Sums(NamedTuple):
@@ -160,7 +131,7 @@ def _integrate(
         run = boxes.run[cell]
         weigh = np.log(boxes.weigh[cell])
         top, total, coarse = -np.inf, 0.0, -np.inf
-        _load(boxes, cell, walls)
+        load(boxes, cell, walls)
         waiting = 1
         wait_bound[0] = boxes.bound[cell]
         for i in range(size):
@@ -176,7 +147,7 @@ def _integrate(
                 at[i], step[i] = wait_at[waiting, i], wait_step[waiting, i]
                 volume += np.log(step[i])
             if bound + weigh - log_total[run] > NEGLIGIBLE_NATS:
-                axis, wide = _widest(boxes, terms, cell, at, step, walls)
+                axis, wide = widest(boxes, terms, cell, at, step, walls)
                 if wide > WIDE_BOX:
                     if left[run] > 0 and waiting + 2 <= STACK:
                         left[run] -= 1
@@ -186,7 +157,7 @@ def _integrate(
                         waiting += 2
                         continue
                     coarse = np.logaddexp(coarse, bound)
-            highest = _at_nodes(boxes, terms, cell, at, step, walls, places, logs)
+            highest = at_nodes(boxes, terms, cell, at, step, walls, places, logs)
             if not highest > IMPOSSIBLE_NATS:
                 continue
             if highest + volume > top:
@@ -231,17 +202,6 @@ def _scale(first: Array, second: Array, factor: float) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _load(boxes: Boxes, cell: int, walls: Array) -> None:
-    """What the ranges of a cell follow from: range, slopes by the place, slope by the heading over range."""
-    turns = boxes.step.shape[1] == 3
-    for beam in range(walls.shape[0]):
-        walls[beam, 0] = boxes.ranges[cell, beam]
-        walls[beam, 1], walls[beam, 2] = boxes.slopes[cell, beam, 0], boxes.slopes[cell, beam, 1]
-        known = turns and 0.0 < walls[beam, 0] < np.inf
-        walls[beam, 3] = boxes.slopes[cell, beam, 2] / walls[beam, 0] if known else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def _wait(
     boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, axis: int, walls: Array,
     wait_at: Array, wait_step: Array, wait_bound: Array, waiting: int,
@@ -251,152 +211,10 @@ def _wait(
     step[axis] *= 0.5
     for half in range(waiting, waiting + 2):
         at[axis] = middle + (half - waiting - 0.5) * step[axis]
-        wait_bound[half] = min(whole, _most_in(boxes, terms, cell, at, step, walls))
+        wait_bound[half] = min(whole, most_in(boxes, terms, cell, at, step, walls))
         for i in range(wait_at.shape[1]):
             wait_at[half, i], wait_step[half, i] = at[i], step[i]
     lighter = wait_bound[waiting + 1]
     if lighter < wait_bound[waiting]:
         wait_bound[waiting + 1], wait_bound[waiting] = wait_bound[waiting], lighter
         wait_at[waiting + 1, axis], wait_at[waiting, axis] = wait_at[waiting, axis], at[axis]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _reach(r: float, a: float, b: float, turn: float, step: Array) -> float:
-    """By how much a range can differ in a box from that at its centre, which has slopes a, b and r turn."""
-    reach = 0.5 * (abs(a) * step[0] + abs(b) * step[1])
-    half = 0.5 * step[2]
-    if half > 0:
-        reach += half * abs(turn) * (r + reach) + 0.5 * half * half * r * (1.0 + 2.0 * turn * turn)
-    return float(reach)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> tuple[int, float]:
-    """Along which axis the log density bends most over a box, and by how much."""
-    size, run = boxes.step.shape[1], boxes.run[cell]
-    sine, cosine = np.sin(at[2]), np.cos(at[2])
-    one, two, three = 0.0, 0.0, 0.0
-    for term in range(terms.beam.size):
-        precision, beam = terms.precision[run, term], terms.beam[term]
-        r = walls[beam, 0]
-        if precision == 0.0 or r == np.inf:
-            continue
-        shrink = 1.0 / max(cosine - walls[beam, 3] * sine, LEAST_COSINE)
-        a, b, turn = walls[beam, 1] * shrink, walls[beam, 2] * shrink, 0.0
-        here = max((r + walls[beam, 1] * at[0] + walls[beam, 2] * at[1]) * shrink, 0.0)
-        if size == 3:
-            turn = (sine + walls[beam, 3] * cosine) * shrink
-        if not terms.gaussian:
-            away = abs(here - terms.centre[run, term]) - 2 * _reach(here, a, b, turn, step)
-            if away > 0:
-                precision = min(precision, 1.0 / (TAIL_SHARE * away) ** 2)
-        one += a * a * precision
-        two += b * b * precision
-        three += here * here * turn * turn * precision
-    one = (one + abs(boxes.curve[cell, 0, 0])) * step[0] ** 2
-    two = (two + abs(boxes.curve[cell, 1, 1])) * step[1] ** 2
-    if size == 3:
-        three = (three + abs(boxes.curve[cell, 2, 2])) * step[2] ** 2
-    axis = 0 if one >= two else 1
-    if three > max(one, two):
-        axis = 2
-    return axis, max(one, two, three)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> float:
-    """Log of a bound on the mass of a box."""
-    size, run = boxes.step.shape[1], boxes.run[cell]
-    most = boxes.level[cell] + terms.common[run]
-    for i in range(size):
-        slope = boxes.slope[cell, i]
-        for j in range(size):
-            slope += boxes.curve[cell, i, j] * at[j]
-            most += 0.5 * at[i] * boxes.curve[cell, i, j] * at[j]
-            most += abs(boxes.curve[cell, i, j]) * step[i] * step[j] / 8
-        most += boxes.slope[cell, i] * at[i] + 0.5 * abs(slope) * step[i] + np.log(step[i])
-    sine, cosine = np.sin(at[2]), np.cos(at[2])
-    for term in range(terms.beam.size):
-        if terms.precision[run, term] == 0.0:
-            continue
-        beam = terms.beam[term]
-        r = walls[beam, 0]
-        if r == np.inf:
-            most += term_at(terms, run, term, r)
-            continue
-        shrink = 1.0 / max(cosine - walls[beam, 3] * sine, LEAST_COSINE)
-        here = max((r + walls[beam, 1] * at[0] + walls[beam, 2] * at[1]) * shrink, 0.0)
-        turn = (sine + walls[beam, 3] * cosine) * shrink if size == 3 else 0.0
-        reach = _reach(here, walls[beam, 1] * shrink, walls[beam, 2] * shrink, turn, step)
-        most += best_in(terms, run, term, here - reach, here + reach)
-    return float(most)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _at_nodes(
-    boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array, places: Array, logs: Array
-) -> float:
-    """Log of prior times likelihood at the nodes of a box; gives the greatest."""
-    size, run, count = boxes.step.shape[1], boxes.run[cell], places.shape[0]
-    common = boxes.level[cell] + terms.common[run]
-    for node in range(count):
-        log = common
-        for i in range(size):
-            x = at[i] + places[node, i] * step[i]
-            log += boxes.slope[cell, i] * x
-            for j in range(size):
-                log += 0.5 * x * boxes.curve[cell, i, j] * (at[j] + places[node, j] * step[j])
-        logs[node] = log
-    headings = 1 if size == 2 or count == 1 else NODES  # which vary fastest
-    for heading in range(headings):
-        sine, cosine = 0.0, 1.0
-        if size == 3:
-            angle = at[2] + places[heading, 2] * step[2]
-            sine, cosine = np.sin(angle), np.cos(angle)
-        for term in range(terms.beam.size):
-            precision, beam = terms.precision[run, term], terms.beam[term]
-            if precision == 0.0:
-                continue
-            shrink = 1.0 / max(cosine - walls[beam, 3] * sine, LEAST_COSINE)
-            r, a, b = walls[beam, 0] * shrink, walls[beam, 1] * shrink, walls[beam, 2] * shrink
-            r += a * at[0] + b * at[1]
-            a, b = a * step[0], b * step[1]
-            aim = terms.aim[run, term]
-            if terms.gaussian and r < np.inf and abs(aim) < np.inf:
-                for node in range(heading, count, headings):
-                    off = max(r + a * places[node, 0] + b * places[node, 1], 0.0) - aim
-                    logs[node] -= 0.5 * precision * off * off
-            else:
-                for node in range(heading, count, headings):
-                    here = max(r + a * places[node, 0] + b * places[node, 1], 0.0)
-                    logs[node] += term_at(terms, run, term, here)
-    highest = -np.inf
-    for node in range(count):  # a wall met at a slant ends before it can exceed its cap
-        logs[node] = min(logs[node], boxes.cap[cell])
-        highest = max(highest, logs[node])
-    return float(highest)
-
-
-def survey(boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array) -> None:
-    """Log density at the centres of cells, (N,), and bounds from models where these hold all over, (N,)."""
-    beams, size = boxes.ranges.shape[1], boxes.step.shape[1]
-    work = np.zeros((1, size)), np.zeros(3), np.zeros(3), np.empty((beams, 4)), np.empty(1)
-    _survey(boxes, terms, straight, logs, bounds, *work)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _survey(
-    boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array,
-    places: Array, at: Array, step: Array, walls: Array, one: Array,
-) -> None:  # fmt: skip
-    size = boxes.step.shape[1]
-    for cell in range(boxes.run.size):
-        volume = 0.0
-        for i in range(size):
-            step[i] = boxes.step[cell, i]
-            volume += np.log(step[i])
-        _load(boxes, cell, walls)
-        _at_nodes(boxes, terms, cell, at, step, walls, places, one)
-        logs[cell] = one[0] if one[0] > IMPOSSIBLE_NATS else -np.inf
-        if straight[cell]:
-            bounds[cell] = _most_in(boxes, terms, cell, at, step, walls) - volume

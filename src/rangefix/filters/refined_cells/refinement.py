@@ -14,12 +14,13 @@ import numpy as np
 from ...arrays import Array, BoolArray, IntArray
 from ..problem import Problem
 from ..space import StateSpace
+from .box_model import NODES
 from .coarse_cells import CoarseCells, models_at
 from .denser_boxes import AMISS_NATS, SEARCH_NATS, denser_boxes, most_in_cells
 from .halving import BENT_SCALES, Halving
 from .likelihood import IMPOSSIBLE_NATS, Likelihood
 from .pool import Pool, weighted_moments
-from .quadrature import NODES, boxes_of, integrate, nodes
+from .quadrature import boxes_of, integrate, nodes
 from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners, prior_model
 
 REST_SHARE = 1e-6  # of a belief: what all cells that were not looked at may hold
