@@ -45,6 +45,25 @@ class Boxes(NamedTuple):
     weigh: Array
 
 
+class Box(NamedTuple):
+    """Room for the box at hand in a cell.
+
+    Attributes:
+        at: Its centre about the cell's, (3,); 0 of a heading that is known.
+        step: Its sizes, (3,).
+        walls: What the ranges of the cell follow from, as `load` writes it, (B, 4).
+    """
+
+    at: Array
+    step: Array
+    walls: Array
+
+    @staticmethod
+    def room(beams: int) -> Box:
+        """Room for a box, and for the walls of so many beams."""
+        return Box(np.zeros(3), np.zeros(3), np.empty((beams, 4)))
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
 def load(boxes: Boxes, cell: int, walls: Array) -> None:
     """What the ranges of a cell follow from: range, slopes by the place, slope by the heading over range."""
@@ -67,8 +86,9 @@ def _reach(r: float, a: float, b: float, turn: float, step: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> tuple[int, float]:
+def widest(boxes: Boxes, terms: Terms, cell: int, box: Box) -> tuple[int, float]:
     """Along which axis the log density bends most over a box, and by how much."""
+    at, step, walls = box
     size, run = boxes.step.shape[1], boxes.run[cell]
     sine, cosine = np.sin(at[2]), np.cos(at[2])
     one, two, three = 0.0, 0.0, 0.0
@@ -100,8 +120,9 @@ def widest(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array) -> float:
+def most_in(boxes: Boxes, terms: Terms, cell: int, box: Box) -> float:
     """Log of a bound on the mass of a box."""
+    at, step, walls = box
     size, run = boxes.step.shape[1], boxes.run[cell]
     most = boxes.level[cell] + terms.common[run]
     for i in range(size):
@@ -129,10 +150,9 @@ def most_in(boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def at_nodes(
-    boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, walls: Array, places: Array, logs: Array
-) -> float:
-    """Log of prior times likelihood at the nodes of a box; gives the greatest."""
+def at_nodes(boxes: Boxes, terms: Terms, cell: int, box: Box, places: Array, logs: Array) -> float:
+    """Log of prior times likelihood at the nodes of a box, (P, n) in one of width 1; gives the greatest."""
+    at, step, walls = box
     size, run, count = boxes.step.shape[1], boxes.run[cell], places.shape[0]
     common = boxes.level[cell] + terms.common[run]
     for node in range(count):
@@ -176,23 +196,22 @@ def at_nodes(
 def survey(boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array) -> None:
     """Log density at the centres of cells, (N,), and bounds from models where these hold all over, (N,)."""
     beams, size = boxes.ranges.shape[1], boxes.step.shape[1]
-    work = np.zeros((1, size)), np.zeros(3), np.zeros(3), np.empty((beams, 4)), np.empty(1)
-    _survey(boxes, terms, straight, logs, bounds, *work)
+    _survey(boxes, terms, straight, logs, bounds, Box.room(beams), np.zeros((1, size)), np.empty(1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _survey(
     boxes: Boxes, terms: Terms, straight: BoolArray, logs: Array, bounds: Array,
-    places: Array, at: Array, step: Array, walls: Array, one: Array,
+    box: Box, places: Array, one: Array,
 ) -> None:  # fmt: skip
     size = boxes.step.shape[1]
     for cell in range(boxes.run.size):
         volume = 0.0
         for i in range(size):
-            step[i] = boxes.step[cell, i]
-            volume += np.log(step[i])
-        load(boxes, cell, walls)
-        at_nodes(boxes, terms, cell, at, step, walls, places, one)
+            box.step[i] = boxes.step[cell, i]
+            volume += np.log(box.step[i])
+        load(boxes, cell, box.walls)
+        at_nodes(boxes, terms, cell, box, places, one)
         logs[cell] = one[0] if one[0] > IMPOSSIBLE_NATS else -np.inf
         if straight[cell]:
-            bounds[cell] = most_in(boxes, terms, cell, at, step, walls) - volume
+            bounds[cell] = most_in(boxes, terms, cell, box) - volume

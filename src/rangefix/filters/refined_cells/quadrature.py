@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import in_threads, njit
-from .box_model import NODES, Boxes, at_nodes, load, most_in, widest
+from .box_model import NODES, Box, Boxes, at_nodes, load, most_in, widest
 from .likelihood import IMPOSSIBLE_NATS, Terms
 
 WIDE_BOX = 3.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
@@ -62,6 +62,42 @@ class Kept(NamedTuple):
     step: Array
 
 
+class Waiting(NamedTuple):
+    """Boxes that wait: centres about the cell's, sizes, (S, n) each, and logs of bounds on masses, (S,)."""
+
+    at: Array
+    step: Array
+    bound: Array
+
+
+class Work(NamedTuple):
+    """Room for what a loop over cells notes; made before it, for in the loop each would be compiled.
+
+    Attributes:
+        places, shares, logs: Nodes in a box of width 1, (P, n), their shares and log densities, (P,).
+        waiting: Boxes of the cell at hand that wait.
+        box: The one that is looked at.
+        first, second: Sums over the cell, (n,) and (n, n).
+    """
+
+    places: Array
+    shares: Array
+    logs: Array
+    waiting: Waiting
+    box: Box
+    first: Array
+    second: Array
+
+    @staticmethod
+    def room(boxes: Boxes) -> Work:
+        """Room for the work on some cells."""
+        size, beams = boxes.step.shape[1], boxes.ranges.shape[1]
+        places, shares = nodes(NODES, size)
+        waiting = Waiting(np.empty((STACK, size)), np.empty((STACK, size)), np.empty(STACK))
+        sums = np.zeros(size), np.zeros((size, size))
+        return Work(places, shares, np.empty(len(places)), waiting, Box.room(beams), *sums)
+
+
 def integrate(
     boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums
 ) -> None:
@@ -82,7 +118,7 @@ def integrate(
 
     def some(first: int, last: int) -> None:
         part = order[ends[first] : ends[last]]
-        _integrate(boxes, terms, part, log_total, left, found, kept, *_work(boxes))
+        _integrate(boxes, terms, part, log_total, left, found, kept, Work.room(boxes))
 
     in_threads(some, runs, len(order) * NODES**size * len(terms.beam) * NODE_WORK)
 
@@ -98,7 +134,7 @@ def boxes_of(
     rows = 2 * len(order) + 1
     while True:
         kept, sums = _kept(rows, boxes.step.shape[1]), Sums(*(part.copy() for part in found))
-        _integrate(boxes, terms, order, log_total.copy(), left.copy(), sums, kept, *_work(boxes))
+        _integrate(boxes, terms, order, log_total.copy(), left.copy(), sums, kept, Work.room(boxes))
         count = int(kept.total[0])
         if count <= rows:
             return kept.cell[:count], kept.at[:count], kept.step[:count]
@@ -111,53 +147,43 @@ def _kept(rows: int, size: int) -> Kept:
     )
 
 
-def _work(boxes: Boxes) -> tuple[Array, ...]:
-    """Room for what a loop over cells notes; made here, for in the loop each would be compiled."""
-    size, beams = boxes.step.shape[1], boxes.ranges.shape[1]
-    places, shares = nodes(NODES, size)
-    wait = np.empty((STACK, size)), np.empty((STACK, size)), np.empty(STACK)
-    box = np.zeros(3), np.zeros(3), np.empty((beams, 4)), np.empty(len(places))
-    return places, shares, *wait, *box, np.zeros(size), np.zeros((size, size))
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     boxes: Boxes, terms: Terms, order: IntArray, log_total: Array, left: IntArray, found: Sums,
-    kept: Kept, places: Array, shares: Array, wait_at: Array, wait_step: Array, wait_bound: Array,
-    at: Array, step: Array, walls: Array, logs: Array, first: Array, second: Array,
+    kept: Kept, work: Work,
 ) -> None:  # fmt: skip
+    places, shares, logs, wait, box, first, second = work
+    at, step, _ = box
     size, count = boxes.step.shape[1], 0
     for cell in order:
         run = boxes.run[cell]
         weigh = np.log(boxes.weigh[cell])
         top, total, coarse = -np.inf, 0.0, -np.inf
-        load(boxes, cell, walls)
+        load(boxes, cell, box.walls)
         waiting = 1
-        wait_bound[0] = boxes.bound[cell]
+        wait.bound[0] = boxes.bound[cell]
         for i in range(size):
-            wait_at[0, i], wait_step[0, i] = 0.0, boxes.step[cell, i]
-            wait_bound[0] += np.log(boxes.step[cell, i])
+            wait.at[0, i], wait.step[0, i] = 0.0, boxes.step[cell, i]
+            wait.bound[0] += np.log(boxes.step[cell, i])
             first[i] = 0.0
             for j in range(size):
                 second[i, j] = 0.0
         while waiting:
             waiting -= 1
-            bound, volume = wait_bound[waiting], 0.0
+            bound, volume = wait.bound[waiting], 0.0
             for i in range(size):
-                at[i], step[i] = wait_at[waiting, i], wait_step[waiting, i]
+                at[i], step[i] = wait.at[waiting, i], wait.step[waiting, i]
                 volume += np.log(step[i])
             if bound + weigh - log_total[run] > NEGLIGIBLE_NATS:
-                axis, wide = widest(boxes, terms, cell, at, step, walls)
+                axis, wide = widest(boxes, terms, cell, box)
                 if wide > WIDE_BOX:
                     if left[run] > 0 and waiting + 2 <= STACK:
                         left[run] -= 1
-                        _wait(
-                            boxes, terms, cell, at, step, axis, walls, wait_at, wait_step, wait_bound, waiting
-                        )
+                        _halve(boxes, terms, cell, box, axis, wait, waiting)
                         waiting += 2
                         continue
                     coarse = np.logaddexp(coarse, bound)
-            highest = at_nodes(boxes, terms, cell, at, step, walls, places, logs)
+            highest = at_nodes(boxes, terms, cell, box, places, logs)
             if not highest > IMPOSSIBLE_NATS:
                 continue
             if highest + volume > top:
@@ -202,19 +228,17 @@ def _scale(first: Array, second: Array, factor: float) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def _wait(
-    boxes: Boxes, terms: Terms, cell: int, at: Array, step: Array, axis: int, walls: Array,
-    wait_at: Array, wait_step: Array, wait_bound: Array, waiting: int,
-) -> None:  # fmt: skip
+def _halve(boxes: Boxes, terms: Terms, cell: int, box: Box, axis: int, wait: Waiting, waiting: int) -> None:
     """Halve a box along an axis; of the halves, which both wait, the heavier is to come first."""
-    whole, middle = wait_bound[waiting], at[axis]
+    at, step, _ = box
+    whole, middle = wait.bound[waiting], at[axis]
     step[axis] *= 0.5
     for half in range(waiting, waiting + 2):
         at[axis] = middle + (half - waiting - 0.5) * step[axis]
-        wait_bound[half] = min(whole, most_in(boxes, terms, cell, at, step, walls))
-        for i in range(wait_at.shape[1]):
-            wait_at[half, i], wait_step[half, i] = at[i], step[i]
-    lighter = wait_bound[waiting + 1]
-    if lighter < wait_bound[waiting]:
-        wait_bound[waiting + 1], wait_bound[waiting] = wait_bound[waiting], lighter
-        wait_at[waiting + 1, axis], wait_at[waiting, axis] = wait_at[waiting, axis], at[axis]
+        wait.bound[half] = min(whole, most_in(boxes, terms, cell, box))
+        for i in range(wait.at.shape[1]):
+            wait.at[half, i], wait.step[half, i] = at[i], step[i]
+    lighter = wait.bound[waiting + 1]
+    if lighter < wait.bound[waiting]:
+        wait.bound[waiting + 1], wait.bound[waiting] = wait.bound[waiting], lighter
+        wait.at[waiting + 1, axis], wait.at[waiting, axis] = wait.at[waiting, axis], at[axis]
