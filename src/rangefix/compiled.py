@@ -26,6 +26,7 @@ import numba
 import numpy as np
 from numba.core import event
 
+from .errors import CLEARED
 from .numba_options import compare_quickly
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
@@ -39,7 +40,6 @@ LEAST_WORK = 1_000_000  # values that a loop reads: with fewer, waking a thread 
 
 Loop = TypeVar("Loop", bound=Callable[..., Any])
 NOTICE = "compiling for this machine: some seconds, the first time only ..."
-CLEARED = "\r\033[K"  # a line of a terminal
 OBJECTS = 100_000  # that are made before one looks for garbage
 OPTIMISATION = 2  # LLVM's level for our loops: they are as fast at 3, the usual one, and take a fifth longer
 

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 MAX_REASON = 2000  # characters of a reason that is kept
 MAX_MESSAGE = 1500  # of the message in it: what and where come before and after
 OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories: control, direction, lone surrogates, ends of lines
+CLEARED = "\r\033[K"  # a line of a terminal
 JOINER = "\u200d"  # holds emoji together
 
 

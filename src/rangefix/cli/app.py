@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from ..errors import printable, suggestion
+from ..errors import CLEARED, printable, suggestion
 
 HELP = """How far an indoor position estimate can be trusted: what estimators claim against what is true."""
 EPILOG = """Examples:
@@ -31,7 +31,6 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
-CLEARED = "\r\033[K"  # a line of a terminal
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 FILES = (  # what files end with, and hardly a folder
     *(*PICTURES, ".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".eps", ".ps"),
