@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -251,11 +251,29 @@ def take_steps(
     return count
 
 
+class FreeBox(NamedTuple):
+    """A box that is free all over in a convex room, and how probable scans are there.
+
+    Attributes:
+        corners: Lower and upper one, m, (2, 2).
+        log_prior: Log density of the prior in it.
+        walls, stds: As for `log_density_by_walls`.
+        scans: Readings, m, (K, B); NaN = not measured.
+        levels: Of each scan, (K,): as for `log_density_by_walls`.
+    """
+
+    corners: Array
+    log_prior: float
+    walls: Array
+    scans: Array
+    stds: Array
+    levels: Array
+
+
 @njit(**LOOP)
 def steps_in_box(
     states: Array, known: Array, fresh: Array, moved: BoolArray, power: float, draws: Array, uniform: Array,
-    rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float], there: Array, box: Array,
-    prior: float, walls: Array, scans: Array, stds: Array, levels: Array,
+    rows: Array, cloud: int, thorough: bool, sizes: tuple[float, float], there: Array, box: FreeBox,
 ) -> int:  # fmt: skip
     """One Metropolis step of each state in a box of free space: `step_from`, densities and `take_steps`.
 
@@ -263,18 +281,15 @@ def steps_in_box(
         states, known, fresh, moved, power, draws: As for `take_steps`; states are places, (N, 2).
         uniform, rows, cloud, thorough, sizes: As for `step_from`.
         there: Gets where steps lead, (N, 2), column by column: loops take several places at once.
-        box: Lower and upper corner, m, (2, 2).
-        prior: Log density of the prior in the box.
-        walls, stds: As for `log_density_by_walls`.
-        scans: Readings that are known, then the fresh one, m, (K + 1, B); NaN = not measured.
-        levels: Of each, (K + 1,): as for `log_density_by_walls`.
+        box: The box, and what is known of scans there; the fresh one is the last.
     """
+    corners, prior, walls, scans, stds, levels = box
     size, last = len(states), len(scans) - 1
     known_there, fresh_there = np.empty(size), np.empty(size)
     step_from(states, uniform, rows, cloud, thorough, sizes, None, there)
     for place in range(size):
         x1, x2 = there[place, 0], there[place, 1]
-        inside = (x1 >= box[0, 0]) & (x1 <= box[1, 0]) & (x2 >= box[0, 1]) & (x2 <= box[1, 1])
+        inside = (x1 >= corners[0, 0]) & (x1 <= corners[1, 0]) & (x2 >= corners[0, 1]) & (x2 <= corners[1, 1])
         known_there[place] = prior if inside else -math.inf
     for scan in range(last + 1):
         log_density_by_walls(there, walls, scans[scan], stds, levels[scan], fresh_there)

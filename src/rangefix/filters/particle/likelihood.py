@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from ..models.noise import Gaussian
 from ..models.uniform_prior import Uniform
 from ..models.wrapped_noise import perfect_fit
 from ..problem import IsConvex, Prior, Sensor
+
+if TYPE_CHECKING:
+    from .kernels import FreeBox
 
 
 @dataclass(frozen=True)
@@ -43,16 +47,20 @@ class Likelihood:
         walls = room.walls_along(float(space.heading or 0.0) + sensor.bearings)
         return Likelihood(sensor, walls, np.stack(prior.support) if prior.is_box else None)
 
-    def in_box(self, readings: Sequence[Array]) -> tuple[Array, Array, Array, Array, Array] | None:
-        """Corners of the box, walls, readings (K, B), deviations and levels, as compiled loops take them.
+    def in_box(self, readings: Sequence[Array], prior: Prior) -> FreeBox | None:
+        """Readings, (B,) each, in the prior's box as compiled loops take them.
 
         None where rays have to be cast, or not all of the box is free.
         """
         if self.walls is None or self.box is None or any(np.isinf(reading).any() for reading in readings):
             return None
+        from .kernels import FreeBox  # numba takes a quarter of a second
+
         scans = np.stack([np.asarray(reading, dtype=float) for reading in readings])
         stds = np.ascontiguousarray(self.sensor.gaussian_stds)
-        return self.box, self.walls, scans, stds, np.array([_level(scan, stds) for scan in scans])
+        log_prior = float(prior.log_density(self.box.mean(axis=0)))
+        levels = np.array([_level(scan, stds) for scan in scans])
+        return FreeBox(self.box, log_prior, self.walls, scans, stds, levels)
 
     def best(self, reading: Array) -> float:
         """Log density of a reading (B,) where each range fits it perfectly, nats."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
@@ -16,6 +17,9 @@ from ..space import StateSpace
 from .last_step import LastStep
 from .likelihood import Likelihood
 from .resampling import Indices, kinds
+
+if TYPE_CHECKING:
+    from .kernels import FreeBox
 
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 MIN_PLACES = 64  # points in fewer places than that are spread
@@ -59,14 +63,10 @@ class Posterior:
         return known, fresh
 
     @cached_property
-    def in_box(self) -> tuple[Array, float, Array, Array, Array, Array] | None:
-        """Box, log density of the prior in it, and the likelihood there: see `steps_in_box`; or None."""
+    def in_box(self) -> FreeBox | None:
+        """The same in the prior's box, where that is free all over a convex room; or None."""
         fresh = np.full(len(self.likelihood.sensor.bearings), np.nan) if self.fresh is None else self.fresh
-        found = self.likelihood.in_box([*self.readings, fresh])
-        if found is None:
-            return None
-        box, walls, scans, stds, levels = found
-        return box, float(self.prior.log_density(box.mean(axis=0))), walls, scans, stds, levels
+        return self.likelihood.in_box([*self.readings, fresh], self.prior)
 
 
 Target = Posterior | LastStep
@@ -182,7 +182,7 @@ def metropolis(
         uniform, draws = rng.random(len(here)), rng.standard_exponential(len(here))
         return steps_in_box(
             here, known, fresh, moved, float(power), draws, uniform, rows, count, thorough, sizes,
-            np.empty((2, len(here))).T, *in_box,
+            np.empty((2, len(here))).T, in_box,
         )  # fmt: skip
 
     step = _step_by(posterior, walk, power, rng) if in_box is None else step_in_box
