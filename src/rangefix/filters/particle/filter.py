@@ -16,7 +16,7 @@ particle of an object that moves differs from another, as against a wall.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -35,21 +35,11 @@ from ..space import is_definite
 from .belief import ParticleBelief, collected, stacked
 from .last_step import LastStep
 from .likelihood import Likelihood
-from .metropolis import (
-    Posterior,
-    Target,
-    any_moves,
-    at_copies,
-    kernel_step,
-    metropolis,
-    metropolis_steps,
-    reject_crossings,
-    separate_copies,
-    step_table,
-)
+from .metropolis import Posterior, Target, separate_copies
 from .number import resized
 from .options import DEFAULT_MOVES, DEFAULT_RESAMPLING, check_options
-from .resampling import SCHEMES, kinds, systematic
+from .resample_move import ResampleMove, even_share
+from .resampling import systematic
 from .weights import effective_number, effective_places, equal, exp_of, longest_stage, weighted
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
@@ -137,9 +127,7 @@ class ParticleFilter(BriefRepr):
             states, log_weights = belief.states[run], belief.log_weights[run]
             if noisy[run] and effective_number(log_weights) < self.resample_below * len(states):
                 target = self._target(belief, run) if belief.standing[run] else None
-                states, *_ = self._resampled(
-                    states, exp_of(log_weights), (None, None), target, _nothing, 0.0, rng
-                )
+                states, *_ = self._resample_move.resampled(states, exp_of(log_weights), target, rng)
                 log_weights = equal(len(states))
             moved = motion.sample(states, controls[run], rng)
             moves[run] = noisy[run] or not np.array_equal(moved, states)
@@ -197,7 +185,7 @@ class ParticleFilter(BriefRepr):
         for run in np.flatnonzero(alone | ~is_definite(covariance, SUM_ROUNDING)):
             spacing = self._spacing(belief.states[run])
             if (np.diagonal(spacing) <= rounding).all():
-                spacing = np.diag((upper - lower) ** 2 / 12 * self._spaced(belief.states[run]))
+                spacing = np.diag((upper - lower) ** 2 / 12 * even_share(belief.states[run]))
             covariance[run] += spacing
             if not is_definite(covariance[run], SUM_ROUNDING):
                 across = np.diagonal(spacing)
@@ -308,8 +296,8 @@ class ParticleFilter(BriefRepr):
         density = partial(self._log_density, reading, within)
         known: Array | None = None
         if effective_number(log_weights) < enough:
-            states, known, log_density, target = self._resampled(
-                states, exp_of(log_weights), (None, None), target, density, 0.0, rng
+            states, known, log_density, target = self._resample_move.resampled(
+                states, exp_of(log_weights), target, rng, density
             )
             log_weights = equal(len(states))
         else:
@@ -322,8 +310,8 @@ class ParticleFilter(BriefRepr):
                 break
             _, weights, gain = weighted(log_weights, log_density, stage)
             gains, power = gains + gain, power + stage
-            states, known, log_density, target = self._resampled(
-                states, weights, (known, log_density), target, density, power, rng
+            states, known, log_density, target = self._resample_move.resampled(
+                states, weights, target, rng, density, power, (known, log_density)
             )
             log_weights = equal(len(states))
         log_weights, _, gain = weighted(log_weights, log_density, 1.0 - power)
@@ -361,64 +349,12 @@ class ParticleFilter(BriefRepr):
             return None
         return LastStep(self.problem, belief.starts[run], belief.controls[run], readings, fresh)
 
-    def _resampled(
-        self,
-        states: Array,
-        weights: Array,
-        logs: tuple[Array | None, Array | None],
-        target: Target | None,
-        density: Callable[[Array], Array],
-        power: float,
-        rng: Generator,
-    ) -> tuple[Array, Array | None, Array, Target | None]:
-        """States of equal weight, moved apart, two log densities there, and their target.
-
-        The first log density is that of what is known without the reading, the second that of the reading,
-        (N,) each; None where nobody has asked. `density` gives the second at any states.
-        """
-        space = self.problem.space
-        ancestors = SCHEMES[self.resampling](weights, rng)
-        copies = states.take(ancestors, axis=0)
-        if self.regularise and self.bandwidth is not None:
-            mean, covariance = space.moments(states, weights / weights.sum())
-            moved = kernel_step(copies, mean, covariance, float(self.bandwidth), space, rng)
-            moved = reject_crossings(self.problem.sensor, copies, moved)
-            return moved, None, density(moved), target
-        if target is None:
-            first, counts = kinds(ancestors)
-            return copies, None, np.repeat(density(copies[first]), counts), None
-        if isinstance(target, LastStep):
-            target = target.of(ancestors)
-            propose = partial(target.propose, rng=rng)
-            if not power and not target.readings:  # nothing is held against a proposal: every one is taken
-                moved = any_moves(copies, propose, self.moves, rng)
-                known, log_density = target.log_densities(moved)
-            else:
-                here = at_copies(copies, ancestors, logs, target)
-                moved, known, log_density = metropolis_steps(
-                    copies, here, target, propose, power, self.moves, rng
-                )
-            weights = exp_of(equal(len(states)))
-            spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
-            if spread is moved:
-                return moved, known, log_density, target
-            return spread, None, density(spread), replace(target, starts=starts)
-        even = self._spaced(states)  # a share of the weight of all alike: one may have all of it
-        rows = step_table(states, weights / weights.sum(), even, copies, space, rng)
-        thorough = self.temper is not False
-        here = at_copies(copies, ancestors, logs, target)
-        return *metropolis(copies, here, target, power, rows, self.moves, rng, thorough), target
+    @cached_property
+    def _resample_move(self) -> ResampleMove:
+        options = self.regularise, self.bandwidth, self.moves, self.temper is not False
+        return ResampleMove(self.problem, self.resampling, *options)
 
     def _spacing(self, states: Array) -> Array:
         """What lies between particles (N, n) when they are taken for even: a covariance, (n, n)."""
         _, cloud = self.problem.space.moments(states, np.full(len(states), 1.0 / len(states)))
-        return np.asarray(cloud * self._spaced(states))
-
-    def _spaced(self, states: Array) -> float:
-        """The share of the covariance of even particles (N, n) that lies between them."""
-        return float(len(states) ** (-2.0 / self.problem.space.size))
-
-
-def _nothing(states: Array) -> Array:
-    """What no reading says of states, (N, n) -> (N,)."""
-    return np.zeros(len(states))
+        return np.asarray(cloud * even_share(states))
