@@ -18,8 +18,9 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.particle import ParticleFilter
+from rangefix.filters.particle.kernel_noise import covariance_root, kernel_step
 from rangefix.filters.particle.likelihood import Likelihood
-from rangefix.filters.particle.metropolis import Posterior, covariance_root, kernel_step, metropolis
+from rangefix.filters.particle.metropolis import Posterior, metropolis
 from rangefix.filters.particle.weights import effective_number, equal, longest_stage
 from rangefix.maps import FloorPlan, RectangularRoom
 

@@ -18,8 +18,9 @@ from rangefix.filters import (
     sample_runs,
 )
 from rangefix.filters.particle import ParticleFilter
+from rangefix.filters.particle.kernel_noise import best_width, separate_copies
 from rangefix.filters.particle.last_step import LastStep
-from rangefix.filters.particle.metropolis import best_width, metropolis_steps, separate_copies
+from rangefix.filters.particle.metropolis import metropolis_steps
 from rangefix.maps import FloorPlan
 
 from ..adaptive.brute_motion import recursion

@@ -33,9 +33,10 @@ from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
 from .belief import ParticleBelief, collected, stacked
+from .kernel_noise import separate_copies
 from .last_step import LastStep
 from .likelihood import Likelihood
-from .metropolis import Posterior, Target, separate_copies
+from .metropolis import Posterior, Target
 from .number import resized
 from .options import DEFAULT_MOVES, DEFAULT_RESAMPLING, check_options
 from .resample_move import ResampleMove, even_share

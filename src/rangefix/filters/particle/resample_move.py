@@ -11,17 +11,15 @@ from numpy.random import Generator
 
 from ...arrays import Array
 from ..problem import Problem
+from .kernel_noise import kernel_step, reject_crossings, separate_copies
 from .last_step import LastStep
 from .metropolis import (
     Posterior,
     Target,
     any_moves,
     at_copies,
-    kernel_step,
     metropolis,
     metropolis_steps,
-    reject_crossings,
-    separate_copies,
     step_table,
 )
 from .resampling import SCHEMES, Indices, kinds
