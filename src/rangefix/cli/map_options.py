@@ -5,13 +5,14 @@ from __future__ import annotations
 import inspect
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import wraps
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from ..errors import printable
 from .app import warn
 
 Unit = Annotated[
@@ -71,6 +72,7 @@ class MapOptions:
             ValueError: If an option has no effect on such a map, or one is missing.
         """
         from ..maps import MapError, open_map
+        from ..maps.readers.open_map import UnknownOptions
 
         options = {
             name: value for name, value in vars(self).items() if value is not None and value is not False
@@ -86,13 +88,17 @@ class MapOptions:
             if "sensor_height" in options:
                 raise ValueError(f"--sensor-height has no effect on {map_name}: it is for a mesh")
             if map_name.startswith("room:") and options:
-                names = ", ".join(f"--{name.replace('_', '-')}" for name in options)
                 have = "have" if len(options) > 1 else "has"
-                raise ValueError(f"{names} {have} no effect on {map_name}")
+                raise ValueError(f"{_typed(options)} {have} no effect on {map_name}")
         try:
             if "outline" in options:
                 options["outline"] = open_map(options["outline"])
             return open_map(map_name, **options)
+        except UnknownOptions as error:
+            have = "have" if len(error.unknown) > 1 else "has"
+            takes = f"a {error.path.suffix.lower()} map takes {_typed(error.known)}"
+            path = printable(str(error.path))
+            raise ValueError(f"{path}: {_typed(error.unknown)} {have} no effect; {takes}") from None
         except MapError as error:
             raise ValueError(as_options(str(error))) from None
 
@@ -109,21 +115,26 @@ class MapOptions:
 
 def as_options(text: str) -> str:
     """What is wrong with a map, with options as they are typed, and not as Python or a study calls them."""
-    typed = {each.name: f"--{each.name.replace('_', '-')}" for each in fields(MapOptions)}
-    typed["layers"] = "--layer"
-
-    def named(listed: str) -> str:
-        return ", ".join(typed[name] for name in listed.split(", ") if name in typed)
-
-    if found := re.fullmatch(r"(.*): unknown option (.*); (a \S+ map takes) (.*)", text):
-        path, wrong, takes, known = found.groups()
-        have = "have" if "," in wrong else "has"
-        return f"{path}: {named(wrong)} {have} no effect; {takes} {named(known)}"
+    typed = _options_typed()
     short = "|".join(typed)
-    text = re.sub(rf"(?:(?:{short})(?:, )?)+(?= has no effect on it)", lambda match: named(match[0]), text)
+    text = re.sub(
+        rf"(?:(?:{short})(?:, )?)+(?= has no effect on it)", lambda match: _typed(match[0].split(", ")), text
+    )
     text = re.sub(r"\b(unit|up) = '(\w+)'", r"--\1 \2", text)
     long = "|".join(name for name in typed if "_" in name)
     return re.sub(rf"(?<![\w/.-])({long})(?![\w.])(?: =)?", lambda match: typed[match[1]], text)
+
+
+def _options_typed() -> dict[str, str]:
+    """How each option is typed, by its name."""
+    typed = {each.name: f"--{each.name.replace('_', '-')}" for each in fields(MapOptions)}
+    return typed | {"layers": "--layer"}
+
+
+def _typed(names: Iterable[str]) -> str:
+    """Options as they are typed; those that no command has are left out."""
+    typed = _options_typed()
+    return ", ".join(typed[name] for name in names if name in typed)
 
 
 def odd_about(room: Any) -> tuple[str, ...]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ...errors import printable
 from ...extensions import extensions
 from ..base import MapError
 from ..floor_plan import FloorPlan
@@ -22,6 +23,24 @@ from .ros_map import YAMLS, read_ros_map, read_yaml
 AnyRoom = RectangularRoom | FloorPlan | MeshRoom | OccupancyMap
 PATHS = ("path", "outline_path")
 GROUP = "rangefix.maps"  # entry points: sections of a study that build maps, see `evaluation/study/sections`
+
+
+class UnknownOptions(MapError):
+    """Options that a map's file does not take.
+
+    Args:
+        path: The file.
+        unknown: The options.
+        known: Those that it takes.
+    """
+
+    def __init__(self, path: Path, unknown: Sequence[str], known: Sequence[str]) -> None:
+        super().__init__(path, unknown, known)
+        self.path, self.unknown, self.known = path, unknown, known
+
+    def __str__(self) -> str:
+        takes = f"a {self.path.suffix.lower()} map takes {', '.join(self.known)}"
+        return printable(f"{self.path}: unknown option {', '.join(self.unknown)}; {takes}")
 
 
 class Reader(NamedTuple):
@@ -165,8 +184,7 @@ def _read(path: Path, kind: str, options: Mapping[str, Any]) -> AnyRoom:
     if suffix not in reader.suffixes:
         raise MapError(f"{path}: no {kind} of type {suffix!r}; there are {', '.join(reader.suffixes)}")
     if unknown := sorted(options.keys() - reader.options):
-        takes = ", ".join(reader.options)
-        raise MapError(f"{path}: unknown option {', '.join(unknown)}; a {suffix} map takes {takes}")
+        raise UnknownOptions(path, unknown, reader.options)
     if reader.needs and reader.needs[0] not in options:
         raise MapError(f"{path}: a {kind} needs {reader.needs[0]}, {reader.needs[1]}")
     return reader.read(path, **options)
