@@ -51,7 +51,7 @@ class Box(NamedTuple):
     Attributes:
         at: Its centre about the cell's, (3,); 0 of a heading that is known.
         step: Its sizes, (3,).
-        walls: What the ranges of the cell follow from, as `load` writes it, (B, 4).
+        walls: What the ranges of the cell follow from, as `load_walls` writes it, (B, 4).
     """
 
     at: Array
@@ -65,7 +65,7 @@ class Box(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inner=True)
-def load(boxes: Boxes, cell: int, walls: Array) -> None:
+def load_walls(boxes: Boxes, cell: int, walls: Array) -> None:
     """What the ranges of a cell follow from: range, slopes by the place, slope by the heading over range."""
     turns = boxes.step.shape[1] == 3
     for beam in range(walls.shape[0]):
@@ -210,7 +210,7 @@ def _survey(
         for i in range(size):
             box.step[i] = boxes.step[cell, i]
             volume += np.log(box.step[i])
-        load(boxes, cell, box.walls)
+        load_walls(boxes, cell, box.walls)
         at_nodes(boxes, terms, cell, box, places, one)
         logs[cell] = one[0] if one[0] > IMPOSSIBLE_NATS else -np.inf
         if straight[cell]:

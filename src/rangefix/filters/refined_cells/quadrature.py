@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Array, IntArray
 from ...compiled import in_threads, njit
-from .box_model import NODES, Box, Boxes, at_nodes, load, most_in, widest
+from .box_model import NODES, Box, Boxes, at_nodes, load_walls, most_in, widest
 from .likelihood import IMPOSSIBLE_NATS, Terms
 
 WIDE_BOX = 3.0  # bend of the log density over a box along an axis: below it a rule errs by less than 1e-3
@@ -159,7 +159,7 @@ def _integrate(
         run = boxes.run[cell]
         weigh = np.log(boxes.weigh[cell])
         top, total, coarse = -np.inf, 0.0, -np.inf
-        load(boxes, cell, box.walls)
+        load_walls(boxes, cell, box.walls)
         waiting = 1
         wait.bound[0] = boxes.bound[cell]
         for i in range(size):
