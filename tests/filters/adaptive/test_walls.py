@@ -10,6 +10,7 @@ import os
 import numpy as np
 import pytest
 
+from rangefix.evaluation import parse_study, repeat_run
 from rangefix.filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, pose_space
 from rangefix.maps import RectangularRoom
 
@@ -33,6 +34,48 @@ def test_a_ridge_that_guesses_miss_is_found_by_draws() -> None:
     assert found.scatter < 0.15
     assert found.error < 0.05 + 3 * found.scatter
     assert found.stated < FLAGGED
+
+
+DRIVE = """
+runs = 10
+
+[map]
+kind = "rectangle"
+width_m = 4.0
+length_m = 6.0
+
+[sensor]
+bearings_deg = [0, 60, 120, 180, 240, 300]
+std_m = 0.05
+
+[state]
+heading = "unknown"
+
+[prior]
+kind = "gaussian"
+std_m = 0.3
+heading_std_deg = 10
+
+[motion]
+kind = "odometry"
+steps = 10
+
+[[estimators]]
+name = "adaptive-point-mass"
+"""
+
+
+def test_what_would_stay_within_walls_is_left_out() -> None:
+    """A robot 5 mm from a wall turns to drive off, by odometry that is exact.
+
+    All that might have stayed where it is lay in the wall: the belief had a part without weight, whose
+    covariance was singular, and the run was an error.
+    """
+    run = repeat_run(parse_study(DRIVE), 9).results
+    trials = run.trials[0]
+    assert trials.ok.all()
+    error = run.space.difference(run.truth, trials.mean)[0]
+    assert (np.abs(error) < 4 * np.sqrt(np.diagonal(trials.covariance[0], axis1=1, axis2=2))).all()
 
 
 @pytest.mark.study

@@ -285,9 +285,10 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     if np.exp(stays).sum() > MIN_STUCK_PROBABILITY:
         still = smoothed(mode, noise, together, stays=True)._replace(log_weights=stays)
         still, fans, inside = _kept_inside(still, motion, control)
-        part = _part(space, still, Stationary(space), control, fans, inside)
-        blur = float((np.diagonal(still.covariance) / np.diagonal(part.covariance)).max())
-        parts.append(replace(part, blur=blur))
+        if not parts or np.exp(still.log_weights).sum() > MIN_STUCK_PROBABILITY:  # else it lay in walls
+            part = _part(space, still, Stationary(space), control, fans, inside)
+            blur = float((np.diagonal(still.covariance) / np.diagonal(part.covariance)).max())
+            parts.append(replace(part, blur=blur))
     return parts
 
 
