@@ -37,6 +37,21 @@ def test_a_plan_in_words_and_as_json(capsys: pytest.CaptureFixture[str], tmp_pat
     assert "none" in text
 
 
+def test_what_a_plan_may_have_missed_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    """3 cm were promised in a hall where 1 truth in 300 is metres off: none was among those of the plan."""
+    assert call("plan", "paper", "--beams", "2", *FEW) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "for a heading that is known to be 0 deg; by exchange, of 5 directions." in text
+    assert "over 1000 truths. Wrong places that fewer than 1 truth in 333 leaves open may not be" in text
+    assert "run the study with bearings_deg = [0, -90]." in text
+    assert call("plan", "paper", "--beams", "2", *FEW, "--adaptive", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["known_heading_deg"] == 0
+    assert [beam["truths"] for beam in told["beams"]] == [0, 4]
+    assert call("map-accuracy", "paper", "--step-m", "1") == 0
+    assert "3 beams at heading 0 deg." in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("width", [60, 80])
 def test_narrow_screens(
     width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -119,8 +119,8 @@ def map_accuracy(
     screen = console()
     screen.print(table)
     screen.say(
-        f"{int(known.sum())} places, {len(found.bearings)} beams. Information from gradients of the ranges: "
-        "local, and no bound near jumps."
+        f"{int(known.sum())} places, {len(found.bearings)} beams at heading {np.rad2deg(found.heading):.6g} "
+        "deg. Information from gradients of the ranges: local, and no bound near jumps."
     )
     if judged:
         screen.say(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
 CANDIDATES = "--candidates-deg"
 MEASURED = "beams"  # a word for it: those of the study
+RARE = 3.0  # events of a kind to be expected in so many draws, if it is to be met in 95 of 100 cases
 
 
 def criteria() -> tuple[str, ...]:
@@ -114,9 +115,9 @@ def plan(
         if pictures:
             _draw(found, problem, planner.prior.centres, pictures)
     if as_json:
-        print_json(_document(given.name, found, seconds) | {"figures": [str(path) for path in pictures]})
+        print_json(_document(given.name, found, seconds, problem) | {"figures": list(map(str, pictures))})
         return
-    _show(given.name, found, seconds, len(candidates))
+    _show(given.name, found, seconds, problem)
     for path in pictures:
         from .screen import console
 
@@ -207,7 +208,7 @@ def _draw(found: Plan, problem: Problem, centres: Array, paths: list[Path]) -> N
     write_figure(lambda: draw_plan(found, floor), *paths)
 
 
-def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None:
+def _show(name: str, found: Plan, seconds: list[float], problem: Problem) -> None:
     from .screen import console, new_table
 
     unit = {"trace": "m²", "det": "m⁴", "largest": "m²", "information": "nats, of this beam"}[found.criterion]
@@ -221,14 +222,32 @@ def _show(name: str, found: Plan, seconds: list[float], candidates: int) -> None
     screen = console()
     screen.print(table)
     how = "each chosen after the readings before it" if found.adaptive else f"by {found.method}"
-    screen.say(f"Expected before anything is measured; {how}, of {candidates} directions.")
+    known = _known_heading(problem)
+    heading = "that is estimated" if known is None else f"that is known to be {known:g} deg"
+    directions = len(found.candidates)
+    screen.say(
+        f"Expected before anything is measured, for a heading {heading}; {how}, of {directions} directions."
+    )
     if found.adaptive:
         screen.say("Times of updates are of as many beams, spread evenly.")
+    if truths := found.steps[-1].truths:
+        told = f"The last line is an average over {truths} truths. Wrong places that fewer than 1 truth in "
+        told += f"{truths / RARE:.0f} leaves open may not be among them, nor in ±"
+        if not found.adaptive:
+            chosen = [f"{_degrees(step.bearing):.6g}" for step in found.steps if step.bearing is not None]
+            told += f": before you claim it, run the study with bearings_deg = [{', '.join(chosen)}]"
+        screen.say(f"{told}.")
 
 
-def _document(name: str, found: Plan, seconds: list[float]) -> dict[str, Any]:
+def _known_heading(problem: Problem) -> float | None:
+    """The heading that directions count from, deg; None where it is estimated."""
+    return None if problem.space.heading is None else _degrees(problem.space.heading)
+
+
+def _document(name: str, found: Plan, seconds: list[float], problem: Problem) -> dict[str, Any]:
     return {
         "study": name,
+        "known_heading_deg": _known_heading(problem),
         "criterion": found.criterion,
         "method": found.method,
         "adaptive": found.adaptive,
@@ -241,6 +260,7 @@ def _document(name: str, found: Plan, seconds: list[float]) -> dict[str, Any]:
                 "expected_covariance": step.covariance.tolist(),
                 "value": step.value,
                 "standard_error": step.error,
+                "truths": step.truths,
                 "update_s": second,
             }
             for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1)

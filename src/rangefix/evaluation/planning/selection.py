@@ -137,9 +137,8 @@ class Planner:
                     objective = np.mean([self.objective.values(belief) for belief in some], axis=0)
             error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
             bearing = float(self.candidates[last])
-            steps.append(
-                Step(bearing, covariance, self.objective.shown(float(values.mean())), error, objective)
-            )
+            value, truths = self.objective.shown(float(values.mean())), len(values) if count else 0
+            steps.append(Step(bearing, covariance, value, error, objective, truths))
         return steps
 
     def _adaptive(self, beams: int) -> list[Step]:
@@ -164,7 +163,7 @@ class Planner:
                 readings[place] = np.append(readings[place], self._read_at(state, best, rng))
             error = float(np.std(values, ddof=1) / np.sqrt(len(values)))
             value = self.objective.shown(float(np.mean(values)))
-            steps.append(Step(None, np.mean(covariances, axis=0), value, error, shown))
+            steps.append(Step(None, np.mean(covariances, axis=0), value, error, shown, len(values)))
         return steps
 
     def belief_after(self, chosen: Sequence[int], readings: Array, before: Cells | None = None) -> Cells:
