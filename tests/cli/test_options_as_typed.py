@@ -21,6 +21,8 @@ MISTAKES = {
     "map a.obj --unknown wall --wall-lines edges": f"a.obj: {NO_EFFECT}",
     "map a.obj --sensor-height nan": "a.obj: --sensor-height must be finite, got nan m",
     "map a.obj --reachable-from 90 90": "a.obj: --reachable-from [90.0, 90.0] is ",
+    "map a.obj --sensor-height 9": "unit: m (assumed)): give another --sensor-height, or --up y if that is "
+    "the axis that points up",
     "map a.geojson": "give --unit m if they are",
     "map a.toml --layer A": "a.toml: --layer has no effect on it: it is for drawings",
     "ranges room:4x6 --at 1 1 -b 0 --unit mm": "--unit has no effect on room:4x6",

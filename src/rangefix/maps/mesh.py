@@ -70,9 +70,10 @@ class MeshRoom(InWalls):
         segments = cut(points, corners, sensor_height)
         if not len(segments):
             low, high = points[corners, 2].min(), points[corners, 2].max()
+            turned = ", or up = 'y' if that is the axis that points up" * (up == "z (assumed)")
             raise MapError(
                 f"{name}: no wall at sensor height {sensor_height:g} m; the mesh spans {low:g} to {high:g} m "
-                f"(up: {up}; unit: {unit})"
+                f"(up: {up}; unit: {unit}): give another sensor_height{turned}"
             )
         self.sensor_height = float(sensor_height)
         self.unit, self.up = unit, up

@@ -113,6 +113,8 @@ def test_long_runs_are_told_in_one_line(tmp_path: Path):
     assert "ekf" in line
     assert "simulating" in line
     assert "\n" not in line
+    short = estimate_line(time_needed(worker, layout(made), tmp_path), layout(made), tmp_path, 3.5e5, 1)
+    assert " and 0.35 MB in " in short
 
 
 def test_what_is_done_already_takes_no_time(tmp_path: Path):

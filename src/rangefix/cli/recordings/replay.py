@@ -98,7 +98,7 @@ def replay(
         typer.Option(
             parser=named,
             metavar="FILE",
-            help="A file with a table [sensor], as in a study: noise and place of the laser.",
+            help="A file with the table of a sensor, as in a study: noise and place of the laser.",
         ),
     ] = None,
     forward_m: Annotated[

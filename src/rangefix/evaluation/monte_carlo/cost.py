@@ -37,6 +37,7 @@ PROBE_RUNS, PROBE_GROWTH = 32, 8
 KEEPING_S = 2e-5  # to check, save, read and summarise an estimate, a step of one run and estimator
 JUDGING_S = 1e-3  # to sample and judge a belief
 MAX_NAMED = 3  # estimators in a line
+LEAST_GB = 0.1  # of what is told in GB; less is told in MB
 UNITS = ((86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"), (0.0, "us"))
 
 
@@ -295,7 +296,7 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 def _gb(size: float) -> str:
-    return f"{size / 1e9:.3g} GB"
+    return f"{size / 1e9:.3g} GB" if size >= LEAST_GB * 1e9 else f"{size / 1e6:.3g} MB"
 
 
 def _steps(count: int) -> str:

@@ -77,7 +77,10 @@ class PointMassFilter(BriefRepr):
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
-            raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
+            raise ValueError(
+                "the fixed-grid point-mass filter is for an object that stays where it is: take "
+                "adaptive-point-mass or particle"
+            )
         keep_whole(self, "most_cells", 1)
         self.cells  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 

@@ -83,7 +83,10 @@ class RefinedPointMassFilter(BriefRepr):
 
     def __post_init__(self) -> None:
         if not isinstance(self.problem.motion, Stationary):
-            raise ValueError("the fixed-grid point-mass filter is for an object that stays where it is")
+            raise ValueError(
+                "the fixed-grid point-mass filter is for an object that stays where it is: take "
+                "adaptive-point-mass or particle"
+            )
         if self.problem.space.names not in (("x1", "x2"), ("x1", "x2", "heading")):
             names = ", ".join(self.problem.space.names)
             raise ValueError(

@@ -134,13 +134,20 @@ def _size(mesh: Mesh) -> Array:
     return np.asarray(np.ptp(mesh.vertices[used], axis=0)) if used.any() else np.zeros(3)
 
 
+def _is_of_building(size: Array) -> bool:
+    """Whether extents along x1, x2 and z, m, are those of a building."""
+    return bool(size[:2].max() <= LONGEST and size[2] <= HIGHEST and size.max() >= SHORTEST)
+
+
 def _check_size(path: Path, mesh: Mesh) -> None:
     """Ask for the unit where the numbers give no building in metres."""
     size = _size(mesh)
-    if not size.any() or (size[:2].max() <= LONGEST and size[2] <= HIGHEST and size.max() >= SHORTEST):
+    if not size.any() or _is_of_building(size):
         return
     sizes = [f"{' x '.join(f'{each:.4g}' for each in size * UNITS[name])} m in {name}" for name in UNITS]
-    raise MapError(f"{path}: give its unit: it would be {'; '.join(sizes)}")
+    likely = [f"unit = {name!r}" for name, metres in UNITS.items() if _is_of_building(size * metres)]
+    write = f": write {' or '.join(likely)}" if likely else ""
+    raise MapError(f"{path}: give its unit: it would be {'; '.join(sizes)}{write}")
 
 
 def _check_up(path: Path, mesh: Mesh, turn: str) -> None:
