@@ -206,7 +206,7 @@ MADE = [
 ASKED = [
     (
         "room_mm.stl",
-        "it would be 4000 x 6000 x 2500 m in m; .* 4 x 6 x 2.5 m in mm; .*: write unit = 'cm' or unit = 'mm'$",
+        "would be 4000 x 6000 x 2500 m in m; .* 4 x 6 x 2.5 m in mm; .*: write unit = 'cm' or unit = 'mm'$",
     ),
     ("room_inch.stl", "give its unit: it would be 157.5 x 236.2 x 98.43 m in m; .* 4 x 6 x 2.5 m in inch"),
     ("node_scale.glb", "which way is up.* up = 'y' or up = 'z'"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rangefix.filters import Estimator, Problem, available, build
@@ -61,6 +62,31 @@ def test_fault_is_caught(fault: Callable[..., Any], name: str) -> None:
     assert "\n" not in result.detail
     assert result.meaning
     assert result.fix
+
+
+class TakesNaNForAReading(Kalman):
+    """The first mistake of whoever plugs in an estimator that always had all readings."""
+
+    def update(self, belief: Any, measurement: Any, rngs: Any) -> Any:
+        after = super().update(belief, measurement, rngs)
+        after.mean[np.isnan(measurement).any(axis=1)] = np.nan
+        return after
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "nothing_measured_changes_nothing",
+            "mean became NaN, or ceased to be, by an update without a reading",
+        ),
+        ("missing_beams_say_nothing", "not finite, compared with a sensor without these beams"),
+    ],
+)
+def test_what_becomes_nan_is_called_so(name: str, words: str) -> None:
+    """It was "changed by 0", and "off by up to nan standard deviations, changing by seed"."""
+    (check,) = [check for check in checks_for(TakesNaNForAReading) if check.name == name]
+    assert words in check.result().detail
 
 
 def test_every_check_catches_something() -> None:

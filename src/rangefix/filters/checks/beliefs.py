@@ -124,8 +124,8 @@ def _need_close(after: Estimate, before: Estimate, what: str) -> None:
     """Fail the check unless two estimates are equal within rounding."""
     for name, one, two in zip(Estimate._fields, after, before, strict=True):
         gap = np.nan_to_num(np.abs(np.subtract(one, two)), nan=0.0).max()
-        same_gaps = np.array_equal(np.isnan(one), np.isnan(two))
-        need(same_gaps and gap <= 1e-7, f"{name} was changed by {gap:.3g} {what}")
+        need(np.array_equal(np.isnan(one), np.isnan(two)), f"{name} became NaN, or ceased to be, {what}")
+        need(gap <= 1e-7, f"{name} was changed by {gap:.3g} {what}")
 
 
 @claim("Keep arrays and plain records in estimator and belief: no open files, locks, threads or generators.")

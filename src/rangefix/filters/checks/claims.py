@@ -121,6 +121,10 @@ def need_agreement(differences: Array, allowed: Array | float, size: int, whom: 
         size: The number n of components.
         whom: What was compared with, for the message.
     """
+    need(
+        bool(np.isfinite(differences[:, :-1]).all()),
+        f"mean or covariance is not finite, compared with {whom}",
+    )
     scatter = differences.std(0, ddof=1)
     noise = scatter[:size].max()
     need(noise <= NOISY, f"the mean is off {whom} by up to {noise:.2g} standard deviations, changing by seed")
