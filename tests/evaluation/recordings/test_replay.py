@@ -22,9 +22,11 @@ from rangefix.evaluation.figures.recordings.errors import draw_errors
 from rangefix.evaluation.figures.recordings.paths import draw_paths
 from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.recordings.frame_offset import LastingError
-from rangefix.evaluation.recordings.log import LaserDescription
+from rangefix.evaluation.recordings.log import LaserDescription, RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import in_ros
+from rangefix.evaluation.recordings.readers.claimed_poses import COVARIANCE, POSE, read_claimed
+from rangefix.evaluation.recordings.readers.rosbag import RosbagLog
 from rangefix.evaluation.recordings.readers.tum import tum_line
 from rangefix.evaluation.recordings.replay import odometry_is_true, replay
 from rangefix.evaluation.recordings.score import Row, Score
@@ -478,6 +480,12 @@ def test_what_plug_ins_claim_is_looked_at(
         (["--start", "truth"], "the true pose at the first scan is not known"),
         (["--truth", "none.tum"], "cannot read none.tum"),
         (["--truth", "topic:/odom"], "only bags have topics"),
+        (["--estimators", "topic:/amcl_pose"], "only bags have topics; write the poses into a .csv"),
+        (["--estimators", "none.csv"], "cannot read none.csv"),
+        (
+            ["--estimators", "drive.csv", "-O", "drive.csv:size=3"],
+            "drive.csv ran elsewhere: it takes no options",
+        ),
         (["--bag", "mcap"], "give --out"),
         (["--no-return-m", "-1"], "must be positive"),
         (["--sensor", "none.toml"], "cannot read none.toml"),
@@ -502,6 +510,70 @@ def test_refused(
     assert len(told.strip().splitlines()) == 1
     assert re.search(said, told)
     assert {path.name for path in recording.parent.iterdir()} == {"drive.npz", "room.toml"}
+
+
+def test_poses_of_another_program_are_judged_as_a_filter_is(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The table of a replay, put in as that of an estimator that ran elsewhere, has the same figures.
+
+    The same of half of its lines, a third of a scan late: of as many scans. Of other times there are none.
+    """
+    monkeypatch.chdir(recording.parent)
+    words = ["replay", "--map", "room.toml", "--log", "drive.npz", "--truth", "odometry", "--json"]
+    code, told, _ = call([*words, "-e", "ekf", "--out", "out"], capsys)
+    assert code == 0
+    (own,) = json.loads(told)["estimators"]
+    code, told, _ = call([*words, "-e", "out/ekf.csv", "--out", "again"], capsys)
+    assert code == 0
+    (row,) = json.loads(told)["estimators"]
+    same = ("scans", "judged", "position_rmse_m", "position_claimed_m", "anees", "coverage", "residual_share")
+    assert [row[name] for name in same] == pytest.approx([own[name] for name in same], rel=1e-6)
+    assert row["lost_at"] == own["lost_at"]
+    assert {"paths.png", "fit.png"} < {path.name for path in Path("again").iterdir()}
+
+    with Path("out/ekf.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    for name, kept, late in (("half.csv", lines[::2], 0.03), ("other.csv", lines, 1e6)):
+        with Path(name).open("w") as file:
+            table = csv.DictWriter(file, lines[0].keys())
+            table.writeheader()
+            table.writerows(line | {"time_s": float(line["time_s"]) + late} for line in kept)
+    code, told, _ = call([*words, "-e", "half.csv,other.csv"], capsys)
+    assert code == 1
+    half, other = json.loads(told)["estimators"]
+    assert half["scans"] == -(-own["scans"] // 2)
+    assert (other["scans"], "no pose within 0.05 s of a scan" in other["reason"]) == (0, True)
+
+
+def test_poses_of_a_topic_are_turned_from_ros(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is written as PoseWithCovarianceStamped, as AMCL sends it, comes back with its covariances."""
+    monkeypatch.chdir(recording.parent)
+    words = ["replay", "--map", "room.toml", "--log", "drive.npz", "--truth", "odometry", "-e", "ekf"]
+    assert call([*words, "--out", "out", "--bag", "bag"], capsys)[0] == 0
+    found = read_claimed("topic:/ekf", RosbagLog(Path("out/ekf.bag")))
+    wanted = read_claimed("out/ekf.csv", open_log(recording))
+    for one, other in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-8)
+    assert np.abs(wanted.covariances[:, 0, 2]).max() > 1e-6  # or its sign could not be told
+
+
+def test_a_table_of_poses_says_what_is_wrong(tmp_path: Path, recording: Path) -> None:
+    """Columns, numbers, and covariances that are all zero, which is what says nothing in ROS."""
+    log, path = open_log(recording), tmp_path / "poses.csv"
+    head = ",".join((*POSE, *COVARIANCE))
+    for text, said in (
+        ("time_s,x,y\n", "no column x1_m, x2_m, heading_deg, cov_x1_x1_m2"),
+        (f"{head}\n", "holds no pose"),
+        (f"{head}\n1,2,3,4,a,0,0,1,0,1\n", "line 2: 10 numbers are meant"),
+        (f"{head}\n1,2,3,4,inf,0,0,1,0,1\n", "line 2: a number is not finite"),
+        (f"{head}\n1,2,3,4,0,0,0,0,0,0\n", "all covariances are zero"),
+    ):
+        path.write_text(text)
+        with pytest.raises(RecordingError, match=said):
+            read_claimed(str(path), log)
 
 
 def test_calibrate_takes_the_options_of_a_bag(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from ...errors import one_line
+from ...evaluation.recordings.log import Log
+from ...evaluation.recordings.readers.claimed_poses import is_claimed, read_claimed
 from ...evaluation.recordings.replays import Contestant
 from ...filters import Problem, build
 from ...filters.registry import BUILT_IN
@@ -21,7 +23,8 @@ def read_contestants(given: list[str], options: list[str] | None) -> list[Contes
         ValueError: If a name is not known, stands twice, or an option is none of its estimator's.
     """
     for name in given:
-        refuse_unknown(name, names())
+        if not is_claimed(name):
+            refuse_unknown(name, names())
     if len(set(given)) < len(given):
         raise ValueError("--estimators: one stands there twice")
     own: dict[str, list[str]] = {name: [] for name in given}
@@ -32,6 +35,8 @@ def read_contestants(given: list[str], options: list[str] | None) -> list[Contes
             name = f"{name}:{more}"
         if name not in own:
             raise ValueError(f"--option {text!r}: write ESTIMATOR:NAME=VALUE for one of {', '.join(given)}")
+        if is_claimed(name):
+            raise ValueError(f"--option {text!r}: {name} ran elsewhere: it takes no options")
         own[name].append(rest)
     return [
         Contestant(name, read_options(texts, inspect_estimator(name), ours=name in BUILT_IN) if texts else {})
@@ -58,3 +63,14 @@ def refuse_options(contestants: list[Contestant], problem: Problem) -> None:
             raise ValueError(f"--option {contestant.name}: {one_line(error)}") from None
         except Exception:  # of a plug-in's code, or of memory: its row says so
             continue
+
+
+def refuse_unreadable(contestants: list[Contestant], log: Log) -> None:
+    """Refuse poses of an estimator that ran elsewhere which cannot be read, before any other begins.
+
+    Raises:
+        RecordingError: If there are such.
+    """
+    for contestant in contestants:
+        if is_claimed(contestant.name):
+            read_claimed(contestant.name, log)

@@ -28,7 +28,8 @@ Estimators = Annotated[
         "--estimators",
         "-e",
         metavar="NAME,NAME",
-        help=f"Names of `rangefix estimators`, or plug-ins; {', '.join(USUAL)} unless given.",
+        help="Names of `rangefix estimators`, or plug-ins; topic:NAME of a bag or a .csv for poses with "
+        f"covariances of another, such as AMCL; {', '.join(USUAL)} unless given.",
     ),
 ]
 
@@ -154,7 +155,7 @@ def replay(
     from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
-    from .contestants import read_contestants, refuse_options
+    from .contestants import read_contestants, refuse_options, refuse_unreadable
     from .replay_table import document, notes_of, show
     from .sensor_file import SensorFile, read_sensor
     from .start import read_start, refuse_outside
@@ -200,6 +201,7 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
+    refuse_unreadable(contestants, recording)
     if first.warning:
         warn(first.warning)
     odd = odd_about(room)  # told already, when the map was opened

@@ -10,6 +10,7 @@ import numpy as np
 from ... import __version__
 from ...evaluation.consistency.formatting import format_percent
 from ...evaluation.consistency.lost import WINDOW
+from ...evaluation.recordings.readers.claimed_poses import NEAR_S, is_claimed
 from ...evaluation.recordings.replays import Contestant, Replays
 from ...evaluation.recordings.score import Row
 from ...evaluation.recordings.steps import Survey, reach_in_words
@@ -52,6 +53,10 @@ def notes_of(replays: Replays, contestants: list[Contestant], first: Survey, is_
         if assumed := replays.assumed_options(contestant):
             told = ", ".join(f"{name} = {value}" for name, value in assumed.items())
             notes.append(f"{contestant.label}: {told}, unless --option says otherwise")
+        if is_claimed(contestant.name):
+            notes.append(
+                f"{contestant.label} ran elsewhere: its poses within {NEAR_S:g} s of a scan are judged"
+            )
     if laser.seconds_per_beam and replays.choice.motion_corrected:
         notes.append("scans take time: ranges are corrected for the robot's motion by odometry")
     notes += [f"{count} {kind}" for kind, count in first.oddities.items()]

@@ -20,6 +20,7 @@ from ...filters.sampling import gaussian_draws
 from ..consistency.lost import Fit, LostTest, Watch
 from ..results import fault_of
 from ..seeds import stream as random_stream
+from .readers.claimed_poses import ClaimedPoses
 from .readers.track import Track
 from .steps import Step, Truth
 
@@ -103,11 +104,23 @@ class Lookout:
 
     def take(self, step: Step, estimator: Estimator[Any], belief: Any) -> Fit:
         """Whether this scan, which the belief has taken in, and the last few fit the map."""
-        before = self._states
-        if step.control is not None:
-            before = self._problem.motion.sample(before, step.control, self._rng)
+        before = self.move(step)
         self._states = self._drawn(estimator, belief)
         return self._watch.take(step.measurement, before, self._states, step.odometry)
+
+    def take_claimed(self, step: Step, mean: Array, covariance: Array) -> Fit:
+        """The same of a belief of which its moments are all that is known."""
+        before = self.move(step)
+        moments = mean[None], covariance[None]
+        draws = gaussian_draws(*moments, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
+        self._states = np.asarray(draws[0], dtype=float)
+        return self._watch.take(step.measurement, before, self._states, step.odometry)
+
+    def move(self, step: Step) -> Array:
+        """Move what was believed by odometry and its noise to where a scan was taken; returned, too."""
+        if step.control is not None:
+            self._states = self._problem.motion.sample(self._states, step.control, self._rng)
+        return self._states
 
     def _drawn(self, estimator: Estimator[Any], belief: Any) -> Array:
         """Draws from what is believed: from the Gaussian that is claimed where it cannot be drawn from."""
@@ -182,6 +195,44 @@ def replay(
         if believed.fault:
             return
         began, reading_s = process_time(), 0.0
+
+
+def recorded(
+    claimed: ClaimedPoses,
+    problem: Problem,
+    steps: Iterable[Step],
+    truth: Truth = unknown,
+    seed: int = 0,
+    lost: LostTest | None = None,
+) -> Iterator[Believed]:
+    """What an estimator that ran elsewhere believed at the times of scans; ends with the first unsound one.
+
+    Scans at whose time it has no pose are passed over. Its log evidence is not known: NaN.
+
+    Args:
+        claimed: Its poses, with covariances.
+        problem: Map and laser; and odometry's noise, by which its belief is moved to the next scan.
+        steps: The steps.
+        truth: The true pose at a step.
+        seed: Of the draws from its beliefs.
+        lost: What says whether readings fit the map; None = that is not asked.
+    """
+    lookout = None if lost is None else Lookout(problem, Watch(lost), random_stream(seed, LOOKOUT, 0))
+    for step in steps:
+        true = truth(step)
+        found = claimed.at(step.time_s)
+        if found is None:
+            if lookout is not None:
+                lookout.move(step)
+            continue
+        mean, covariance = found
+        fit = residuals(problem, mean, step.measurement)
+        believed = Believed(step, mean, covariance, np.nan, true, fit, 0.0)
+        if lookout is not None and not believed.fault:
+            believed = replace(believed, fit=lookout.take_claimed(step, mean, covariance))
+        yield believed
+        if believed.fault:
+            return
 
 
 def residuals(problem: Problem, pose: Array, measurement: Array) -> Array:

@@ -20,10 +20,11 @@ from ..results.folder import file_name
 from ..seeds import stream as random_stream
 from .log import Log, RecordingError
 from .pose_files import PoseFiles
+from .readers.claimed_poses import NEAR_S, is_claimed, read_claimed
 from .readers.rosbag import RosbagLog
 from .readers.track import Track
 from .readers.tum import read_tum
-from .replay import odometry_is_true, replay, truth_by_time, unknown
+from .replay import odometry_is_true, recorded, replay, truth_by_time, unknown
 from .score import Row, Score
 from .setting import Assumptions, Start, problem_of, usual_law
 from .steps import Choice, Survey, Truth, steps, survey
@@ -42,7 +43,10 @@ BACK = "true poses whose time goes back"  # beginning of what is told of them
 
 @dataclass(frozen=True)
 class Contestant:
-    """An estimator by its name, with its options; lengths in metres, angles in radians."""
+    """An estimator by its name, with its options; lengths in metres, angles in radians.
+
+    One that ran elsewhere is topic:NAME of the recording, or a table of its poses: see `read_claimed`.
+    """
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -179,9 +183,13 @@ class Replays:
         trace, score = Trace(), Score(problem.space)
         shown = set(np.linspace(0, first.used - 1, PICTURES).round().astype(int).tolist())
         try:
-            estimator = build(contestant.name, problem, **options)
-            source = steps(self.log, self.choice)
-            believed = replay(estimator, problem, source, self.true_poses(), self.seed, shown, lost)
+            source, truth = steps(self.log, self.choice), self.true_poses()
+            if is_claimed(contestant.name):
+                claimed = read_claimed(contestant.name, self.log)
+                believed = recorded(claimed, problem, source, truth, self.seed, lost)
+            else:
+                estimator = build(contestant.name, problem, **options)
+                believed = replay(estimator, problem, source, truth, self.seed, shown, lost)
             for done, now in enumerate(believed):
                 if now.fault:
                     why = "no pose explains the readings" if now.log_evidence == -np.inf else now.fault
@@ -199,6 +207,10 @@ class Replays:
             kind = "" if isinstance(error, TOLD) and not line else f"{type(error).__name__}: "
             why = f"{kind}{one_line(error)}{line}{after if score.scans else ''}"
             return score.row(contestant.label, why), trace
+        if not score.scans:  # of a filter there is one for every scan
+            return score.row(
+                contestant.label, f"no pose within {NEAR_S:g} s of a scan: do its times fit?"
+            ), trace
         return score.row(contestant.label), trace
 
 

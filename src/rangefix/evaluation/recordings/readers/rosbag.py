@@ -22,6 +22,8 @@ from .transforms import Rigid, Tree, rigid_of
 SCANS = ("sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan")
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSES = (ODOMETRY, "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
+CLAIMED = POSES[:2]  # with covariances
+PLANAR = [0, 1, 5]  # x, y and yaw among x, y, z and the turns about them
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 OLD_TRANSFORMS = "tf/msg/tfMessage"
 BASES = ("base_footprint", "base_link", "base")
@@ -265,6 +267,23 @@ class RosbagLog(FileLog):
             pose = message.pose if source.topic.type == POSES[2] else message.pose.pose
             found = rigid_of(pose.position, pose.orientation)
             yield time_of(message.header) or recorded, pose_from_ros(*found.planar)
+
+    def claimed_poses(self, topic: str) -> Iterator[tuple[float, Array, Array]]:
+        """Times, poses (3,) and their covariances (3, 3) of a topic, in the conventions of this package.
+
+        Raises:
+            RecordingError: If it has none, or one is not finite.
+        """
+        source = self._chosen(topic, CLAIMED, "poses with covariances", "topic:NAME")
+        sign = np.array([1.0, 1.0, -1.0])  # the yaw of ROS grows to the left, the heading to the right
+        for recorded, message in self.messages.of([source]):
+            pose = message.pose.pose
+            planar = rigid_of(pose.position, pose.orientation).planar
+            full = np.asarray(message.pose.covariance, dtype=float).reshape(6, 6)
+            covariance = full[np.ix_(PLANAR, PLANAR)] * sign[:, None] * sign
+            if not np.isfinite(covariance).all():
+                raise RecordingError(f"{self.path}: a covariance in {topic} is not finite")
+            yield time_of(message.header) or recorded, pose_from_ros(*planar), covariance
 
     def _poses_by_tf(self, source: Source) -> Iterator[tuple[float, Array]]:
         topics = [topic for topic in self.messages.topics if topic.type in (TRANSFORMS, OLD_TRANSFORMS)]

@@ -1,0 +1,110 @@
+"""Poses with covariances of an estimator that ran elsewhere: a topic of a bag, such as AMCL's, or a table."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....arrays import Array, wrap
+from ....text_files import NotText, line_in_utf8, refuse_other_text
+from ..log import Log, RecordingError
+from .rosbag import RosbagLog
+
+TOPIC, TABLE = "topic:", ".csv"  # what such a name begins or ends with
+POSE = ("time_s", "x1_m", "x2_m", "heading_deg")
+COVARIANCE = (
+    "cov_x1_x1_m2", "cov_x1_x2_m2", "cov_x1_heading_m_rad", "cov_x2_x2_m2", "cov_x2_heading_m_rad",
+    "cov_heading_heading_rad2",
+)  # fmt: skip
+NEAR_S = 0.05  # from a pose to the scan beside which it is judged: 1 cm at 0.2 m/s
+
+
+class ClaimedPoses(NamedTuple):
+    """Times (N,), s, ascending; x1, x2 (m), heading (rad), (N, 3); and their covariances, (N, 3, 3)."""
+
+    times: Array
+    means: Array
+    covariances: Array
+
+    def at(self, time_s: float) -> tuple[Array, Array] | None:
+        """The pose and covariance nearest to a time, (3,) and (3, 3); None if none is within 0.05 s."""
+        if not len(self.times):
+            return None
+        place = int(np.searchsorted(self.times, time_s))
+        near = [each for each in (place - 1, place) if 0 <= each < len(self.times)]
+        best = min(near, key=lambda each: abs(float(self.times[each]) - time_s))
+        if abs(float(self.times[best]) - time_s) > NEAR_S:
+            return None
+        return self.means[best], self.covariances[best]
+
+
+def is_claimed(name: str) -> bool:
+    """Whether the name of an estimator means poses that were recorded."""
+    return name.startswith(TOPIC) or name.lower().endswith(TABLE)
+
+
+def read_claimed(name: str, log: Log) -> ClaimedPoses:
+    """The poses that a name means.
+
+    Args:
+        name: topic:NAME of the recording, or the path of a table with the columns of `NAME.csv` of a replay.
+        log: The recording.
+
+    Raises:
+        RecordingError: If there are none, one is not finite, or none has a covariance.
+    """
+    if name.startswith(TOPIC):
+        if not isinstance(log, RosbagLog):
+            raise RecordingError(f"{name}: only bags have topics; write the poses into a .csv")
+        rows = list(log.claimed_poses(name.removeprefix(TOPIC)))
+    else:
+        rows = list(_lines(Path(name)))
+    if not rows:
+        raise RecordingError(f"{name} holds no pose")
+    times, means, covariances = (np.array([row[part] for row in rows], dtype=float) for part in range(3))
+    if not covariances.any():
+        raise RecordingError(f"{name}: all covariances are zero: it does not say how sure it is")
+    order = np.argsort(times, kind="stable")
+    return ClaimedPoses(times[order], means[order], covariances[order])
+
+
+def _lines(path: Path) -> Iterable[tuple[float, Array, Array]]:
+    try:
+        with open(path, "rb") as file:
+            refuse_other_text(file.read(4096))
+        with open(path, encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
+            table = csv.reader(line_in_utf8(text, number) for number, text in enumerate(file, start=1))
+            names = [cell.strip() for cell in next(table, [])]
+            if missing := [name for name in (*POSE, *COVARIANCE) if name not in names]:
+                raise RecordingError(
+                    f"{path}: no column {', '.join(missing)}; a table of poses has "
+                    f"{', '.join((*POSE, *COVARIANCE))}, headings clockwise from +x2"
+                )
+            places = [names.index(name) for name in (*POSE, *COVARIANCE)]
+            for cells in table:
+                if cells:
+                    yield _row(path, table.line_num, cells, places)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from None
+    except NotText as error:
+        raise RecordingError(f"{path}: {error}") from None
+    except csv.Error:
+        raise RecordingError(f"{path} is no table of text") from None
+
+
+def _row(path: Path, number: int, cells: list[str], places: list[int]) -> tuple[float, Array, Array]:
+    try:
+        time, x1, x2, heading, *upper = (float(cells[place]) for place in places)
+    except (ValueError, IndexError):
+        raise RecordingError(f"{path}, line {number}: {len(places)} numbers are meant") from None
+    mean = np.array([x1, x2, float(wrap(np.deg2rad(heading)))])
+    covariance = np.zeros((3, 3))
+    covariance[np.triu_indices(3)] = upper
+    covariance = covariance + np.triu(covariance, 1).T
+    if not (np.isfinite(time) and np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        raise RecordingError(f"{path}, line {number}: a number is not finite")
+    return time, mean, covariance
