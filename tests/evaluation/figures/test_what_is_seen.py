@@ -93,6 +93,25 @@ def test_the_legend_of_beliefs_says_what_is_drawn_and_no_more() -> None:
         assert ("true position" in told) == (truth is not None)
 
 
+def test_a_belief_that_would_be_a_dot_is_enlarged() -> None:
+    """3 cm on a map of 40 x 60 m, without cells wider than the ellipse; one of 5 m is shown on all of it."""
+    image = SimpleNamespace(density=np.eye(80), extent=(0.0, 40.0, 0.0, 60.0))
+    for std, wide, told in ((0.03, False, False), (5.0, True, True)):
+        believed = SimpleNamespace(
+            mean=np.array([20.0, 30.0, 0.0]),
+            covariance=std**2 * np.eye(3),
+            truth=np.array([20.02, 30.0, 0.0]),
+            step=SimpleNamespace(scan=0),
+        )
+        trace: Any = SimpleNamespace(images=[(believed, image)])
+        figure = draw_beliefs("ekf", trace, RectangularRoom(40.0, 60.0))
+        left, right = figure.axes[0].get_xlim()
+        assert (right - left == 40.0) == wide
+        assert wide or right - left < 4.0
+        assert left < 20.0 < right
+        assert ("density of the belief" in legend_of(figure)) == told
+
+
 @pytest.mark.parametrize(("beams", "method"), [(1, "greedy"), (2, "exchange")])
 def test_the_legend_of_a_plan_says_what_is_drawn_and_no_more(beams: int, method: str) -> None:
     """Beams before, and why a beam is not the best direction, where there are some; no label overlaps."""

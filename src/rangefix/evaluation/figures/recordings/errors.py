@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 
 from ....arrays import Array, wrap
 from ...recordings.trace import Trace
+from ..sheet import legend_below
 from ..style import COLOURS, symbol
 
 WIDTH, PANEL = 9.0, 1.7  # inches
 BAND = 1.96  # deviations
+LEGEND_COLUMNS = 4
 
 
 def draw_errors(name: str, trace: Trace) -> Figure:
@@ -44,8 +46,8 @@ def draw_errors(name: str, trace: Trace) -> Figure:
         )
         axes.axhline(0.0, color="0.5", linewidth=0.6)
         axes.set_ylabel(label)
-    panels[0].legend(loc="upper right", ncols=2)
     panels[-1].set_xlabel("time, s")
+    _legend_below(figure, panels[0])
     inside = (np.abs(errors) <= BAND * stds)[np.isfinite(errors).all(axis=1)]
     figure.suptitle(f"Errors of {name}: {100 * inside.mean():.0f} % of them in the bands, of 95 % claimed")
     return figure
@@ -54,36 +56,50 @@ def draw_errors(name: str, trace: Trace) -> Figure:
 def draw_fit(traces: Mapping[str, Trace]) -> Figure:
     """Innovations: readings against the map at the estimates, evidence of each scan, and whether one is lost.
 
+    Without the evidence where nobody tells one, as of poses that were recorded.
+
     Args:
         traces: By the name of the estimator.
     """
-    figure = Figure(figsize=(WIDTH, 3 * PANEL + 1.9), layout="constrained")
-    upper, lower, last = figure.subplots(3, 1, sharex=True)
+    told = any(np.isfinite(step.log_evidence) for trace in traces.values() for step in trace.kept)
+    figure = Figure(figsize=(WIDTH, (2 + told) * (PANEL + 0.6)), layout="constrained")
+    panels = figure.subplots(2 + told, 1, sharex=True)
+    upper, last = panels[0], panels[-1]
     for place, (name, trace) in enumerate(traces.items()):
         colour = COLOURS[place % len(COLOURS)]
         times = trace.times - trace.times[0]
         low, middle, high = _quartiles(trace.residuals)
         upper.fill_between(times, low, high, color=colour, alpha=0.2, linewidth=0)
         upper.plot(times, middle, color=colour, linewidth=0.9, label=name)
-        evidence = np.array([step.log_evidence for step in trace.kept])
-        beams = np.array([max(int((~np.isnan(step.step.measurement)).sum()), 1) for step in trace.kept])
-        gained = np.diff(evidence, prepend=0.0) / trace.every / beams
-        lower.plot(times, gained, color=colour, linewidth=0.8)
+        if told:
+            evidence = np.array([step.log_evidence for step in trace.kept])
+            beams = np.array([max(int((~np.isnan(step.step.measurement)).sum()), 1) for step in trace.kept])
+            gained = np.diff(evidence, prepend=0.0) / trace.every / beams
+            panels[1].plot(times, gained, color=colour, linewidth=0.8)
         excess = trace.misfits[:, 0] / trace.misfits[:, 1]
         last.plot(times, excess, color=colour, linewidth=0.8)
         last.plot(times[excess > 1], excess[excess > 1], ".", color=colour, markersize=3)
     upper.axhline(0.0, color="0.5", linewidth=0.6)
     upper.set_ylabel("reading - map, m")
     upper.set_title("Readings less the map's ranges at the estimate: median of a scan, and middle half")
-    upper.legend(loc="upper right", ncols=2)
-    lower.set_ylabel("nats per beam")
-    lower.set_title("Log evidence that each scan adds")
+    if told:
+        panels[1].set_ylabel("nats per beam")
+        panels[1].set_title("Log evidence that each scan adds")
     last.axhline(1.0, color="0.5", linewidth=0.6)
     last.set_ylim(bottom=0.0)
     last.set_ylabel("misfit / threshold")
     last.set_title("Lost: above 1 the last scans do not fit the map where the robot was believed to be")
     last.set_xlabel("time, s")
+    _legend_below(figure, upper)
     return figure
+
+
+def _legend_below(figure: Figure, axes: Axes) -> None:
+    """What the lines and bands of a panel are, below all panels, where it covers none of them."""
+    artists, labels = axes.get_legend_handles_labels()
+    entries = dict(zip(labels, artists, strict=True))
+    height = legend_below(figure, entries, WIDTH - 0.2, LEGEND_COLUMNS)
+    figure.set_figheight(float(figure.get_figheight()) + height)
 
 
 def _quartiles(residuals: Array) -> Array:

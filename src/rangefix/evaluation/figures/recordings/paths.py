@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 
 from ....arrays import Array
 from ....filters import RangeMap
+from ....filters.optional_methods import Image
 from ...recordings.replay import Believed
 from ...recordings.trace import Trace
 from ..layout import wrapped
@@ -25,6 +26,9 @@ HEIGHT, WIDEST = 5.5, 11.0  # inches
 MOST_DRAWN = 1000  # walls that stay lines in files of lines; more are made pixels
 MARGIN_M = 1.0  # about the ways that were taken
 ELLIPSES = 40  # along a way
+ROOM_BESIDE = 4.0  # of an ellipse, in its half axes
+LEAST_SHOWN_M = 1.0  # to each side of a belief
+WORTH_ENLARGING = 0.5  # share of a map: less of it is shown alone
 LEVEL = 2.4477  # radius of an ellipse that holds a position in 95 % of Gaussian beliefs, in deviations
 TITLE = "Estimated paths, with ellipses claimed to hold the position in 95 %"
 TITLE_MARGIN = 0.1  # inches, beside a title
@@ -66,7 +70,8 @@ def draw_paths(traces: Mapping[str, Trace], room: RangeMap) -> Figure:
 def draw_beliefs(name: str, trace: Trace, room: RangeMap) -> Figure:
     """What an estimator believes at some times: the ellipse that it claims, and its density if it has one.
 
-    A legend says what each mark, line and colour is.
+    A legend says what each mark, line and colour is. A belief that would be a dot on the map is enlarged:
+    scales differ.
 
     Args:
         name: Of the estimator.
@@ -85,20 +90,44 @@ def draw_beliefs(name: str, trace: Trace, room: RangeMap) -> Figure:
     for axes in panels[len(images) :]:
         axes.set_visible(False)
     for axes, (believed, image) in zip(panels, images, strict=False):
-        if image is not None and image.density.max() > 0:
+        if _is_told(believed, image):
+            assert image is not None
             axes.imshow(
                 np.sqrt(image.density), extent=image.extent, origin="lower", cmap=INK, interpolation="nearest"
             )
-        draw_map(axes, room, lower, upper)
+        draw_map(axes, room, *_about(believed, lower, upper))
         draw_estimate(axes, believed)
         axes.set_title(f"scan {believed.step.scan}, {_spread(believed)}")
     entries = belief_legend([believed for believed, _ in images])
-    if any(image is not None and image.density.max() > 0 for _, image in images):
+    if any(_is_told(believed, image) for believed, image in images):
         entries["density of the belief: darker = denser, on a square-root scale"] = Patch(facecolor=DENSITY)
     room_beside = size[0] - 2 * TITLE_MARGIN
-    figure.suptitle(wrapped(f"What {name} believes after some scans", room_beside, "figure.titlesize"))
+    figure.suptitle(
+        wrapped(f"What {name} believes after some scans; scales differ", room_beside, "figure.titlesize")
+    )
     figure.set_figheight(size[1] + legend_below(figure, entries, room_beside, 2))
     return figure
+
+
+def _about(believed: Believed, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Corners of the part of a map about a belief that would be a dot on all of it; else those of the map."""
+    half, place = 0.5 * (upper - lower), believed.mean[:2]
+    needed = ROOM_BESIDE * LEVEL * np.sqrt(np.diagonal(believed.covariance)[:2])
+    if believed.truth is not None:
+        needed = np.maximum(needed, 1.2 * np.abs(believed.truth[:2] - place))
+    share = float(np.max(np.maximum(needed, LEAST_SHOWN_M) / half))
+    if not share < WORTH_ENLARGING:
+        return lower, upper
+    return place - share * half, place + share * half
+
+
+def _is_told(believed: Believed, image: Image | None) -> bool:
+    """Whether there is a density whose cells tell more than the ellipse does."""
+    if image is None or not image.density.max() > 0:
+        return False
+    left, right, _, _ = image.extent
+    widest = LEVEL * float(np.sqrt(np.diagonal(believed.covariance)[:2].max()))
+    return bool((right - left) / image.density.shape[1] < widest)
 
 
 def belief_legend(believed: Iterable[Believed]) -> dict[str, Artist]:
