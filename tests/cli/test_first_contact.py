@@ -249,6 +249,17 @@ def test_situations_are_forty() -> None:
     assert len(SITUATIONS) >= 40
 
 
+def test_odometry_without_noise_is_told(rangefix: Callable[..., Said]) -> None:
+    """It is so unless a study says otherwise, and filters that trust it forget nothing."""
+    prior = "[prior]\nkind = 'gaussian'\nstd_m = 0.1\nheading_std_deg = 5\n"
+    text = STUDY + EKF + UNKNOWN + prior + "[motion]\nkind = 'odometry'\nsteps = 2\n"
+    Path("drive.toml").write_text(text)
+    Path("noisy.toml").write_text(text + "floor_m = 0.01\n")
+    words = "motion: odometry without noise: true ways follow it exactly (alphas, floor_m, floor_deg)"
+    assert words in rangefix("run", "drive.toml").err
+    assert "without noise" not in rangefix("run", "noisy.toml").err
+
+
 def test_bare_command_shows_the_way(rangefix: Callable[..., Said]) -> None:
     """Commands in groups, two examples, exit codes and where the docs are; `-h` says the same."""
     said = rangefix()

@@ -151,6 +151,7 @@ def run(
     experiment = described.experiment()
     drawn = any(file.suffix.lower() in DRAWINGS for file in described.map.files(described.folder))
     _tell_map(experiment, drawn or described.map.kind in FOUND)
+    _tell_odometry(experiment)
     names = experiment.assumed_problem.space.names
     need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs), bounds)
     folder = Path("results") / described.name if out is None else out
@@ -234,6 +235,19 @@ def _tell_map(experiment: Experiment, whole: bool) -> None:
             if whole:
                 warn(f"{what}: {describe(room)}")
             tell_odd(room, what)
+
+
+def _tell_odometry(experiment: Experiment) -> None:
+    """That odometry is without noise, which it is unless a study says otherwise."""
+    from ..filters import Confined, Odometry
+
+    motions = {"motion": experiment.truth.motion, "assumed.motion": experiment.assumed_problem.motion}
+    for what, motion in motions.items():
+        free = motion.motion if isinstance(motion, Confined) else motion
+        noisy = not isinstance(free, Odometry) or any(free.alphas) or free.floors.any()
+        if not noisy and (what == "motion" or motion != motions["motion"]):
+            follow = "true ways follow it exactly" if what == "motion" else "estimators trust it blindly"
+            warn(f"{what}: odometry without noise: {follow} (alphas, floor_m, floor_deg)")
 
 
 def _tls(
