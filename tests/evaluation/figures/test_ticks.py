@@ -47,3 +47,14 @@ def test_labels_never_overlap_and_are_two_where_they_fit(scale: str) -> None:
 
 def test_a_long_axis_has_the_multiples_asked_for() -> None:
     assert labels_of("log", 0.5, 20, 3)[0] == ["0.5", "1", "2", "5", "10", "20"]
+
+
+@pytest.mark.parametrize("last", [1, 2, 3, 5, 10, 49, 500])
+def test_what_is_counted_has_ticks_at_whole_numbers(last: int) -> None:
+    """Of ten moves there were ticks at 1.5 and 4.5."""
+    axes = Figure(figsize=(8, 2)).add_subplot()
+    axes.set_xlim(-0.05 * last, 1.05 * last)
+    even_numbers(axes.xaxis, 8, whole=True)
+    ticks = axes.get_xticks()
+    assert len(ticks) >= 2
+    assert (ticks == np.round(ticks)).all()

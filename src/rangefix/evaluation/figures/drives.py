@@ -60,7 +60,7 @@ def draw_steps(data: FigureData, sheet: Sheet) -> None:
     panels[-1].set_ylim(min(low, 0.5), max(high, 2.0))
     panels[-1].set_ylabel(sheet.broken("ANEES / n, 95 %\n(1: honest)", "axes.labelsize", room))
     panels[-1].set_xlabel(sheet.broken("moves before the measurement", "axes.labelsize"))
-    even_numbers(panels[-1].xaxis, 8)
+    even_numbers(panels[-1].xaxis, 8, whole=True)
     more: dict[str, Artist] = {
         "true": Line2D([], [], color="0.3", marker="o", markersize=3.5),
         "claimed": Line2D([], [], color="0.3", marker="o", markersize=3.5, linestyle="--", linewidth=1.1,

@@ -81,7 +81,7 @@ def _runs_panel(axes: Axes, errors: Array, stds: Array, linear: float) -> str:
     axes.plot(place[~held], error[~held], "x", markersize=4, color="#D55E00", label="error outside")
     axes.set_yscale("symlog", linthresh=linear)
     signed_decades(axes.yaxis, linear)
-    even_numbers(axes.xaxis, 6)
+    even_numbers(axes.xaxis, 6, whole=True)
     axes.axhline(0.0, color="0.5", linewidth=0.6)
     return f"{100 * inside.mean():.0f} % inside the band"
 

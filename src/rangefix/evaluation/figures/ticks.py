@@ -115,9 +115,16 @@ def plain_numbers(axis: Axis, subdivisions: Sequence[float] = (1.0,)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def even_numbers(axis: Axis, most: int = 5) -> None:
-    """At most so many ticks, and one more, on a linear axis; fewer where they have no room."""
-    axis.set_major_locator(FittingLocator([MaxNLocator(count) for count in range(most, 0, -1)]))
+def even_numbers(axis: Axis, most: int = 5, whole: bool = False) -> None:
+    """At most so many ticks, and one more, on a linear axis; fewer where they have no room.
+
+    Args:
+        axis: The axis.
+        most: How many.
+        whole: Whether only at whole numbers, as of what is counted.
+    """
+    choices = [MaxNLocator(count, integer=whole) for count in range(most, 0, -1)]
+    axis.set_major_locator(FittingLocator(choices))
 
 
 class _SignedDecades(SymmetricalLogLocator):
