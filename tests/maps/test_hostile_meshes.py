@@ -60,6 +60,11 @@ def ply(kind: str = "binary_little_endian", scalar: str = "double", more: str = 
     return head.encode() + data + b"".join(struct.pack("<B3i", 3, *corners) for corners in TRIANGLES)
 
 
+AMPLE_OFF = "OFF\n13 1 0\n" + "".join(f"{i} {i * i} 0\n" for i in range(13)) + "3 0 2 12\n"
+AMPLE_PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 13\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_index\nend_header\n" + AMPLE_OFF[12:]
+)
 DEEP = "[" * 200_000
 BOMB = "<?xml version='1.0'?><!DOCTYPE x [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
     f"<!ENTITY {after} '{f'&{before};' * 10}'>" for before, after in itertools.pairwise("abcdefghijk")
@@ -104,6 +109,14 @@ EXTERNAL = json.dumps(
         ("face.obj", obj().replace("f 1 2 4", "f 1 2"), "less than three corners"),
         ("vertex.obj", obj()[:40], "vertex"),
         ("index.obj", obj()[:-1], "no end"),
+        ("letter.obj", obj()[: obj().rfind("f ") + 1], "no end"),
+        ("digit.off", AMPLE_OFF[:-2], "ends with 1 and no newline"),
+        ("digit.ply", AMPLE_PLY[:-2], "ends with 1 and no newline"),
+        ("more_rows.off", off() + "3 0 1 2\n", "12 faces are announced, and more rows follow"),
+        ("more_rows.ply", ply("ascii") + b"3 0 1 2\n", "more follows than its header announces"),
+        ("less_told.ply", ply().replace(b"face 12", b"face 11"), "more follows than its header announces"),
+        ("binary.off", b"OFF BINARY\n" + bytes(60), "it is binary"),
+        ("below.ply", ply("ascii").replace(b"3 0 1 3", b"3 0 1 -1"), "vertex -1; there are 8"),
         ("beyond.obj", obj().replace("f 1", "f 99", 1), "vertex 99 of 8"),
         ("before.obj", obj().replace("f 1", "f -99", 1), "not there"),
         ("nought.obj", obj().replace("f 1", "f 0", 1), "not there"),
@@ -159,10 +172,22 @@ def test_meshes_are_read_as_open3d_reads_them(tmp_path: Path, name: str, content
     np.testing.assert_array_equal(here.triangles, TRIANGLES)
 
 
-def test_whole_files_of_text_are_read(tmp_path: Path) -> None:
-    for name, content in (("room.stl", ascii_stl()), ("room.obj", obj())):
+def test_whole_files_are_read(tmp_path: Path) -> None:
+    """Also with other ends of lines, words in names, comments behind corners, and blocks filled up."""
+    old, named = ascii_stl().replace("\n", "\r"), ascii_stl().replace("solid room", "solid facet of a vertex")
+    for name, content in (
+        ("room.stl", ascii_stl().encode()),
+        ("old.stl", old.encode()),
+        ("named.stl", named.encode()),
+        ("room.obj", obj().encode()),
+        ("comment.obj", obj().replace("v 4.0 0.0 0.0", "v 4.0 0.0 0.0 # corner").encode()),
+        ("old.ply", ply("ascii").replace(b"\n", b"\r")),
+        ("filled.ply", ply() + bytes(16)),
+        ("open.ply", ply("ascii").rstrip()),
+        ("open.off", off().rstrip().encode()),
+    ):
         path = tmp_path / name
-        path.write_text(content)
+        path.write_bytes(content)
         vertices, triangles, *_ = read_mesh(path)
         assert len(triangles) == len(TRIANGLES)
         np.testing.assert_allclose(vertices[triangles], VERTICES[TRIANGLES], rtol=1e-6)

@@ -154,6 +154,51 @@ def test_nodes_of_a_scene(tmp_path):
     assert room.up == "y (of its format)"
 
 
+def changed(told: dict, where: str, **more) -> dict:
+    """The document of a scene with more in it, at a place such as "nodes 0"."""
+    part = told
+    for word in where.split():
+        part = part[int(word) if word.isdigit() else word]
+    part.update(more)
+    return told
+
+
+MOVED = "KHR_mesh_quantization"
+INSTANCES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
+
+
+@pytest.mark.parametrize(
+    ("where", "more", "words"),
+    [
+        ("nodes 0", {"extensions": INSTANCES}, "EXT_mesh_gpu_instancing is not read"),
+        ("", {"extensionsRequired": ["EXT_meshopt_compression"]}, "EXT_meshopt_compression is not read"),
+        ("", {"extensionsRequired": [MOVED]}, ""),
+        ("nodes 0", {"weights": [0.0]}, ""),
+        ("nodes 0", {"weights": [0.5]}, "bones or weights"),
+        ("meshes 0", {"weights": [1.0]}, "bones or weights"),
+        ("nodes 0", {"skin": 0}, "bones or weights"),
+        ("accessors 0", {"normalized": True}, "sparse or normalized"),
+        ("accessors 0", {"sparse": {"count": 1}}, "sparse or normalized"),
+        ("accessors 1", {"sparse": {"count": 1}}, "sparse or normalized"),
+        ("accessors 0", {"count": 7}, "vertex 7 of 7"),
+        ("buffers 0", {"byteLength": 9999}, "my walls.bin has 240 bytes, 9999 are announced"),
+    ],
+)
+def test_what_moves_surfaces_is_read_or_refused(tmp_path, where, more, words):
+    """Whatever a library passes over, and faces whose corners are not there; names of files are addresses."""
+    content = glb([{"mesh": 0}])
+    length = int.from_bytes(content[12:16], "little")
+    (tmp_path / "my walls.bin").write_bytes(content[28 + length :])
+    told = changed(json.loads(content[20 : 20 + length]), "buffers 0", uri="my%20walls.bin")
+    path = tmp_path / "scene.gltf"
+    path.write_text(json.dumps(changed(told, where, **more)))
+    if words:
+        with pytest.raises(MapError, match=words):
+            read_mesh(path, up="z")
+    else:
+        assert area(*read_mesh(path, up="z")[:2]) == pytest.approx(98.0)
+
+
 DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
 <asset><created>2026-01-01T00:00:00</created><modified>2026-01-01T00:00:00</modified>
 <unit name="centimeter" meter="0.01"/><up_axis>{up}</up_axis></asset>
@@ -187,6 +232,24 @@ def test_collada(tmp_path, up, axes):
     path.write_text(DAE.format(url="other.dae", **told))
     with pytest.raises(MapError, match="can be read"):
         MeshRoom.load(path, sensor_height=0.9)
+    text = DAE.format(url="", **told)
+    for broken, words in (
+        (text.replace('polylist count="6"', 'polylist count="7"'), "6 of 7 faces are read"),
+        (as_polygons(text, "<ph><p>0 1 3 2</p><h>0 1 3</h></ph>"), "faces with holes"),
+    ):
+        path.write_text(broken)
+        with pytest.raises(MapError, match=words):
+            read_mesh(path)
+    path.write_text(as_polygons(text, "<p>0 1 3 2</p>"))
+    assert len(read_mesh(path).triangles) == 12
+
+
+def as_polygons(text: str, first: str) -> str:
+    """The same file with its list of faces as polygons, the first of them as it is given."""
+    head, _, tail = text.partition("<vcount>")
+    rest = "".join(f"<p>{' '.join(map(str, face))}</p>" for face in QUADS[1:])
+    both = f"{head}{first}{rest}{tail.partition('</p>')[2]}"
+    return both.replace("<polylist", "<polygons").replace("</polylist>", "</polygons>")
 
 
 RIGHT = [3.0, 2.0, 3.0, 2.0]

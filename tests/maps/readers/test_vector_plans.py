@@ -226,6 +226,49 @@ def test_dimensions_and_leaders_are_no_walls(tmp_path):
     assert len(open_map(path).walls) == 2
 
 
+def test_what_may_be_walls_and_is_not_read_is_told(tmp_path):
+    """Filled areas, faces and references to other files by number; texts are none; hidden layers by name."""
+    drawing = ezdxf.new()
+    drawing.header["$INSUNITS"] = 6
+    drawing.layers.add("FURNITURE").freeze()
+    drawing.layers.add("OFF").off()
+    space = drawing.modelspace()
+    space.add_text("hall")
+    space.add_solid([(3, 2), (4, 2), (3, 3), (4, 3)])
+    space.add_trace([(5, 2), (6, 2), (5, 3), (6, 3)])
+    space.add_hatch().paths.add_polyline_path([(3, 2), (4, 2), (4, 3)])
+    drawing.add_xref_def("walls.dwg", "WALLS")
+    space.add_blockref("WALLS", (0, 0))
+    drawing.saveas(tmp_path / "none.dxf")
+    with pytest.raises(
+        MapError, match=r"no walls in it: left out: filled area \(2\), hatch \(1\), reference"
+    ):
+        open_map(tmp_path / "none.dxf")
+    space.add_lwpolyline(HALL)
+    space.add_line((2, 1), (2, 2), dxfattribs={"layer": "FURNITURE"})
+    drawing.saveas(tmp_path / "plan.dxf")
+    plan = open_map(tmp_path / "plan.dxf")
+    walls = "walls are lines, polylines, arcs, circles, ellipses and splines"
+    assert plan.remarks == (
+        f"left out: filled area (2), hatch (1), reference to another file (1); {walls}",
+        "read though hidden in the drawing: FURNITURE; name the layers of its walls",
+    )
+    assert open_map(tmp_path / "plan.dxf", layers=["0"]).remarks == plan.remarks[:1]
+
+
+def test_web_mercator_is_refused(tmp_path):
+    """Its metres are none on the ground; other projections are taken, whatever they are called."""
+    path = geojson(tmp_path / "plan.geojson", polygon([[x + 895000, y + 6900000] for x, y in HALL]))
+    told = json.loads(path.read_text())
+    for name, right in (("urn:ogc:def:crs:EPSG::3857", False), ("EPSG:900913", False), ("EPSG:25832", True)):
+        path.write_text(json.dumps({**told, "crs": {"type": "name", "properties": {"name": name}}}))
+        if right:
+            assert open_map(path).bounds[1].tolist() == [895008, 6900005]
+        else:
+            with pytest.raises(MapError, match="Web Mercator"):
+                open_map(path)
+
+
 def test_a_block_that_holds_itself(tmp_path):
     drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
     drawing.blocks.new("itself").add_blockref("itself", (1, 0))
@@ -251,6 +294,10 @@ BAD = {
     ),
     "open.geojson": ('{"type": "LineString", "coordinates": [[0, 0], [8, 0], [8, 5]]}', "enclose no area"),
     "deep.geojson": ('{"type": "Feature", "geometry": ' * 5000 + "{}" + "}" * 5000, "GeoJSON"),
+    "curve.geojson": (
+        '{"type": "GeometryCollection", "geometries": [{"type": "CircularString", "coordinates": [[0, 0]]}]}',
+        "circularstring",
+    ),
     "none.dxf": ("nothing", "not a DXF file"),
     "half.dxf": ("0\nSECTION\n2\nENTITIES\n0\nLINE\n8\nWALLS\n10\n0\n", "half.dxf: "),
     "plan.svg": ("<svg/>", "SVG is not read"),

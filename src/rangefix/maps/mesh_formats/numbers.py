@@ -23,6 +23,19 @@ def numbers_in(text: bytes, what: str) -> Array:
             raise ValueError(f"{what} that is no number") from None
 
 
+def refuse_half_number(text: bytes, vertices: int) -> None:
+    """Refuse a text that ends within a line, if its last number may be the first half of a vertex.
+
+    Raises:
+        ValueError: If it is.
+    """
+    last = (text[text.rfind(b"\n") + 1 :].split() or [b""])[-1]
+    if last == text[-len(last) :] and last.isdigit() and 10 * int(last) < vertices:
+        raise ValueError(
+            f"its last line ends with {int(last)} and no newline: cut short? If it is whole, end it with one"
+        )
+
+
 def whole(values: Array, what: str) -> np.ndarray:
     """Numbers as integers.
 

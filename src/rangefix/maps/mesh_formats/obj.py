@@ -26,12 +26,12 @@ def read_obj(path: Path) -> tuple[Array, IntArray]:
         .replace(b"\r", b"\n")
         .replace(b"\\\n", b" ")
     )
-    if content[content.rfind(b"\n") + 1 :].lstrip()[:2] in (b"v ", b"f "):
+    if content[content.rfind(b"\n") + 1 :].split()[:1] in ([b"v"], [b"f"]):
         raise ValueError("its last line has no end: cut short? If it is whole, end it with a newline")
     vertices, faces, before = [], [], []
     for line in content.split(b"\n"):
         if line.startswith((b"v ", b"v\t")):
-            vertices.append(line[2:])
+            vertices.append(line[2:].partition(b"#")[0])
         elif line.startswith((b"f ", b"f\t")):
             faces.append(line[2:].partition(b"#")[0])
             before.append(len(vertices))

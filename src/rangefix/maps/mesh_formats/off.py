@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array, IntArray
-from .numbers import numbers_in, whole
+from .numbers import numbers_in, refuse_half_number, whole
 from .triangulate import triangulated
 
 KINDS = (b"OFF", b"COFF", b"NOFF", b"CNOFF", b"STOFF")
@@ -28,6 +28,8 @@ def read_off(path: Path) -> tuple[Array, IntArray]:
     )
     lines = [line for line in lines if line.strip()]
     kind, _, rest = (lines[0].strip() if lines else b"").partition(b" ")
+    if kind in KINDS and rest.strip().upper() == b"BINARY":
+        raise ValueError("it is binary: save it as text")
     if kind not in KINDS:
         raise ValueError("its first word is not OFF")
     lines = [rest, *lines[1:]] if rest.strip() else lines[1:]
@@ -42,6 +44,9 @@ def read_off(path: Path) -> tuple[Array, IntArray]:
     if vertices == 0 or len(points) % vertices or len(points) < 3 * vertices:
         raise ValueError("its vertices have not all as many numbers, three or more")
     points = np.ascontiguousarray(points.reshape(vertices, -1)[:, :3])
+    refuse_half_number(content, vertices)
+    if len(lines) > 1 + vertices + faces:
+        raise ValueError(f"{faces} faces are announced, and more rows follow")
     rows = lines[1 + vertices : 1 + vertices + faces]
     counts = whole(numbers_in(b" ".join(row.split(None, 1)[0] for row in rows), "a count"), "a count")
     corners = [row.split()[1 : 1 + count] for row, count in zip(rows, counts.tolist(), strict=True)]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array, IntArray
-from .numbers import numbers_in, whole
+from .numbers import numbers_in, refuse_half_number, whole
 from .triangulate import triangulated
 
 HEAD = 1 << 16  # bytes in which the header ends
@@ -57,7 +57,7 @@ def read_ply(path: Path) -> tuple[Array, IntArray]:
     """
     with path.open("rb") as file:
         head = file.read(HEAD)
-    found = re.search(rb"^end_header[ \t]*(\r\n|\n|\r)", head, re.M)
+    found = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\n|\r)", head)
     if not re.match(rb"ply\s", head) or found is None:
         raise ValueError("no header of a .ply file")
     order, elements = _header(head[: found.start()].decode("ascii", "replace"))
@@ -67,7 +67,9 @@ def read_ply(path: Path) -> tuple[Array, IntArray]:
         counts = f"{told.get('vertex', 0)} vertices and {told.get('face', 0)} faces"
         raise ValueError(f"{counts} are announced in {size} bytes")
     if order == "":
-        rows: _Words | _Bytes = _Words(path.read_bytes()[found.end() :])
+        text = path.read_bytes()[found.end() :]
+        refuse_half_number(text.replace(b"\r", b"\n"), told.get("vertex", 0))
+        rows: _Words | _Bytes = _Words(text)
     else:
         rows = _Bytes(np.fromfile(path, np.uint8, offset=found.end()), order)
     points, faces = np.empty((0, 3)), (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
@@ -86,6 +88,8 @@ def read_ply(path: Path) -> tuple[Array, IntArray]:
             raise ValueError(f"{element.name} are not read: save it as faces")
         else:
             rows.lists(element, -1)
+    if rows.more():
+        raise ValueError("more follows than its header announces")
     points = np.ascontiguousarray(points)
     return points, triangulated(points, *faces)
 
@@ -143,6 +147,10 @@ class _Words:
                     lengths.append(length)
         return whole(np.concatenate(taken), "a corner"), np.array(lengths, dtype=np.int64)
 
+    def more(self) -> bool:
+        """Whether anything is left."""
+        return self.place < len(self.numbers)
+
     def _take(self, count: int) -> Array:
         if not 0 <= count <= len(self.numbers) - self.place:
             raise ValueError("it ends before its last row: cut short")
@@ -190,6 +198,10 @@ class _Bytes:
             if wanted >= 0:
                 taken.append(row[wanted].astype(np.int64))
         return np.concatenate(taken), np.array([len(each) for each in taken[1:]], dtype=np.int64)
+
+    def more(self) -> bool:
+        """Whether anything is left but blanks and zeros, as which some programs fill the last block."""
+        return bool(self.data[self.place :].tobytes().strip(b"\0 \t\r\n"))
 
     def _row(self, each: Property) -> np.ndarray:
         count = int(self._take(np.dtype(self.order + each.length), 1)[0]) if each.length else 1

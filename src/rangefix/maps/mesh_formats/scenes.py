@@ -14,6 +14,7 @@ from ...text_files import decoded
 from .triangulate import triangulated
 
 SURFACES = (4, 5)  # modes of glTF that are read: triangles and strips; those below are points and lines
+UNREAD = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"}
 TURNS = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 
 
@@ -32,13 +33,11 @@ def _read_gltf(path: str) -> tuple[Array, IntArray, str, float]:
 
     told = _told(Path(path))
     parts: list[Any] = [part for mesh in told.get("meshes", []) for part in mesh.get("primitives", [])]
-    for part in parts:
-        if part.get("mode", 4) > max(SURFACES):
-            raise ValueError("fans of triangles are not read: save it as triangles")
-        if strange := sorted(part.get("extensions", {}).keys() & {"KHR_draco_mesh_compression"}):
-            raise ValueError(f"{', '.join(strange)} is not read: save it without compression")
-    scene: Any = trimesh.load_scene(path, process=False, skip_materials=True)
     told_of = told.get("accessors", [])
+    _refuse_unread(told, parts)
+    _refuse_short_buffers(told, Path(path))
+    beside: Any = _Beside(trimesh.resolvers.FilePathResolver(path))
+    scene: Any = trimesh.load_scene(path, resolver=beside, process=False, skip_materials=True)
     if all(part.get("mode", 4) == 4 for part in parts):
         keys = [part.get("indices", part["attributes"]["POSITION"]) for part in parts]
         expected = sum(told_of[key]["count"] // 3 for key in keys)
@@ -50,7 +49,51 @@ def _read_gltf(path: str) -> tuple[Array, IntArray, str, float]:
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
     if not meshes:
         raise ValueError("there is no mesh in it")
+    for mesh in meshes:
+        if mesh.faces.size and not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
+            raise ValueError(f"a face refers to vertex {mesh.faces.max()} of {len(mesh.vertices)}")
     return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), "y", 1.0
+
+
+def _refuse_unread(told: dict[str, Any], parts: list[Any]) -> None:
+    """Refuse what the library passes over, so that surfaces would be elsewhere or not there at all."""
+    nodes, meshes, accessors = (told.get(name, []) for name in ("nodes", "meshes", "accessors"))
+    extensions = {name for each in (*parts, *nodes) for name in each.get("extensions", {})}
+    if strange := sorted(UNREAD & (extensions | {*told.get("extensionsRequired", [])})):
+        raise ValueError(f"{', '.join(strange)} is not read: save it without")
+    if any(part.get("mode", 4) > max(SURFACES) for part in parts):
+        raise ValueError("fans of triangles are not read: save it as triangles")
+    weighted = any(any(each.get("weights", [])) for each in (*nodes, *meshes))
+    if weighted or any("skin" in node for node in nodes):
+        raise ValueError("shapes that bones or weights move are not read: save it as it stands")
+    for part in parts:
+        used = [part.get("attributes", {}).get("POSITION"), part.get("indices")]
+        for accessor in [accessors[key] for key in used if key is not None]:
+            if "sparse" in accessor or accessor.get("normalized"):
+                raise ValueError("sparse or normalized numbers are not read: save it with plain ones")
+
+
+def _refuse_short_buffers(told: dict[str, Any], path: Path) -> None:
+    """Refuse files beside it that hold less than it says; one that is not there is left to the library."""
+    for buffer in told.get("buffers", []):
+        beside = path.parent / unquote(buffer.get("uri", ""))
+        if not buffer.get("uri", "data:").startswith("data:") and beside.is_file():
+            size = beside.stat().st_size
+            if size < buffer["byteLength"]:
+                raise ValueError(f"{beside.name} has {size} bytes, {buffer['byteLength']} are announced")
+
+
+class _Beside:
+    """What finds files beside a scene, whose names glTF writes as addresses, such as `my%20walls.bin`."""
+
+    def __init__(self, files: Any) -> None:
+        self.files = files
+
+    def get(self, name: str) -> Any:
+        """The content of a file."""
+        return self.files.get(unquote(name))
+
+    __getitem__ = get
 
 
 def buffers_named(path: Path) -> list[str]:
@@ -95,6 +138,7 @@ def _read_collada(path: str) -> tuple[Array, IntArray, str, float]:
         for part in geometry.primitives():
             if isinstance(part, collada.lineset.BoundLineSet) or part.vertex_index is None:
                 continue
+            _refuse_missing(part.original)
             vertices = np.asarray(part.vertex, dtype=np.float64)
             index = np.asarray(part.vertex_index, dtype=np.int64)
             counts = (
@@ -110,3 +154,13 @@ def _read_collada(path: str) -> tuple[Array, IntArray, str, float]:
     unit = scene.assetInfo.unitmeter
     up = TURNS.get(str(scene.assetInfo.upaxis), "y")
     return np.concatenate(points), np.concatenate(faces), up, 1.0 if unit is None else float(unit)
+
+
+def _refuse_missing(part: Any) -> None:
+    """Refuse faces with holes, which the library passes over, and fewer of them than are announced."""
+    kind = part.xmlnode.tag.rpartition("}")[2]
+    if any(child.tag.endswith("}ph") for child in part.xmlnode):
+        raise ValueError("faces with holes are not read: save it as triangles")
+    told, read = part.xmlnode.get("count"), len(part)
+    if kind in ("triangles", "polylist", "polygons") and told is not None and int(told) != read:
+        raise ValueError(f"{read} of {told} faces are read")

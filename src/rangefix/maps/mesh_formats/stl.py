@@ -33,9 +33,10 @@ def read_stl(path: Path) -> tuple[Array, IntArray]:
 
 def _in_text(content: bytes) -> Array:
     """Corners of the facets, one after the other."""
-    text = content.lower()
+    text = content.removeprefix(BOM_UTF8).lower().replace(b"\r", b"\n")
     if not text.rstrip().rpartition(b"\n")[2].lstrip().startswith(b"endsolid"):
         raise ValueError("no endsolid at its end: it is cut short")
+    text = re.sub(rb"^[ \t]*(end)?solid\b[^\n]*", b"", text, flags=re.M)  # a name may hold any word
     facets, ends = len(re.findall(rb"\bfacet\b", text)), len(re.findall(rb"\bendfacet\b", text))
     corners = re.findall(rb"\bvertex\b([^\n]*)", text)
     if facets != ends or len(corners) != 3 * facets:

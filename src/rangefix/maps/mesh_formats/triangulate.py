@@ -28,7 +28,8 @@ def triangulated(points: Array, corners: IntArray, counts: IntArray) -> IntArray
     if counts.size and counts.min() < 3:
         raise ValueError("a face of less than three corners")
     if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
-        raise ValueError(f"a face refers to vertex {corners.max()} of {len(points)}")
+        wrong = corners.min() if corners.min() < 0 else corners.max()
+        raise ValueError(f"a face refers to vertex {wrong}; there are {len(points)}, from 0 on")
     if (counts == 3).all():
         return corners.reshape(-1, 3)
     starts = np.cumsum(counts) - counts

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence, Set
 from pathlib import Path
 from typing import Any
 
 from ..base import MapError
 
 CURVES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
+OTHERS = {  # what may be walls, too, and is not read
+    "INSERT": "reference to another file", "MPOLYGON": "hatch", "HATCH": "hatch", "SOLID": "filled area",
+    "TRACE": "filled area", "3DFACE": "face in space", "MESH": "mesh", "REGION": "region", "BODY": "solid",
+    "3DSOLID": "solid", "SURFACE": "surface",
+}  # fmt: skip
 FREE_LAYER = "0"  # what is on it in a block is on the layer of the block's reference
 UNITLESS = 0
 METRES = {  # by the number that a header's $INSUNITS has
@@ -44,9 +50,34 @@ def parts(entities: Iterable[Any], layer: str = FREE_LAYER) -> Iterator[tuple[An
     for entity in entities:
         own = entity.dxf.get("layer", FREE_LAYER)
         own = layer if own == FREE_LAYER else own
-        if entity.dxftype() == "INSERT" and entity.mcount > 1:
+        if entity.dxftype() == "INSERT" and _is_elsewhere(entity):
+            yield entity, own
+        elif entity.dxftype() == "INSERT" and entity.mcount > 1:
             yield from parts(entity.multi_insert(), own)
         elif entity.dxftype() in ("INSERT", "MLINE"):
             yield from parts(entity.virtual_entities(), own)
         else:
             yield entity, own
+
+
+def _is_elsewhere(reference: Any) -> bool:
+    """Whether a reference is to another drawing, or to a block that is not there."""
+    block = reference.block()
+    return block is None or bool(block.block.is_xref)
+
+
+def left_out(kinds: Sequence[str]) -> list[str]:
+    """What is told of entities that are not read and may be walls, by the types of all that are not read."""
+    counts = Counter(OTHERS[kind] for kind in kinds if kind in OTHERS)
+    if not counts:
+        return []
+    named = ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))
+    return [f"left out: {named}; walls are lines, polylines, arcs, circles, ellipses and splines"]
+
+
+def hidden_layers(drawing: Any, read: Set[str]) -> list[str]:
+    """What is told of layers that were read and are not to be seen in the drawing."""
+    hidden = {layer.dxf.name for layer in drawing.layers if layer.is_off() or layer.is_frozen()} & read
+    if not hidden:
+        return []
+    return [f"read though hidden in the drawing: {', '.join(sorted(hidden))}; name the layers of its walls"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from pathlib import Path
@@ -17,7 +18,7 @@ from ...text_files import read_text
 from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import UNITS, refuse_encoding
-from .dxf_parts import CURVES, parts, stated_metres
+from .dxf_parts import CURVES, hidden_layers, left_out, parts, stated_metres
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 VECTORS = (".geojson", ".dxf")
 GEOJSON = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon", "MultiPolygon", "LineString",
            "MultiLineString")  # fmt: skip
+BROKEN = (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError)
+STRETCHED = re.compile(r"\b(3857|900913|102100|102113|3785)$")  # names of Web Mercator
 POINTS = ("Point", "MultiPoint")  # passed over
 LARGEST, SMALLEST = 300.0, 1.0  # m of a plan; beyond them its unit is asked for
 MOST_BYTES, MOST_CURVES = 1 << 27, 500_000
@@ -71,8 +74,9 @@ def read_geojson(
             points = sum(each.get("type") in POINTS for each in found)
             shapes = [shapely.geometry.shape(each) for each in found if each.get("type") not in POINTS]
             shapes = [shapely.force_2d(shape) for shape in shapes if not shape.is_empty]
-    except (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError) as error:
+    except (*BROKEN, shapely.errors.ShapelyError) as error:
         raise MapError(f"{path}: broken GeoJSON ({one_line(error)})") from None
+    _refuse_web_mercator(content, path)
     box = _box(shapes, path)
     if unit is None and (np.abs(box) <= [180, 90, 180, 90]).all():
         raise MapError(
@@ -117,12 +121,17 @@ def read_dxf(
     known = {layer.dxf.name for layer in drawing.layers} | {each.dxf.layer for each in drawing.modelspace()}
     if missing := sorted(set(layers or ()) - known):
         raise MapError(f"{path}: no layer {', '.join(missing)}; there are {', '.join(sorted(known))}")
-    lines = []
+    lines, others, drawn = [], [], set()
     try:
         for number, (entity, layer) in enumerate(islice(parts(drawing.modelspace()), MOST_CURVES + 1)):
             if number == MOST_CURVES:
                 raise MapError(f"{path}: more than {MOST_CURVES} entities; name the layers of its walls")
-            if entity.dxftype() in CURVES and (layers is None or layer in layers):
+            if layers is not None and layer not in layers:
+                continue
+            if entity.dxftype() not in CURVES:
+                others.append(entity.dxftype())
+            else:
+                drawn.add(layer)
                 curve = ezdxf.path.make_path(entity).flattening(SAGITTA / scale)
                 corners = [(corner.x, corner.y) for corner in curve]
                 lines += [shapely.LineString(corners)] if len(corners) > 1 else []
@@ -133,12 +142,15 @@ def read_dxf(
     except (ValueError, TypeError, ezdxf.DXFError) as error:
         raise MapError(f"{path}: a broken drawing ({one_line(error)})") from None
     lines = [line for line in lines if line.length > 0]
+    told = [*left_out(others), *([] if layers else hidden_layers(drawing, drawn))]
+    if not lines and told:
+        raise MapError(f"{path}: no walls in it: {told[0]}")
     box = _box(lines, path)
     size = (box[2:] - box[:2]) * scale
     if unit is None and stated is None and not SMALLEST <= size.max() <= LARGEST:
         sizes = [f"{' x '.join(f'{each * UNITS[name]:.4g}' for each in size)} m in {name}" for name in UNITS]
         raise MapError(f"{path}: give its unit: it would be {'; '.join(sizes)}")
-    return _plan_of(lines, scale, path, reachable_from)
+    return _plan_of(lines, scale, path, reachable_from, told)
 
 
 def _library(name: str, path: Path) -> Any:
@@ -159,6 +171,18 @@ def _check_bytes(path: Path) -> None:
     if path.stat().st_size > MOST_BYTES:
         raise MapError(f"{path}: has more than {MOST_BYTES} bytes: too large for a floor plan")
     refuse_encoding(path)
+
+
+def _refuse_web_mercator(content: dict[str, Any], path: Path) -> None:
+    """Refuse coordinates whose metres are none on the ground: 1.6 to one in the middle of Europe."""
+    crs = content.get("crs")
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = str(properties.get("name", "")) if isinstance(properties, dict) else ""
+    if STRETCHED.search(name):
+        raise MapError(
+            f"{path}: its coordinates are Web Mercator ({STRETCHED.findall(name)[0]}), whose metres are none "
+            "on the ground: project them to metres first, such as UTM"
+        )
 
 
 def _metres(unit: str, path: Path) -> float:
