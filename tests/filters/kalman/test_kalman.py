@@ -193,7 +193,16 @@ def test_iterating_comes_nearer_to_the_most_probable_state():
             ((FilterpyExtendedKalmanFilter, ExtendedKalmanFilter), [{"iterations": 0}, {"iterations": 1.5}]),
             (
                 (FilterpyUnscentedKalmanFilter, UnscentedKalmanFilter),
-                [{"alpha": 0.0}, {"alpha": NAN}, {"kappa": -2.0}, {"beta": INF}],
+                [
+                    *({"alpha": 0.0}, {"alpha": NAN}, {"kappa": -2.0}, {"beta": INF}),
+                    *(
+                        {"alpha": 1e-7},
+                        {"alpha": 1e-160},
+                        {"alpha": 1e200},
+                        {"kappa": 1e300},
+                        {"beta": 1e300},
+                    ),
+                ],
             ),
         )
         for make in makes

@@ -204,12 +204,16 @@ def test_velocity_prior_joins_by_name() -> None:
     assert float(prior.log_density(state)) == pytest.approx(-np.log(24.0) - np.log(2 * np.pi * 0.02))
 
 
+SLIT = FloorPlan([[0, 0], [10, 0], [10, 1e-5], [2, 1e-5], [2, 6], [0, 6]])  # a room with a slit to its right
+
+
 @pytest.mark.parametrize(
     ("make", "match"),
     [
         (lambda: Uniform(ROOM, SPEED), "not v1, v2"),
         (lambda: Uniform(ROOM, PLACE, lower=[5, 7], upper=[6, 8]), "no free space"),
         (lambda: Uniform(ROOM, PLACE, lower=[3, 3], upper=[2, 2]), "lower < upper"),
+        (lambda: Uniform(SLIT, PLACE, lower=[2.5, 0], upper=[9, 6]), "only 2e-06 of the box"),
         (lambda: Uniform(ROOM, PLACE, headings=(0.0, 1.0)), "the heading is known"),
         (lambda: Uniform(ROOM, POSE, headings=(1.0, 1.0)), "low < high"),
         (lambda: Uniform(ROOM, POSE, headings=(0.0, 7.0)), r"high <= low \+ 2 pi"),
@@ -270,3 +274,11 @@ def test_uniform_in_a_box_that_reaches_out_of_its_room() -> None:
     assert prior.area == pytest.approx(12.0, rel=1e-12)
     np.testing.assert_allclose(prior.mean, [1.5, 4.0], rtol=1e-12)
     np.testing.assert_allclose(prior.covariance, np.diag([9 / 12, 16 / 12]), rtol=1e-12, atol=1e-12)
+
+
+def test_draws_from_a_box_that_holds_little_of_its_room() -> None:
+    """However far it reaches out: looked for in all of it, none of 16 000 candidates was in the room."""
+    for corner in ([1.0, 1.0], [4.0 - 1e-9, 6.0 - 1e-9]):
+        drawn = Uniform(ROOM, PLACE, corner, [1e6, 1e7]).sample(20, np.random.default_rng(0))
+        assert (drawn >= corner).all()
+        assert (drawn <= [4.0, 6.0]).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
+from datetime import date, time
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ...filters.registry import BUILT_IN, file_of, resolve
 from ...maps import RectangularRoom
 from ..isolation import PluginInfo, signature_of
 from ..isolation.look import inspect_plugin
-from .mistakes import MOST_TOLD, Mistakes
+from .mistakes import MOST_TOLD, Mistakes, as_typed
 from .sections.estimators import EstimatorSection, Variant
 
 MOST_ESTIMATORS = 2000
@@ -176,6 +177,8 @@ def unfit_value(name: str, value: object, plugin: PluginInfo) -> str:
     """Why the value of an option of one of ours is of a wrong kind; "" if it is not."""
     if isinstance(value, bool) and name not in plugin.flags:
         return f"must be a number, got {str(value).lower()}"
+    if isinstance(value, date | time):
+        return f"must be a number, got {as_typed(value)}"
     if isinstance(value, str) and not isinstance(plugin.parameters.get(name), str):
         kind = "true or false" if name in plugin.flags else "a number"
         return f"must be {kind}, got {value!r}"

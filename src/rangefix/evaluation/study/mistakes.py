@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date, time
 from difflib import get_close_matches
 from itertools import islice
 from typing import Any, TypeVar
@@ -164,6 +165,17 @@ def _place(error: Any, raw: Any, model: type[BaseModel]) -> tuple[Path, type[Bas
     return (*path, last) if _holds(raw, last) or error["type"] == "missing" else path, model
 
 
+def as_typed(value: Any) -> str:
+    """A value as a study has it, where Python writes truth values and dates otherwise."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, date | time):
+        return str(value)
+    if isinstance(value, list):
+        return f"[{', '.join(map(as_typed, value))}]"
+    return repr(value)
+
+
 def _holds(raw: Any, part: Any) -> bool:
     return part in (raw if isinstance(raw, dict) else range(len(raw)) if isinstance(raw, list) else ())
 
@@ -200,5 +212,5 @@ def _sentence(error: Any, path: Path, model: type[BaseModel]) -> str:
         example = f' with, for example, kind = "{first}"' if first else ""
         return f"must be a table [{dotted(path)}]{example}"
     said = FORMS[kind].format(**context) if kind in FORMS else str(error["msg"])
-    shown = repr(value)
+    shown = as_typed(value)
     return f"{said}, got {shown if len(shown) <= MOST_SHOWN else shown[:MOST_SHOWN] + '...'}{example}"

@@ -12,6 +12,7 @@ from ..models.correlated import refuse_shared_errors
 from ..models.rangefinder import Rangefinder
 from ..problem import Problem, Sensor
 
+NEAREST, FARTHEST = 1e-5, 1e5  # of sigma points, standard deviations: 2e-5 of a deviation are lost there
 MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint covariance of its beams
 
 
@@ -80,6 +81,12 @@ class SigmaPointOptions(BriefRepr):
         if not (np.isfinite(options).all() and alpha > 0 and (kappa is None or size + kappa > 0)):
             raise ValueError(
                 f"sigma points need alpha > 0, finite beta and kappa > -{size}, got {alpha}, {beta}, {kappa}"
+            )
+        away = float(alpha) * np.sqrt(2.0 if kappa is None else size + float(kappa))
+        if not (NEAREST <= away <= FARTHEST and abs(beta) <= FARTHEST):
+            raise ValueError(
+                f"sigma points lie {away:.3g} standard deviations away, and beta is {beta:g}: "
+                f"take {NEAREST:g} to {FARTHEST:g}, and beta up to that, or rounding takes all digits"
             )
 
 

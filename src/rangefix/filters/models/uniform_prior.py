@@ -16,6 +16,7 @@ from ..problem import CanIntegrateFreeSpace, IsConvex, RangeMap
 from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
+LEAST_FREE = 1e-4  # of a box: in less, draws by rejection find nothing
 BATCHES = 1000  # of candidates before sampling gives up
 DRAWN_AT_LEAST = 16  # candidates in a batch
 
@@ -32,8 +33,8 @@ class Uniform:
             circle unless given. On the circle, where no mean direction is, the mean heading is said to be 0.
 
     Raises:
-        ValueError: If the box is empty or holds no free space, the space has other components, or the arc is
-            empty or given for a known heading.
+        ValueError: If the box is empty or less than 1e-4 of it is free, the space has other components, or
+            the arc is empty or given for a known heading.
     """
 
     room: RangeMap
@@ -51,6 +52,10 @@ class Uniform:
             raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {lower} and {upper}")
         if not self._place[0]:
             raise ValueError(f"the prior has no free space in the box from {lower} to {upper}")
+        if (share := float(self._place[0] / np.prod(upper - lower))) < LEAST_FREE:
+            raise ValueError(
+                f"only {share:.1g} of the box from {lower} to {upper} is free: give the prior a smaller one"
+            )
         if self.headings is not None:
             if not self.space.is_angle.any():
                 raise ValueError(
@@ -60,9 +65,15 @@ class Uniform:
 
     @cached_property
     def _box(self) -> tuple[Array, Array]:
-        """Corners of the box, m, (2,) each."""
+        """Corners of the box within the map's bounds, m, (2,) each."""
         given = zip((self.lower, self.upper), self.room.bounds, strict=True)
         lower, upper = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
+        if lower.shape == upper.shape == (2,):
+            ends = np.maximum(lower, self.room.bounds[0]), np.minimum(upper, self.room.bounds[1])
+            if (
+                ends[1] > ends[0]
+            ).all():  # else nothing is free in it, which is told of the box that was given
+                lower, upper = ends
         return read_only(lower), read_only(upper)
 
     @cached_property

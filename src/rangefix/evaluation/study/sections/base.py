@@ -17,6 +17,7 @@ from ....extensions import extensions
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Angle = Annotated[float, Field(ge=-3600, le=3600)]  # deg; further turns cost it its digits
 Size = Annotated[float, Field(gt=0, le=1e6)]  # of what stands on the ground, m
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 

@@ -22,7 +22,7 @@ from ....filters import (
 from ....filters.models.product_prior import WithHeading, WithVelocity
 from ....filters.problem import SpacedPrior
 from ....raster import Raster
-from .base import Misfit, Point, Positive, Section, misfits_of, refuse
+from .base import Angle, Misfit, Point, Positive, Section, misfits_of, refuse
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 MOST_CELLS = 20_000_000  # to look for the place of a box
@@ -32,7 +32,7 @@ LATTICE = 40  # steps along the shorter side of a box that looks for its place
 class PriorSection(Section):
     """What all kinds say of an unknown heading and of velocities."""
 
-    heading_deg: float | Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
+    heading_deg: Angle | Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = Field(
         default=None,
         description="mean of the heading, with heading_std_deg; or the ends of the arc that it lies in, "
         "clockwise, for example heading_deg = [350, 10]; without it any heading",

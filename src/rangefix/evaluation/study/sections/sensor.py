@@ -14,7 +14,7 @@ from ....filters.models.beam_noise import BeamMixture, Quantised
 from ....filters.models.correlated import Correlated, PlaceError
 from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT, check_spread
 from ....filters.models.wrapped_noise import LARGEST_BIAS_M, Biased, LostBeams, Tempered
-from .base import Misfit, NotNegative, Positive, Section
+from .base import Angle, Misfit, NotNegative, Positive, Section
 
 MOST_BEAMS = 100_000
 
@@ -181,8 +181,8 @@ class SensorSection(Section):
     """A rangefinder: its beams, clockwise from straight ahead, and its noise."""
 
     alternatives: ClassVar = (frozenset({"std_m", "noise"}), frozenset({"bearings_deg", "resolution_deg"}))
-    bearings_deg: Annotated[list[float], Field(min_length=1, max_length=MOST_BEAMS)] | None = None
-    resolution_deg: Positive | None = None
+    bearings_deg: Annotated[list[Angle], Field(min_length=1, max_length=MOST_BEAMS)] | None = None
+    resolution_deg: Annotated[float, Field(gt=0, le=360)] | None = None
     blind_sector_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     min_range_m: NotNegative = 0.0
     max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=True)] = float("inf")

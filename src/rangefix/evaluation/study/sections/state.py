@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ....arrays import Array, wrap
 from ....filters import StateSpace
-from .base import Misfit, Point, Section, refuse
+from .base import Angle, Misfit, Point, Section, refuse
 
 
 class StateSection(Section):
@@ -18,7 +18,7 @@ class StateSection(Section):
     heading: Literal["known", "unknown"] = Field(
         default="known", description='"unknown": it is estimated, from what [prior] says of it'
     )
-    heading_deg: float = Field(
+    heading_deg: Angle = Field(
         default=0.0,
         description='the known heading, clockwise from +x2; an unknown one: heading = "unknown", '
         "and heading_deg in [prior]",
@@ -47,7 +47,7 @@ class TruthSection(Section):
 
     draw: Literal["prior"] = Field(default="prior", alias="from")
     at_m: Point | None = None
-    heading_deg: float | None = None
+    heading_deg: Angle | None = None
     velocity_m_per_s: Point | None = None
 
     @model_validator(mode="after")
