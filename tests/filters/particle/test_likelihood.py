@@ -95,14 +95,19 @@ def test_steps_in_a_box_are_those_of_the_long_way(readings: int, thorough: bool,
         assert (ends[0][0] != states).any(axis=1).mean() > 0.3
 
 
-def test_a_box_with_a_corner_in_a_wall_is_not_free() -> None:
+def test_a_box_is_free_in_a_convex_map_and_not_known_to_be_elsewhere() -> None:
+    """What of it lies out of the map's bounds is cut off."""
     space = position_space()
     sensor = Rangefinder(ROOM, BEARINGS, Gaussian(0.05), space)
     whole, wider = Uniform(ROOM, space), Uniform(ROOM, space, [-1.0, 0.0], [4.0, 6.0])
     assert whole.is_box
-    assert not wider.is_box
-    assert Likelihood.of(sensor, wider).box is None
+    assert wider.is_box
+    np.testing.assert_array_equal(wider.support, whole.support)
+    for prior in (whole, wider):
+        np.testing.assert_array_equal(Likelihood.of(sensor, prior).box, [[0.0, 0.0], [4.0, 6.0]])
     plan = FloorPlan([(0, 0), (4, 0), (4, 3), (2, 3), (2, 6), (0, 6)])
-    assert not Uniform(plan, space, [0.0, 0.0], [1.0, 1.0]).is_box  # nobody says that plans are convex
+    corner = Uniform(plan, space, [0.0, 0.0], [1.0, 1.0])
+    assert not corner.is_box  # nobody says that plans are convex
+    assert Likelihood.of(Rangefinder(plan, BEARINGS, Gaussian(0.05), space), corner).box is None
     points = np.array([[0.0, 0.0], [4.0, 6.0], [4.0 + 1e-12, 3.0], [-1e-300, 3.0], [np.nan, 1.0]])
     np.testing.assert_array_equal(whole.log_density(points) > -np.inf, ROOM.is_free(points))
