@@ -21,7 +21,7 @@ from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
 from .belief import check_joint_beams, refuse_noise
-from .no_returns import is_counted, log_returned
+from .no_returns import is_counted, log_besides_innovation
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,7 +137,7 @@ class EnsembleKalmanFilter(BriefRepr):
             return members, -np.inf
         log_determinant = np.linalg.slogdet(spread)[1]
         log_density = float(-0.5 * (square + log_determinant + len(innovation) * LOG_TWO_PI))
-        log_density += float(np.sum(log_returned(sensor.noise, centre, used)))
+        log_density += float(np.sum(log_besides_innovation(sensor.noise, centre, used)))
         return moved, log_density + self._missing_returns(moved, reading)
 
     def _missing_returns(self, members: Array, reading: Array) -> float:

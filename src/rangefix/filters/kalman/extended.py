@@ -13,7 +13,7 @@ from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
 from .batch import GaussianFilter, accept_definite, condition, look, refuse_impossible
 from .belief import GaussianBelief, LinearisedOptions
-from .no_returns import log_returned
+from .no_returns import log_besides_innovation
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,6 +59,6 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
                 np.moveaxis(belief.covariance, 0, -1), slope, innovation, noise, used.T
             )
             point = space.wrap(belief.mean + step.T)
-        log_density = log_density + log_returned(sensor.noise, expected, used)
+        log_density = log_density + log_besides_innovation(sensor.noise, expected, used)
         log_density = refuse_impossible(sensor, measurement, log_density)
         return accept_definite(belief, point, np.moveaxis(covariance, -1, 0), log_density)

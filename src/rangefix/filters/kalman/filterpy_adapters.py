@@ -20,7 +20,7 @@ from ..models.wrapped_noise import reading_bias
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
 from .belief import GaussianBelief, LinearisedOptions, SigmaPointOptions, check_joint_beams
-from .no_returns import log_returned, with_missing_returns
+from .no_returns import log_besides_innovation, with_missing_returns
 
 
 class OneRunFilter:
@@ -100,7 +100,7 @@ class FilterpyExtendedKalmanFilter(OneRunFilter, LinearisedOptions):
                 Hx=lambda _, ahead=ahead: ahead,
             )
             point = space.wrap(ekf.x)
-            returned = log_returned(sensor.noise, np.where(used, expected, 0.0), used)
+            returned = log_besides_innovation(sensor.noise, np.where(used, expected, 0.0), used)
             result = _checked(belief, point, ekf.P, ekf.y, ekf.S, float(returned))
             if not np.isfinite(point).all():
                 point = belief.mean
@@ -164,7 +164,7 @@ class FilterpyUnscentedKalmanFilter(OneRunFilter, SigmaPointOptions):
         rows = iter(expected[:, used])
         centre = _mean_about_first(np.where(used, expected, 0.0), ukf.Wm)
         ukf.update(measurement[used], np.diag(sensor.noise.variance(centre)[used]), hx=lambda _: next(rows))
-        returned = float(log_returned(sensor.noise, centre, used))
+        returned = float(log_besides_innovation(sensor.noise, centre, used))
         return _checked(belief, space.wrap(ukf.x), ukf.P, ukf.y, ukf.S, returned)
 
     def _unscented(self, belief: GaussianBelief, beams: int) -> Any:

@@ -5,7 +5,7 @@ belief off, which then is no Gaussian any more; so the filters here leave mean a
 probability they can give: that of the belief after the readings that did return, linearised at its mean. One
 such reading on a linear problem is counted exactly. Of several each is counted as if the others were not
 known, and later readings as if it had not been seen. Where noise loses beams, one that returned counts with
-the probability that it did, beside the density of its innovation.
+the probability that it did, beside the density of its innovation. A power of a density counts as one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
 from ..models.beam_noise import SURELY_POSITIVE, BeamMixture
 from ..models.noise import Gaussian, RangeProportional, ScaledNoise
 from ..models.rangefinder import Rangefinder, some_beams
-from ..models.wrapped_noise import LostBeams, WrapsNoise, law_and_weight, reading_bias
+from ..models.wrapped_noise import LostBeams, WrapsNoise, law_and_weight, reading_bias, wider_gaussian
 from ..problem import Noise, Sensor
 from .belief import GaussianBelief
 
@@ -57,15 +57,22 @@ def is_counted(sensor: Sensor, measurement: Array) -> BoolArray:
     return np.asarray((np.isneginf(measurement) & (sensor.min_range > 0)) | silent)
 
 
-def log_returned(noise: Noise, expected: Array, used: BoolArray) -> Array | float:
-    """Log probability that the beams that were used (M, B) returned where these ranges are expected, (M,).
+def log_besides_innovation(noise: Noise, expected: Array, used: BoolArray) -> Array | float:
+    """Log of the factors that densities of the beams used (M, B) have besides those of innovations, (M,).
 
-    It is a factor of each reading's density that its innovation's lacks; 0 unless noise loses beams.
+    That beams returned where these ranges are expected: none unless noise loses beams. And of noise whose
+    densities are raised to a power w: with v its variance, N(y; r, v)^w is N(y; r, v / w), by which filters
+    take readings in, times (2 pi v)^((1 - w) / 2) / sqrt(w).
     """
     law, weight = law_and_weight(noise)
-    if isinstance(law, ScaledNoise):
-        return 0.0
-    return np.asarray(weight * sum_terms(np.where(used, _log_finite(law, expected), 0.0).T))
+    total: Array | float = 0.0
+    if not isinstance(law, ScaledNoise):
+        total = weight * sum_terms(np.where(used, _log_finite(law, expected), 0.0).T)
+    if weight < 1 and wider_gaussian(noise) is None:
+        variance = law.variance(np.where(used, expected, 1.0))
+        logs = 0.5 * ((1 - weight) * (LOG_TWO_PI + np.log(variance)) - np.log(weight))
+        total = total + sum_terms(np.where(used, logs, 0.0).T)
+    return total if isinstance(total, float) else np.asarray(total)
 
 
 def _log_finite(noise: Noise, expected: Array) -> Array:

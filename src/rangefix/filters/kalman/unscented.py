@@ -13,7 +13,7 @@ from ..models.wrapped_noise import reading_bias
 from ..problem import Problem, Sensor
 from .batch import GaussianFilter, accept_definite, cholesky, condition, refuse_impossible
 from .belief import GaussianBelief, SigmaPointOptions
-from .no_returns import log_returned
+from .no_returns import log_besides_innovation
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,7 +71,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
             )
         else:
             moved, spread, log_density = self._by_many(arms, slopes, innovation.T, noise, used.T)
-        log_density = log_density + log_returned(sensor.noise, centre, used)
+        log_density = log_density + log_besides_innovation(sensor.noise, centre, used)
         log_density = refuse_impossible(sensor, measurement, log_density)
         mean, spread = space.wrap(belief.mean + moved.T), np.moveaxis(spread, -1, 0)
         informed = np.asarray(used.any(axis=1))
