@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from ...errors import one_line
-from ...evaluation.recordings.log import Log
-from ...evaluation.recordings.readers.claimed_poses import is_claimed, read_claimed
+from ...evaluation.recordings.readers.claimed_poses import is_claimed
 from ...evaluation.recordings.replays import Contestant
 from ...filters import Problem, build
 from ...filters.registry import BUILT_IN
@@ -63,14 +62,3 @@ def refuse_options(contestants: list[Contestant], problem: Problem) -> None:
             raise ValueError(f"--option {contestant.name}: {one_line(error)}") from None
         except Exception:  # of a plug-in's code, or of memory: its row says so
             continue
-
-
-def refuse_unreadable(contestants: list[Contestant], log: Log) -> None:
-    """Refuse poses of an estimator that ran elsewhere which cannot be read, before any other begins.
-
-    Raises:
-        RecordingError: If there are such.
-    """
-    for contestant in contestants:
-        if is_claimed(contestant.name):
-            read_claimed(contestant.name, log)

@@ -152,10 +152,11 @@ def replay(
     import numpy as np
 
     from ...evaluation.recordings.open_log import open_log
+    from ...evaluation.recordings.readers.claimed_poses import is_claimed
     from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
-    from .contestants import read_contestants, refuse_options, refuse_unreadable
+    from .contestants import read_contestants, refuse_options
     from .replay_table import document, notes_of, show
     from .sensor_file import SensorFile, read_sensor
     from .start import read_start, refuse_outside
@@ -201,7 +202,9 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
-    refuse_unreadable(contestants, recording)
+    for contestant in contestants:
+        if is_claimed(contestant.name):
+            replays.claimed_poses(contestant)  # what cannot be read is refused before any other begins
     if first.warning:
         warn(first.warning)
     odd = odd_about(room)  # told already, when the map was opened

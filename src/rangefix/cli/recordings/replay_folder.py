@@ -74,9 +74,9 @@ class ReplayFolder:
                         older.unlink()
                     elif (older / "metadata.yaml").is_file():  # a bag
                         rmtree(older)
-                for path in sorted(
-                    part.iterdir(), key=lambda path: path.name != TABLE
-                ):  # it names the others
+                files = list(part.iterdir())
+                files.sort(key=lambda path: path.name != TABLE)  # first the table, which names the others
+                for path in files:
                     goal = self.path / path.name
                     if goal.is_dir():
                         rmtree(goal)

@@ -111,9 +111,7 @@ class Lookout:
     def take_claimed(self, step: Step, mean: Array, covariance: Array) -> Fit:
         """The same of a belief of which its moments are all that is known."""
         before = self.move(step)
-        moments = mean[None], covariance[None]
-        draws = gaussian_draws(*moments, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
-        self._states = np.asarray(draws[0], dtype=float)
+        self._states = self._gaussian(mean[None], covariance[None])
         return self._watch.take(step.measurement, before, self._states, step.odometry)
 
     def move(self, step: Step) -> Array:
@@ -127,8 +125,14 @@ class Lookout:
         draws = sample_belief(estimator, belief, DRAWS_OF_BELIEF, [self._rng])
         if draws is None:
             claimed = estimator.estimate(belief)
-            moments = np.asarray(claimed.mean, dtype=float), np.asarray(claimed.covariance, dtype=float)
-            draws = gaussian_draws(*moments, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
+            return self._gaussian(
+                np.asarray(claimed.mean, dtype=float), np.asarray(claimed.covariance, dtype=float)
+            )
+        return np.asarray(draws[0], dtype=float)
+
+    def _gaussian(self, mean: Array, covariance: Array) -> Array:
+        """Draws from a Gaussian of these moments, (1, 3) and (1, 3, 3)."""
+        draws = gaussian_draws(mean, covariance, DRAWS_OF_BELIEF, self._problem.space, [self._rng])
         return np.asarray(draws[0], dtype=float)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from ..results.folder import file_name
 from ..seeds import stream as random_stream
 from .log import Log, RecordingError
 from .pose_files import PoseFiles
-from .readers.claimed_poses import NEAR_S, is_claimed, read_claimed
+from .readers.claimed_poses import NEAR_S, TOPIC, ClaimedPoses, is_claimed, read_claimed
 from .readers.rosbag import RosbagLog
 from .readers.track import Track
 from .readers.tum import read_tum
@@ -33,7 +34,6 @@ from .trace import Trace
 LONGEST_GAP_S = 1.0  # between two true poses, across which none is interpolated
 PICTURES = 4  # of beliefs, from the first step to the last
 TRUTH_IS_ODOMETRY = "odometry"
-TOPIC = "topic:"
 PARTICLES, PARTICLES_ANYWHERE = 2000, 20_000  # at first: from a start that is known, or anywhere
 LEAST_PARTICLES = 1000  # once the belief needs no more
 LONGEST_NAME = 100  # letters of an estimator's label in the names of its files
@@ -120,6 +120,22 @@ class Replays:
             poses = read_tum(Path(self.truth))
         return truth_by_time(Track(poses, LONGEST_GAP_S, "true poses", tally))
 
+    def claimed_poses(self, contestant: Contestant) -> ClaimedPoses:
+        """The poses of an estimator that ran elsewhere, which are read once.
+
+        Raises:
+            RecordingError: If there are none, one is not finite, or none has a covariance.
+        """
+        known, name = self._claimed, contestant.name
+        if name not in known:
+            known[name] = read_claimed(name, self.log)
+        return known[name]
+
+    @cached_property
+    def _claimed(self) -> dict[str, ClaimedPoses]:
+        """What was read of them, by name."""
+        return {}
+
     def problem(self, first: Survey) -> Problem:
         """What estimators are told.
 
@@ -185,8 +201,7 @@ class Replays:
         try:
             source, truth = steps(self.log, self.choice), self.true_poses()
             if is_claimed(contestant.name):
-                claimed = read_claimed(contestant.name, self.log)
-                believed = recorded(claimed, problem, source, truth, self.seed, lost)
+                believed = recorded(self.claimed_poses(contestant), problem, source, truth, self.seed, lost)
             else:
                 estimator = build(contestant.name, problem, **options)
                 believed = replay(estimator, problem, source, truth, self.seed, shown, lost)

@@ -175,9 +175,7 @@ def _options_fit(
 
 def unfit_value(name: str, value: object, plugin: PluginInfo) -> str:
     """Why the value of an option of one of ours is of a wrong kind; "" if it is not."""
-    if isinstance(value, bool) and name not in plugin.flags:
-        return f"must be a number, got {str(value).lower()}"
-    if isinstance(value, date | time):
+    if isinstance(value, date | time) or (isinstance(value, bool) and name not in plugin.flags):
         return f"must be a number, got {as_typed(value)}"
     if isinstance(value, str) and not isinstance(plugin.parameters.get(name), str):
         kind = "true or false" if name in plugin.flags else "a number"

@@ -69,11 +69,9 @@ class Uniform:
         given = zip((self.lower, self.upper), self.room.bounds, strict=True)
         lower, upper = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
         if lower.shape == upper.shape == (2,):
-            ends = np.maximum(lower, self.room.bounds[0]), np.minimum(upper, self.room.bounds[1])
-            if (
-                ends[1] > ends[0]
-            ).all():  # else nothing is free in it, which is told of the box that was given
-                lower, upper = ends
+            low, high = np.maximum(lower, self.room.bounds[0]), np.minimum(upper, self.room.bounds[1])
+            if (high > low).all():  # else nothing of it is free, which is told of the box as it was given
+                lower, upper = low, high
         return read_only(lower), read_only(upper)
 
     @cached_property

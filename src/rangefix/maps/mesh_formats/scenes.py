@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -75,12 +76,20 @@ def _refuse_unread(told: dict[str, Any], parts: list[Any]) -> None:
 
 def _refuse_short_buffers(told: dict[str, Any], path: Path) -> None:
     """Refuse files beside it that hold less than it says; one that is not there is left to the library."""
-    for buffer in told.get("buffers", []):
-        beside = path.parent / unquote(buffer.get("uri", ""))
-        if not buffer.get("uri", "data:").startswith("data:") and beside.is_file():
+    for name, buffer in _buffers_beside(told):
+        beside = path.parent / name
+        if beside.is_file():
             size = beside.stat().st_size
             if size < buffer["byteLength"]:
                 raise ValueError(f"{beside.name} has {size} bytes, {buffer['byteLength']} are announced")
+
+
+def _buffers_beside(told: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Names of the files beside it that hold its numbers, and what it says of them."""
+    for buffer in told.get("buffers", []):
+        address = buffer.get("uri", "data:")
+        if not address.startswith("data:"):
+            yield unquote(address), buffer
 
 
 class _Beside:
@@ -104,8 +113,7 @@ def buffers_named(path: Path) -> list[str]:
         ValueError: If it is broken.
     """
     try:
-        named = [buffer.get("uri", "data:") for buffer in _told(path).get("buffers", [])]
-        return [unquote(uri) for uri in named if not uri.startswith("data:")]
+        return [name for name, _ in _buffers_beside(_told(path))]
     except (AttributeError, TypeError) as error:
         raise ValueError(f"{path}: no list of buffers") from error
 

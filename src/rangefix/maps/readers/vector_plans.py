@@ -178,9 +178,9 @@ def _refuse_web_mercator(content: dict[str, Any], path: Path) -> None:
     crs = content.get("crs")
     properties = crs.get("properties") if isinstance(crs, dict) else None
     name = str(properties.get("name", "")) if isinstance(properties, dict) else ""
-    if STRETCHED.search(name):
+    if found := STRETCHED.search(name):
         raise MapError(
-            f"{path}: its coordinates are Web Mercator ({STRETCHED.findall(name)[0]}), whose metres are none "
+            f"{path}: its coordinates are Web Mercator ({found[1]}), whose metres are none "
             "on the ground: project them to metres first, such as UTM"
         )
 

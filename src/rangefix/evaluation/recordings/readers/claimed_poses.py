@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ....arrays import Array, wrap
-from ....text_files import NotText, line_in_utf8, refuse_other_text
 from ..log import Log, RecordingError
 from .rosbag import RosbagLog
+from .text_lines import table_lines
 
 TOPIC, TABLE = "topic:", ".csv"  # what such a name begins or ends with
 POSE = ("time_s", "x1_m", "x2_m", "heading_deg")
@@ -62,7 +61,7 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
             raise RecordingError(f"{name}: only bags have topics; write the poses into a .csv")
         rows = list(log.claimed_poses(name.removeprefix(TOPIC)))
     else:
-        rows = list(_lines(Path(name)))
+        rows = list(_poses_of_table(Path(name)))
     if not rows:
         raise RecordingError(f"{name} holds no pose")
     times, means, covariances = (np.array([row[part] for row in rows], dtype=float) for part in range(3))
@@ -72,28 +71,17 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
     return ClaimedPoses(times[order], means[order], covariances[order])
 
 
-def _lines(path: Path) -> Iterable[tuple[float, Array, Array]]:
-    try:
-        with open(path, "rb") as file:
-            refuse_other_text(file.read(4096))
-        with open(path, encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
-            table = csv.reader(line_in_utf8(text, number) for number, text in enumerate(file, start=1))
-            names = [cell.strip() for cell in next(table, [])]
-            if missing := [name for name in (*POSE, *COVARIANCE) if name not in names]:
-                raise RecordingError(
-                    f"{path}: no column {', '.join(missing)}; a table of poses has "
-                    f"{', '.join((*POSE, *COVARIANCE))}, headings clockwise from +x2"
-                )
-            places = [names.index(name) for name in (*POSE, *COVARIANCE)]
-            for cells in table:
-                if cells:
-                    yield _row(path, table.line_num, cells, places)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from None
-    except NotText as error:
-        raise RecordingError(f"{path}: {error}") from None
-    except csv.Error:
-        raise RecordingError(f"{path} is no table of text") from None
+def _poses_of_table(path: Path) -> Iterator[tuple[float, Array, Array]]:
+    lines = table_lines(path)
+    names = [cell.strip() for cell in next(lines, (0, []))[1]]
+    if missing := [name for name in (*POSE, *COVARIANCE) if name not in names]:
+        raise RecordingError(
+            f"{path}: no column {', '.join(missing)}; a table of poses has "
+            f"{', '.join((*POSE, *COVARIANCE))}, headings clockwise from +x2"
+        )
+    places = [names.index(name) for name in (*POSE, *COVARIANCE)]
+    for number, cells in lines:
+        yield _row(path, number, cells, places)
 
 
 def _row(path: Path, number: int, cells: list[str], places: list[int]) -> tuple[float, Array, Array]:

@@ -7,7 +7,6 @@ docs/recordings.md.
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,17 +21,16 @@ from numpy.lib import format as npy
 
 from ....arrays import Array, wrap
 from ....errors import one_line
-from ....text_files import NotText, line_in_utf8
 from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingError, Scan, beyond
 from ..options import ReadingOptions
 from .file_log import FileLog
 from .sweeps import with_ends
+from .text_lines import table_lines
 
 POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
 LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")
 RANGE = "range_m@"
 ARRAYS = ("time_s", "ranges_m", "bearings_deg", "odometry")
-LONGEST_LINE = 1 << 22  # characters
 UNMEASURED = ("", "nan")
 
 
@@ -82,7 +80,7 @@ class TableLog(FileLog):
 
     @cached_property
     def _columns(self) -> list[str]:
-        for _, cells in self._lines():
+        for _, cells in table_lines(self.path):
             names = [cell.strip() for cell in cells]
             known = {"time_s", *POSE, *LASER}
             for mark in ";\t":
@@ -159,7 +157,7 @@ class TableLog(FileLog):
         columns = self._columns
         if "time_s" not in columns:
             raise RecordingError(f"{self.path}: no column time_s")
-        for number, cells in islice(self._lines(), 1, None):
+        for number, cells in islice(table_lines(self.path), 1, None):
             if len(cells) != len(columns):
                 raise RecordingError(
                     f"{self.path}, line {number}: {len(cells)} cells, where there are {len(columns)} columns"
@@ -170,23 +168,6 @@ class TableLog(FileLog):
                 cell = str(error).partition(": ")[2]
                 raise RecordingError(f"{self.path}, line {number}: {cell} is no number") from None
             yield dict(zip(columns, values, strict=True))
-
-    def _lines(self) -> Iterator[tuple[int, list[str]]]:
-        try:
-            with open(self.path, encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
-                number = 0
-                while text := file.readline(LONGEST_LINE):
-                    number += 1
-                    if len(text) == LONGEST_LINE:
-                        raise RecordingError(f"{self.path}, line {number}: too long for a line of a table")
-                    if text.strip():
-                        yield number, next(csv.reader([line_in_utf8(text, number)]))
-        except OSError as error:
-            raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from None
-        except NotText as error:
-            raise RecordingError(f"{self.path}: {error}") from None
-        except csv.Error:
-            raise RecordingError(f"{self.path} is no table of text") from None
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from ....arrays import Array
-from ....text_files import LOOKED_AT, NotText, line_in_utf8, refuse_other_text
 from ..log import RecordingError, heading_of, pose_from_ros
+from .text_lines import text_lines
 from .transforms import rigid_of
 
 MOST_TILT_DEG = 45.0  # of a robot on its floor
-LONGEST_LINE = 1 << 16  # characters
 
 
 def read_tum(path: Path) -> Iterator[tuple[float, Array]]:
@@ -27,21 +26,9 @@ def read_tum(path: Path) -> Iterator[tuple[float, Array]]:
         RecordingError: If it cannot be read, a line is no pose, or there is none.
     """
     some = False
-    try:
-        with open(path, "rb") as file:
-            refuse_other_text(file.read(LOOKED_AT))
-        with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:
-            number = 0
-            while text := file.readline(LONGEST_LINE):
-                number += 1
-                if not text.strip() or text.lstrip().startswith("#"):
-                    continue
-                yield _read_line(path, number, line_in_utf8(text, number))
-                some = True
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from None
-    except NotText as error:
-        raise RecordingError(f"{path}: {error}") from None
+    for number, text in text_lines(path, comment="#"):
+        yield _read_line(path, number, text)
+        some = True
     if not some:
         raise RecordingError(f"{path} holds no pose: each line is time, x, y, z, qx, qy, qz, qw")
 
