@@ -25,7 +25,7 @@ from rangefix.arrays import Array
 from rangefix.evaluation import load_study
 from rangefix.evaluation.planning.cells import Cells, check_plannable, turned
 from rangefix.evaluation.planning.selection import Planner
-from rangefix.evaluation.planning.whole_sets import covariances_after, criterion_of
+from rangefix.evaluation.planning.whole_sets.covariances import covariances_after, criterion_of, exact_filter
 from rangefix.filters import (
     Gaussian,
     Problem,
@@ -72,9 +72,9 @@ def problem_in(name: str, building: Path) -> Problem:
 def traces(problem: Problem, bearings: Array, states: Array, rng: np.random.Generator) -> Array:
     """Trace of P of x1 and x2 after some beams, for each true state, m^2."""
     sensor = turned(check_plannable(problem), bearings)
-    found = covariances_after(replace(problem, sensor=sensor), sensor.sample(states, rng))
-    assert found is not None  # the heading is known, and the noise is Gaussian
-    return criterion_of(found, "trace")
+    exact = exact_filter(replace(problem, sensor=sensor))
+    assert exact is not None  # the heading is known, and the noise is Gaussian
+    return criterion_of(covariances_after(exact, sensor.sample(states, rng)), "trace")
 
 
 def spread_over_sets(

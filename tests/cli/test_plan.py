@@ -38,16 +38,20 @@ def test_a_plan_in_words_and_as_json(capsys: pytest.CaptureFixture[str], tmp_pat
 
 
 def test_what_a_plan_may_have_missed_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    """3 cm were promised in a hall where 1 truth in 300 is metres off: none was among those of the plan."""
+    """Of 200 000 truths those that look like other places are among 1000: 3 in 200 000 may be missed."""
     assert call("plan", "paper", "--beams", "2", *FEW) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "for a heading that is known to be 0 deg; by exchange, of 5 directions." in text
-    assert "over 1000 truths. Wrong places that fewer than 1 truth in 333 leaves open may not be" in text
+    assert (
+        "over 1000 truths, chosen from 200000 so that those that are easily mistaken for other places" in text
+    )
+    assert "Wrong places that fewer than 1 truth in 66667 leaves open may be missed, by ± too" in text
     assert "run the study with bearings_deg = [0, -90]." in text
     assert call("plan", "paper", "--beams", "2", *FEW, "--adaptive", "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["known_heading_deg"] == 0
     assert [beam["truths"] for beam in told["beams"]] == [0, 4]
+    assert [beam["truths_looked_at"] for beam in told["beams"]] == [0, 4]
     assert call("map-accuracy", "paper", "--step-m", "1") == 0
     assert "3 beams at heading 0 deg." in capsys.readouterr().out
 

@@ -230,9 +230,16 @@ def _show(name: str, found: Plan, seconds: list[float], problem: Problem) -> Non
     )
     if found.adaptive:
         screen.say("Times of updates are of as many beams, spread evenly.")
-    if truths := found.steps[-1].truths:
-        told = f"The last line is an average over {truths} truths. Wrong places that fewer than 1 truth in "
-        told += f"{truths / RARE:.0f} leaves open may not be among them, nor in ±"
+    last = found.steps[-1]
+    if last.truths:
+        told = f"The last line is an average over {last.truths} truths"
+        if last.looked_at > last.truths:
+            told += (
+                f", chosen from {last.looked_at} so that those that are easily mistaken for other places are "
+            )
+            told += "among them"
+        told += f". Wrong places that fewer than 1 truth in {last.looked_at / RARE:.0f} leaves open may be "
+        told += "missed, by ± too"
         if not found.adaptive:
             chosen = [f"{_degrees(step.bearing):.6g}" for step in found.steps if step.bearing is not None]
             told += f": before you claim it, run the study with bearings_deg = [{', '.join(chosen)}]"
@@ -261,6 +268,7 @@ def _document(name: str, found: Plan, seconds: list[float], problem: Problem) ->
                 "value": step.value,
                 "standard_error": step.error,
                 "truths": step.truths,
+                "truths_looked_at": step.looked_at,
                 "update_s": second,
             }
             for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1)

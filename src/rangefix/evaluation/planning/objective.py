@@ -17,7 +17,8 @@ from .cells import Cells, beams_alike, check_plannable, posterior_cells, prior_c
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance
 from .one_beam import noise_width
 from .reading_table import SharedTables
-from .whole_sets import covariances_after, criterion_of, truths_of
+from .whole_sets.covariances import Accuracy, covariances_after, criterion_of, exact_filter, truths_of
+from .whole_sets.look_alike_truths import look_alike_truths
 
 FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the best of these by usual cells
 MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
@@ -103,35 +104,49 @@ class Objective:
     def _readings(self, chosen: Sequence[int], truths: int, purpose: str) -> Array:
         """Readings of some candidates at so many truths, m, (M, b): the same whatever others are read."""
         states = self.problem.prior.sample(truths, stream(self.seed, f"plan {purpose}", 0))
+        return self._read_at(states, chosen, purpose)
+
+    def _read_at(self, states: Array, chosen: Sequence[int], purpose: str) -> Array:
+        """Readings of some candidates at states (M, n), m, (M, b)."""
         readings = []
         for beam in chosen:
             rng = stream(self.seed, f"plan {purpose} {beam}", 0)
             readings.append(some_beams(self.sensor, np.array([beam])).sample(states, rng)[:, 0])
         return np.stack(readings, axis=1)
 
-    def accuracy(self, chosen: Sequence[int], truths: int, purpose: str) -> tuple[Array, Array]:
-        """E[P] after two or more candidates, and the criterion for each of so many truths, or `truths_of`."""
+    def accuracy(self, chosen: Sequence[int], truths: int, purpose: str) -> Accuracy:
+        """What is expected after two or more candidates, over so many truths, or as `_after_all`."""
         found = self._after_all(chosen, purpose)
         if found is not None:
-            return found.mean(axis=0), criterion_of(found, self.criterion)
+            return found
         beliefs = self.beliefs(chosen[:-1], 0, truths, purpose)
         results = [self.expected(belief, [chosen[-1]]) for belief in beliefs]
         covariance = np.mean([each.covariance[0] for each in results], axis=0)
-        return covariance, np.array([each.objective(self.criterion)[0] for each in results])
+        values = np.array([each.objective(self.criterion)[0] for each in results])
+        error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+        return Accuracy(covariance, float(values.mean()), error, len(values), len(values))
 
-    def _after_all(self, chosen: Sequence[int], purpose: str) -> Array | None:
-        """P after some candidates for many truths, the same for a purpose: see `covariances_after`."""
+    def _after_all(self, chosen: Sequence[int], purpose: str) -> Accuracy | None:
+        """What is expected after some candidates over many truths; None without an `exact_filter`."""
         if self.criterion == "information":
             return None
-        readings = self._readings(chosen, truths_of(self.problem), purpose)
-        return covariances_after(self.problem_with(chosen), readings)
+        problem = self.problem_with(chosen)
+        exact = exact_filter(problem)
+        if exact is None:
+            return None
+        count, rng = truths_of(problem), stream(self.seed, f"plan {purpose}", 0)
+        truths = look_alike_truths(exact, count, rng)
+        covariances = covariances_after(exact, self._read_at(truths.states, chosen, purpose))
+        value, error = truths.mean(criterion_of(covariances, self.criterion))
+        covariance = np.mean(truths.weights[:, None, None] * covariances, axis=0)
+        return Accuracy(covariance, value, error, count, truths.looked_at)
 
     def mean_after(self, chosen: Sequence[int]) -> float | None:
         """The criterion after a set of candidates, over truths by which all sets are compared."""
         known, key = self._means_known, frozenset(chosen)
         if key not in known:
             found = self._after_all(sorted(chosen), "sets")
-            known[key] = None if found is None else float(criterion_of(found, self.criterion).mean())
+            known[key] = None if found is None else found.value
         return known[key]
 
     @cached_property

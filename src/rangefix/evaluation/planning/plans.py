@@ -20,8 +20,10 @@ class Step:
         value: The criterion after it: m^2, m^4 for det, nats of this beam for information.
         error: Standard error of the value, of the drawn truths; 0 for the first beam, which draws none.
         objective: The criterion for each candidate as it was chosen, (D,); NaN where it was not asked for.
-        truths: Over how many drawn truths the value is averaged; 0 where none is drawn. What is rarer than
-            about 3 in so many may not have been met, and is then missing from value and error.
+        truths: Over how many drawn truths the value is averaged; 0 where none is drawn.
+        looked_at: From how many these were chosen, so that places which are easily mistaken for others are
+            among them: what is rarer than about 3 in so many may not have been met, and is then missing
+            from value and error.
     """
 
     bearing: float | None
@@ -30,6 +32,7 @@ class Step:
     error: float
     objective: Array
     truths: int = 0
+    looked_at: int = 0
 
     @property
     def position_std(self) -> float:

@@ -26,6 +26,7 @@ from .cells import Cells, cells_of, coarse_cells
 from .expected_covariance import Criterion
 from .objective import Objective
 from .plans import Plan, Step
+from .whole_sets.covariances import Accuracy
 
 Method = Literal["greedy", "exchange", "exhaustive"]
 METHODS: tuple[str, ...] = get_args(Method)
@@ -42,7 +43,7 @@ class Planner:
         candidates: Bearings that may be chosen, rad, (D,).
         criterion: What is made as small as possible, or as large for information.
         truths: Draws from the prior over which it is averaged while beams are looked for, from the second on.
-            What is found is compared, and its accuracy told, over more where `covariances_after` can.
+            What is found is compared, and its accuracy told, over more where `exact_filter` can.
         seed: Of the draws.
         tell: Told what is being done.
 
@@ -125,20 +126,21 @@ class Planner:
             objective = np.full(len(self.candidates), np.nan)
             if count == 0:
                 objective = self.objective.first.copy()
-                found = self.objective.expected(self.prior, [last])
-                covariance, values = found.covariance[0], found.objective(self.criterion)
-                objective[last] = values[0]
+                first = self.objective.expected(self.prior, [last])
+                objective[last] = first.objective(self.criterion)[0]
+                found = Accuracy(first.covariance[0], float(objective[last]), 0.0, 0, 0)
             else:
                 purpose = f"accuracy {count}"
                 truths = self.truths * (2 if count == len(chosen) - 1 else 1)
-                covariance, values = self.objective.accuracy(chosen[: count + 1], truths, purpose)
+                found = self.objective.accuracy(chosen[: count + 1], truths, purpose)
                 if everywhere:
                     some = self.objective.beliefs(chosen[:count], 0, PICTURED, purpose)
                     objective = np.mean([self.objective.values(belief) for belief in some], axis=0)
-            error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
-            bearing = float(self.candidates[last])
-            value, truths = self.objective.shown(float(values.mean())), len(values) if count else 0
-            steps.append(Step(bearing, covariance, value, error, objective, truths))
+            bearing, value = float(self.candidates[last]), self.objective.shown(found.value)
+            step = Step(
+                bearing, found.covariance, value, found.error, objective, found.truths, found.looked_at
+            )
+            steps.append(step)
         return steps
 
     def _adaptive(self, beams: int) -> list[Step]:
@@ -163,7 +165,9 @@ class Planner:
                 readings[place] = np.append(readings[place], self._read_at(state, best, rng))
             error = float(np.std(values, ddof=1) / np.sqrt(len(values)))
             value = self.objective.shown(float(np.mean(values)))
-            steps.append(Step(None, np.mean(covariances, axis=0), value, error, shown, len(values)))
+            steps.append(
+                Step(None, np.mean(covariances, axis=0), value, error, shown, len(values), len(values))
+            )
         return steps
 
     def belief_after(self, chosen: Sequence[int], readings: Array, before: Cells | None = None) -> Cells:

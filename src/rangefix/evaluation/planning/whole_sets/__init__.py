@@ -1,0 +1,1 @@
+"""How accurate a position is after all beams of a set, rare wrong places included."""
