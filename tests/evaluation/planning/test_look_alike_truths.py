@@ -34,8 +34,9 @@ def added_by_the_board() -> float:
 
     A beam ahead that met the board from x2 would read the same at x2 + D beside the board and behind it, D
     from the board to the wall. What the other beam reads leaves a probability q of an x1 within the board.
-    Where x2 + D lies before the board the odds of the two places are q to 1 - q, and their variance D^2 q (1 - q).
-    Where it lies behind, x1 may be any there: the odds are q to 1, and D^2 q / (1 + q)^2 counts 1 + q times.
+    Where x2 + D lies before the board the odds of the two places are q to 1 - q, and their variance is
+    D^2 q (1 - q). Where it lies behind, x1 may be any there: the odds are q to 1, and D^2 q / (1 + q)^2
+    counts 1 + q times.
     """
     x1 = np.linspace(LEFT - 0.01, RIGHT + 0.01, 20_001)
     q = norm.cdf((x1 - LEFT) / STD) - norm.cdf((x1 - RIGHT) / STD)

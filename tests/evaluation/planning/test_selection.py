@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from rangefix.evaluation.planning.beam_sets import BeamSets
 from rangefix.evaluation.planning.cells import Cells, posterior_cells
 from rangefix.evaluation.planning.expected_covariance import expected_covariance
 from rangefix.evaluation.planning.reading_table import SharedTables
@@ -180,6 +181,38 @@ def test_candidates_in_two_stages_miss_none_that_matters() -> None:
         assert every[best] <= 1.005 * every.min()
         assert objective[best] == pytest.approx(covariance[:2, :2].trace())
         assert objective.shape == every.shape
+
+
+class Told:
+    """An objective whose values are told: the same for every belief, and 0.1 % apart for the two best."""
+
+    candidates = np.zeros(4)
+    truths = 32
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def beliefs(self, chosen: list[int], first: int, end: int, purpose: str) -> list[None]:
+        self.asked += 1
+        return [None] * (end - first)
+
+    def values(self, belief: None, beams: list[int]) -> np.ndarray:
+        return np.array([9.0, 1.0, 1.001, 2.0])[beams]
+
+    def summed(self, beliefs: list[None], beams: list[int]) -> np.ndarray:
+        return len(beliefs) * self.values(None, beams)
+
+
+def test_what_stands_in_the_place_of_a_beam_is_kept_unless_another_is_worth_it() -> None:
+    """Whatever was asked before beside the same beams; the same question is worked out once."""
+    told = Told()
+    sets = BeamSets(told, lambda text: None)  # type: ignore[arg-type]
+    assert sets._best([0]) == 1
+    assert sets._best([0], 2) == 2  # it was answered by what had been asked before: 1
+    assert sets._best([0], 3) == 1
+    asked = told.asked
+    assert [sets._best([0], each) for each in (1, 2, 3)] == [1, 2, 1]
+    assert told.asked == asked
 
 
 @pytest.mark.parametrize("on_circle", [False, True])

@@ -110,8 +110,8 @@ class BeamSets:
         return ordered + left
 
     @cached_property
-    def _best_known(self) -> dict[frozenset[int], int]:
-        """What `_best` has found, by the beams that were chosen before."""
+    def _best_known(self) -> dict[frozenset[int], dict[int | None, int]]:
+        """What `_best` has found, by the other beams, and then by what was to be taken instead."""
         return {}
 
     def _best(self, chosen: Sequence[int], instead: int | None = None) -> int:
@@ -124,24 +124,30 @@ class BeamSets:
             chosen: The others.
             instead: What is taken unless another is better by more than WORTH.
         """
-        known, key = self._best_known, frozenset(chosen)
-        if key not in known:
-            count, first = len(self.objective.candidates), min(FIRST_TRUTHS, self.objective.truths)
-            beliefs = self.objective.beliefs(chosen, 0, first, "choice")
-            found, coarse = np.full(count, np.inf), coarse_candidates(count)
-            found[coarse] = self.objective.summed(beliefs, coarse.tolist())
-            if len(coarse) < count:
-                near = candidates_near(coarse, found[coarse], FINE_PLACES, count)
-                found[near] = self.objective.summed(beliefs, near.tolist())
-            found[list(chosen)] = np.inf
-            sectors = np.array_split(np.arange(count), min(SECTORS, count))
-            short = np.array([sector[np.argmin(found[sector])] for sector in sectors])
-            short = short[np.isfinite(found[short])]
-            short = short[np.argsort(found[short])[:FINALISTS]]
-            if instead is not None and instead not in short:
-                short = np.append(short, instead)
-            known[key] = self._race(chosen, beliefs, short, instead)
-        return known[key]
+        known = self._best_known.setdefault(frozenset(chosen), {})
+        if instead is not None and instead in known.values():
+            return instead  # it was best already, on the same truths: it stays
+        if instead not in known:
+            known[instead] = self._searched(chosen, instead)
+        return known[instead]
+
+    def _searched(self, chosen: Sequence[int], instead: int | None) -> int:
+        """What `_best` answers, worked out anew."""
+        count, first = len(self.objective.candidates), min(FIRST_TRUTHS, self.objective.truths)
+        beliefs = self.objective.beliefs(chosen, 0, first, "choice")
+        found, coarse = np.full(count, np.inf), coarse_candidates(count)
+        found[coarse] = self.objective.summed(beliefs, coarse.tolist())
+        if len(coarse) < count:
+            near = candidates_near(coarse, found[coarse], FINE_PLACES, count)
+            found[near] = self.objective.summed(beliefs, near.tolist())
+        found[list(chosen)] = np.inf
+        sectors = np.array_split(np.arange(count), min(SECTORS, count))
+        short = np.array([sector[np.argmin(found[sector])] for sector in sectors])
+        short = short[np.isfinite(found[short])]
+        short = short[np.argsort(found[short])[:FINALISTS]]
+        if instead is not None and instead not in short:
+            short = np.append(short, instead)
+        return self._race(chosen, beliefs, short, instead)
 
     def _race(
         self, chosen: Sequence[int], beliefs: list[Cells], finalists: IntArray, instead: int | None
