@@ -8,11 +8,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from rangefix.evaluation.planning import time_left
 from rangefix.evaluation.planning.beam_sets import BeamSets
 from rangefix.evaluation.planning.cells import Cells, posterior_cells
 from rangefix.evaluation.planning.expected_covariance import expected_covariance
 from rangefix.evaluation.planning.reading_table import SharedTables
 from rangefix.evaluation.planning.selection import Planner
+from rangefix.evaluation.planning.time_left import TimeLeft
 from rangefix.evaluation.planning.whole_sets.covariances import covariances_after, exact_filter
 from rangefix.filters import Gaussian, Problem, Rangefinder, sweep, velocity_space
 from rangefix.filters.models.rangefinder import some_beams
@@ -213,6 +215,38 @@ def test_what_stands_in_the_place_of_a_beam_is_kept_unless_another_is_worth_it()
     asked = told.asked
     assert [sets._best([0], each) for each in (1, 2, 3)] == [1, 2, 1]
     assert told.asked == asked
+
+
+def test_how_long_a_search_takes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the first truths of the first choice, then by the choices so far; nothing where it is short."""
+    now = [0.0]
+    monkeypatch.setattr(time_left, "monotonic", lambda: now[0])
+    clock = TimeLeft()
+    clock.begin(3, 7)
+    assert clock.told("beam 2") == "beam 2"
+    now[0] = 5.0
+    assert clock.guess()
+    assert clock.told("beam 2") == "beam 2; 5 s so far, some 60 s to 2 min left"
+    now[0] = 30.0
+    clock.made()
+    assert not clock.guess()
+    clock.made(searched=False)
+    assert clock.told("beam 3") == "beam 3; 30 s so far, some 30 s to 2 min left"
+    clock.begin(2, 2)
+    now[0] = 31.0
+    clock.made()
+    assert clock.told("beam 2") == "beam 2"
+
+
+def test_a_search_tells_its_time_before_its_first_choice_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it is long, which here all are; each way to choose says so."""
+    monkeypatch.setattr(time_left, "BRIEF_S", -1.0)
+    for options in ({"method": "exchange"}, {"method": "exhaustive"}, {"adaptive": True}):
+        told: list[str] = []
+        Planner(make_problem(0.05), EVEN[::4], truths=4, tell=told.append).plan(2, **options)  # type: ignore[arg-type]
+        timed = [text for text in told if text.endswith(" left")]
+        assert timed, told
+    assert timed[0].startswith("choosing beam 2 of 2, after the readings before it: truth 2 of 4; ")
 
 
 @pytest.mark.parametrize("on_circle", [False, True])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from math import comb
@@ -14,6 +14,7 @@ from ...arrays import IntArray
 from .candidates import candidates_near, coarse_candidates
 from .cells import Cells
 from .objective import Objective
+from .time_left import TimeLeft
 
 FIRST_TRUTHS = 16  # with which many candidates are compared, and by which more are added
 FINE_PLACES = 12  # of them, about which all are
@@ -33,20 +34,24 @@ class BeamSets:
     Args:
         objective: What is made as small as possible.
         tell: Told what is being done.
+        time: Knows how many choices there are, and tells how long they go on.
     """
 
     objective: Objective
     tell: Tell
+    time: TimeLeft = field(default_factory=TimeLeft)
 
     def greedy(self, beams: int) -> list[int]:
         """So many candidates, one after the other, each the best beside those before it."""
         chosen: list[int] = []
         for count in range(beams):
-            self.tell(f"choosing beam {count + 1} of {beams}")
+            text = f"choosing beam {count + 1} of {beams}"
+            self.tell(self.time.told(text))
             if count == 0:
                 chosen.append(int(np.argmin(self.objective.first)))
+                self.time.begin(self.time.least, self.time.most)  # the first beam tells nothing of the others
             else:
-                chosen.append(self._best(chosen))
+                chosen.append(self._best(chosen, text=text))
         return chosen
 
     def exchanged(self, chosen: list[int]) -> list[int]:
@@ -59,9 +64,10 @@ class BeamSets:
         for turn in range(PASSES):
             before = list(chosen)
             for place in range(len(chosen)):
-                self.tell(f"exchange {turn + 1}: beam {place + 1} of {len(chosen)}")
+                text = f"exchange {turn + 1}: beam {place + 1} of {len(chosen)}"
+                self.tell(self.time.told(text))
                 others = chosen[:place] + chosen[place + 1 :]
-                other = self._best(others, chosen[place])
+                other = self._best(others, chosen[place], text)
                 if other == chosen[place]:
                     continue
                 if self.objective.is_better(others, other, chosen[place], f"check {turn} {place}"):
@@ -87,13 +93,17 @@ class BeamSets:
             )
         if beams == 1:
             return self.greedy(1)
+        sets = comb(count - 1, beams - 1)
+        self.time.begin(sets, sets)
         tried: list[tuple[float, list[int]]] = []
         for others in combinations(range(count - 1), beams - 1):
-            self.tell(f"sets with candidates {', '.join(str(each + 1) for each in others)}")
+            text = f"sets with candidates {', '.join(str(each + 1) for each in others)}"
+            self.tell(self.time.told(text))
             last = list(range(others[-1] + 1, count))
             beliefs = self.objective.beliefs(others, 0, self.objective.truths, "choice")
             values = np.mean([self.objective.values(belief, last) for belief in beliefs], axis=0)
             tried += [(float(value), [*others, each]) for value, each in zip(values, last, strict=True)]
+            self.time.made()
         best = [chosen for _, chosen in sorted(tried)[:FINAL_SETS]]
         means = [self.objective.mean_after(chosen) for chosen in best]
         first = int(np.argmin([np.inf if mean is None else mean for mean in means]))
@@ -114,7 +124,7 @@ class BeamSets:
         """What `_best` has found, by the other beams, and then by what was to be taken instead."""
         return {}
 
-    def _best(self, chosen: Sequence[int], instead: int | None = None) -> int:
+    def _best(self, chosen: Sequence[int], instead: int | None = None, text: str = "") -> int:
         """The candidate that brings most beside others, or one that brings hardly less.
 
         Some candidates, and then those about the best of these, on a few truths; of the best of each sector
@@ -123,20 +133,25 @@ class BeamSets:
         Args:
             chosen: The others.
             instead: What is taken unless another is better by more than WORTH.
+            text: What is being done, in words.
         """
         known = self._best_known.setdefault(frozenset(chosen), {})
         if instead is not None and instead in known.values():
-            return instead  # it was best already, on the same truths: it stays
-        if instead not in known:
-            known[instead] = self._searched(chosen, instead)
+            known[instead] = instead  # it was best already, on the same truths: it stays
+        searched = instead not in known
+        if searched:
+            known[instead] = self._searched(chosen, instead, text)
+        self.time.made(searched)
         return known[instead]
 
-    def _searched(self, chosen: Sequence[int], instead: int | None) -> int:
+    def _searched(self, chosen: Sequence[int], instead: int | None, text: str) -> int:
         """What `_best` answers, worked out anew."""
         count, first = len(self.objective.candidates), min(FIRST_TRUTHS, self.objective.truths)
         beliefs = self.objective.beliefs(chosen, 0, first, "choice")
         found, coarse = np.full(count, np.inf), coarse_candidates(count)
         found[coarse] = self.objective.summed(beliefs, coarse.tolist())
+        if self.time.guess():
+            self.tell(self.time.told(text))
         if len(coarse) < count:
             near = candidates_near(coarse, found[coarse], FINE_PLACES, count)
             found[near] = self.objective.summed(beliefs, near.tolist())

@@ -20,12 +20,13 @@ from ...filters import Problem, Rangefinder
 from ...filters.models.rangefinder import some_beams
 from ...filters.refined_cells.coarse_cells import CoarseCells
 from ..seeds import stream
-from .beam_sets import BeamSets, Tell
+from .beam_sets import PASSES, BeamSets, Tell
 from .candidates import candidates_near, coarse_candidates
 from .cells import Cells, cells_of, coarse_cells
 from .expected_covariance import Criterion
 from .objective import Objective
 from .plans import Plan, Step
+from .time_left import TimeLeft
 from .whole_sets.covariances import Accuracy
 
 Method = Literal["greedy", "exchange", "exhaustive"]
@@ -73,7 +74,11 @@ class Planner:
     @cached_property
     def sets(self) -> BeamSets:
         """Sets of candidates that are chosen before any is read."""
-        return BeamSets(self.objective, self.tell)
+        return BeamSets(self.objective, self.tell, self._time)
+
+    @cached_property
+    def _time(self) -> TimeLeft:
+        return TimeLeft()
 
     @property
     def sensor(self) -> Rangefinder:
@@ -108,6 +113,8 @@ class Planner:
             )
         if adaptive:
             return Plan(self.candidates, self.criterion, "adaptive", True, tuple(self._adaptive(beams)))
+        least, most = (beams, PASSES * beams) if method == "exchange" else (0, 0)
+        self._time.begin(beams - 1 + least, beams - 1 + most)
         chosen = self.sets.exhaustive(beams) if method == "exhaustive" else self.sets.greedy(beams)
         if method == "exchange" and beams > 1:
             chosen = self.sets.exchanged(chosen)
@@ -152,10 +159,13 @@ class Planner:
         chosen = [list(first) for _ in states]
         readings = [self._read_at(state, first[0], rng) for state in states]
         beliefs: list[Cells | None] = [None] * len(states)
+        self._time.begin((beams - 1) * len(states), (beams - 1) * len(states))
         for count in range(1, beams):
-            self.tell(f"choosing beam {count + 1} of {beams}, after the readings before it")
             covariances, values, shown = [], [], np.zeros(len(self.candidates))
             for place, (state, mine) in enumerate(zip(states, chosen, strict=True)):
+                run = f"truth {place + 1} of {len(states)}"
+                text = f"choosing beam {count + 1} of {beams}, after the readings before it: {run}"
+                self.tell(self._time.told(text))
                 beliefs[place] = belief = self.belief_after(mine, readings[place], beliefs[place])
                 best, covariance, objective = self.next_beam(belief)
                 covariances.append(covariance)
@@ -163,6 +173,7 @@ class Planner:
                 shown += objective / len(states)
                 mine.append(best)
                 readings[place] = np.append(readings[place], self._read_at(state, best, rng))
+                self._time.made()
             error = float(np.std(values, ddof=1) / np.sqrt(len(values)))
             value = self.objective.shown(float(np.mean(values)))
             steps.append(
