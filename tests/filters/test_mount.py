@@ -57,13 +57,6 @@ def test_left_moves_to_the_left() -> None:
     assert right.expected(state) == pytest.approx([3.0], abs=1e-9)
 
 
-def test_poses_there_and_back() -> None:
-    """The place of the robot is found from that of its laser."""
-    poses = np.random.default_rng(1).uniform(-3, 3, (50, 3))
-    back = MOUNT.robot_poses(MOUNT.laser_poses(poses))
-    np.testing.assert_allclose(back, poses, atol=1e-12)
-
-
 def test_slopes_are_those_of_differences() -> None:
     """`jacobian` and `look` against central differences of `expected`: to 1e-7."""
     sensor = Rangefinder(ROOM, BEARINGS, Gaussian(0.1), pose_space(), mount=MOUNT)

@@ -56,15 +56,6 @@ class Mount:
         moved[..., 2] -= self.yaw
         return moved
 
-    def robot_poses(self, poses: Array) -> Array:
-        """Where the robot is where the laser is, the reverse of `laser_poses`: (..., 3) -> (..., 3)."""
-        if self.is_plain:
-            return poses
-        moved = np.array(poses, dtype=float)
-        moved[..., 2] += self.yaw
-        moved[..., :2] -= self.offset(moved[..., 2])
-        return moved
-
     def offset(self, heading: Array) -> Array:
         """From the robot's reference point to the laser, in the axes of the map: (...) rad -> (..., 2) m."""
         sine, cosine = np.sin(heading), np.cos(heading)

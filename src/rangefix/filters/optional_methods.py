@@ -95,7 +95,7 @@ class CanTellDirection(Protocol[Asked]):
     def resultant(self, belief: Asked) -> Array:
         """Length of the mean resultant vector |E exp(i heading)|, 0 to 1, (M,).
 
-        Below `rangefix.filters.space.NO_DIRECTION` the heading has no circular mean: what `estimate` gives
+        Below `rangefix.filters.space.LEAST_RESULTANT` the heading has no circular mean: what `estimate` gives
         for it is one direction among many, and mean and covariance of the heading mean nothing.
         """
 

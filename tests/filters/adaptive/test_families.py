@@ -20,7 +20,7 @@ from rangefix.filters.adaptive.range_table import TABLE_RAYS
 from rangefix.filters.adaptive.target import STATE_COST, WORK, TooManyCells, Work
 from rangefix.filters.exact import ExactPositionFilter
 from rangefix.filters.optional_methods import numerical_error
-from rangefix.filters.space import NO_DIRECTION, deviations_apart
+from rangefix.filters.space import LEAST_RESULTANT, deviations_apart
 from rangefix.maps import FloorPlan
 
 from ..families import FINE, HEADING, POSITION, Drawn, draw
@@ -76,10 +76,10 @@ def compared(family: str, number: int) -> Found | None:
     """
     problem = draw(family, number)
     mean, covariance, stated, resultant, seconds = answer(problem, 0.02, WORK)
-    if resultant < 2 * NO_DIRECTION:
+    if resultant < 2 * LEAST_RESULTANT:
         return None
     finer, spread, sure, direction, _ = answer(problem, 0.002, 50 * WORK, FINER_TABLE_RAYS)
-    if direction < NO_DIRECTION:
+    if direction < LEAST_RESULTANT:
         return Found(np.inf, np.inf, stated, seconds, 0.0)
     std = np.sqrt(np.diag(spread))
     off = np.abs(problem.problem.space.difference(mean, finer)) / std

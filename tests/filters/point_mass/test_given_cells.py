@@ -17,7 +17,7 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.point_mass import PointMassFilter
-from rangefix.filters.space import NO_DIRECTION
+from rangefix.filters.space import LEAST_RESULTANT
 from rangefix.maps import RectangularRoom
 
 ROOM, SPACE = RectangularRoom(4.0, 6.0), position_space()
@@ -94,7 +94,7 @@ def test_headings_without_a_mean_are_told(headings: tuple[float, float] | None) 
     weights, turns = estimator.posterior(belief), np.exp(1j * estimator.grid.centres[:, 2])
     np.testing.assert_allclose(estimator.resultant(belief), np.abs(weights @ turns), atol=1e-9)
     if headings is None:
-        assert (estimator.resultant(belief) < NO_DIRECTION).all()
+        assert (estimator.resultant(belief) < LEAST_RESULTANT).all()
         assert np.isinf(estimator.error(belief)).all()
     else:
         assert (estimator.error(belief) < 0.2).all()

@@ -28,7 +28,7 @@ DRAWS_OF_POSES = 64, 256  # on lattices; the second where the first leave more t
 ACCURATE_SHARE = 0.03
 CHECKED = 4  # one in so many poses is found on another lattice too, which tells the error
 MIN_BEAMS_OF_POSES = 3  # posteriors of fewer fill the room, and take seconds each on a lattice
-NO_DIRECTION = 4.0  # a mean direction of less than so many standard errors of the samples is none
+DIRECTION_ERRORS = 4.0  # standard errors of the samples that a mean direction has at the least: less is none
 MAX_ERROR = 0.1  # deviations; of a heading without a mean none is known
 ACCURACY = 0.005  # asked of lattices, in deviations of the posterior
 ACCURACY_OF_POSES = 0.1  # the same; what it errs by is in the error, and averages out
@@ -129,7 +129,7 @@ def _over_samples(problem: Problem, samples: int) -> Answer:
     def answer(_: Array, readings: Array) -> Array:
         found = poses.posteriors(readings)
         shares = 1 / np.maximum(found.effective, 1.0)
-        undirected = found.direction < NO_DIRECTION * np.sqrt(shares)
+        undirected = found.direction < DIRECTION_ERRORS * np.sqrt(shares)
         covariance = np.where((found.effective > 0)[:, None, None], found.covariance, 0.0)
         mean = np.where((found.effective > 0)[:, None], found.mean, np.asarray(problem.prior.mean))
         told = (_filled(values, covariance) for values in (shares, undirected))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, BoolArray
 from ...extensions import extensions
-from ...filters.space import NO_DIRECTION
+from ...filters.space import LEAST_RESULTANT
 from ..results import BeliefScores, HalfArray, SavedBounds, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
@@ -105,7 +105,7 @@ class RunBlock:
     def undirected(self) -> BoolArray | None:
         """Which have headings so evenly spread that none is their mean, (K,)."""
         lengths = self.diagnostics.get("mean_resultant")
-        return None if lengths is None else np.asarray(lengths < NO_DIRECTION)
+        return None if lengths is None else np.asarray(lengths < LEAST_RESULTANT)
 
     @property
     def inaccurate(self) -> BoolArray | None:

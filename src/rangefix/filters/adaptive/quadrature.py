@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtri, lambertw
 
 from ...arrays import Array, BoolArray
-from ..space import LEAST_VARIANCE, NO_DIRECTION, resultant_error
+from ..space import LEAST_RESULTANT, LEAST_VARIANCE, resultant_error
 from .lattice import Lattice, Taken
 from .moments import Moments, is_cut, moments_of, sums_about
 
@@ -106,7 +106,7 @@ class Quadrature:
         """The same as `error`, without a look at whether headings have a mean: finer lattices may tell."""
         if not self.modes:
             return 0.0
-        if not self.checks or self.moments.resultant < NO_DIRECTION:
+        if not self.checks or self.moments.resultant < LEAST_RESULTANT:
             return np.inf
         if all(check.log_integral == -np.inf for check in self.checks):
             return np.inf
@@ -124,7 +124,7 @@ class Quadrature:
         if not self.modes or error == np.inf:
             return error
         angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
-        if self.moments.resultant - resultant_error(error, angles.max(initial=0.0)) < NO_DIRECTION:
+        if self.moments.resultant - resultant_error(error, angles.max(initial=0.0)) < LEAST_RESULTANT:
             return np.inf
         return error + self._wrong(self._spreads_about(error * self._deviations))
 

@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import NO_DIRECTION, deviations_apart, is_definite, resultant_error
+from ..space import LEAST_RESULTANT, deviations_apart, is_definite, resultant_error
 from .belief import PointMassBelief, mixed, runs_of, some_runs
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
@@ -212,8 +212,8 @@ class PointMassFilter(BriefRepr):
         place = space.names.index("heading")
         variances = belief.estimate.covariance[:, place, place]
         off = resultant_error(error, variances)
-        for run in np.flatnonzero(~(1 - variances / 2 - off >= NO_DIRECTION)):
-            lacking[run] = not self._resultant(belief, int(run)) - off[run] >= NO_DIRECTION
+        for run in np.flatnonzero(~(1 - variances / 2 - off >= LEAST_RESULTANT)):
+            lacking[run] = not self._resultant(belief, int(run)) - off[run] >= LEAST_RESULTANT
         return lacking
 
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:
