@@ -20,6 +20,7 @@ from rangefix.cli import main
 from rangefix.cli.app import app, doing
 from rangefix.cli.main import overview
 from rangefix.cli.maps import gather_bearings
+from rangefix.cli.tables import _smaller_cells
 from rangefix.evaluation import load
 from rangefix.evaluation.report.worst import repeat_command
 
@@ -73,6 +74,38 @@ def test_module_runs_as_a_command() -> None:
         == __version__
     )
     assert subprocess.run([*command, "nonsense"], capture_output=True).returncode == 2
+
+
+def test_cells_that_are_too_wide_are_told_as_they_are_typed(
+    rangefix: Callable[..., Said], tmp_path: Path
+) -> None:
+    """Beside the share of inaccurate runs, and in the verdict."""
+    study = write(tmp_path / "cells.toml", STUDY.replace("[[1], [1, 2, 3]]", "[[1, 2, 3]]"))
+    said = rangefix("run", str(study), "--runs", "4", "--out", str(tmp_path / "results"))
+    assert said.code == 0
+    told = " ".join(said.out.split())
+    assert (
+        "of the runs; numerical error above 0.05 deviations; smaller cells than cell_m = 0.1 mend it" in told
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("point-mass", {"cell": 0.05}, "; smaller cells than cell_m = 0.05 mend it"),
+        (
+            "point-mass",
+            {"cell": 0.1, "heading_cell": np.deg2rad(2.0)},
+            "; smaller cells than cell_m = 0.1 and heading_cell_deg = 2 mend it",
+        ),
+        ("point-mass", {"cell": [0.1, 0.2]}, "; smaller cells than those of `cell` mend it"),
+        ("point-mass", {}, ""),
+        ("adaptive-point-mass", {"cell": 0.1}, ""),
+    ],
+)
+def test_what_mends_cells_that_are_too_wide(name: str, options: dict[str, object], words: str) -> None:
+    """Only where cells were given is their size spoken of."""
+    assert _smaller_cells({"name": name, "options": options}) == words
 
 
 def test_a_command_ends_without_a_last_look_for_garbage():

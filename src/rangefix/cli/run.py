@@ -209,7 +209,8 @@ def run(
             screen.print(table)
         if (sampled := beliefs(rows)) is not None:
             screen.print(sampled)
-        for text in (*verdicts(rows), *remarks(rows), *failures(results)):
+        told = remarks(rows, results.manifest.get("estimators"))
+        for text in (*verdicts(rows), *told, *failures(results)):
             screen.say(text)
         for line in lines:
             screen.say(line.text)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -259,8 +259,13 @@ REMARKS = {  # share of a row -> what is said of it where it is not zero
 }
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """A line for each estimator and set of beams with a fault in some runs, after the last measurement."""
+def remarks(rows: Sequence[Row], estimators: Mapping[str, Any] | None = None) -> list[str]:
+    """A line for each estimator and set of beams with a fault in some runs, after the last measurement.
+
+    Args:
+        rows: What came out.
+        estimators: Label -> name and options, as a manifest has them, for what is to be done about it.
+    """
     end = max(row.step for row in rows)
     lines = []
     for name, (words, why) in REMARKS.items():
@@ -268,8 +273,22 @@ def remarks(rows: Sequence[Row]) -> list[str]:
             share: float = getattr(row, name).value
             if share > 0:
                 where = f"{row.estimator}, {beams_in_words(row.beams)}"
-                lines.append(f"{where}: {words} in {100 * share:.3g} % of the runs{why}")
+                advice = _smaller_cells((estimators or {}).get(row.estimator)) if name == "inaccurate" else ""
+                lines.append(f"{where}: {words} in {100 * share:.3g} % of the runs{why}{advice}")
     return lines
+
+
+def _smaller_cells(estimator: Any) -> str:
+    """What mends cells that are too wide, with a semicolon before it; "" where none are given."""
+    options = estimator.get("options") if isinstance(estimator, Mapping) else None
+    if not isinstance(options, Mapping) or estimator.get("name") != "point-mass":
+        return ""
+    cell, turn = options.get("cell"), options.get("heading_cell")
+    told = (
+        [f"cell_m = {cell:g}"] if isinstance(cell, int | float) else ["those of `cell`"] * (cell is not None)
+    )
+    told += [f"heading_cell_deg = {math.degrees(turn):g}"] if isinstance(turn, int | float) else []
+    return f"; smaller cells than {' and '.join(told)} mend it" if told else ""
 
 
 def failures(results: Results) -> list[str]:

@@ -314,7 +314,7 @@ def _caveats(row: Row) -> tuple[str, ...]:
     if row.inaccurate.value > MENTION_SHARE:
         notes.append(
             f"in {format_percent(row.inaccurate.value)} of the runs its own numerical error may be more than "
-            f"{MAX_ERROR:g} of a deviation"
+            f"{MAX_ERROR:g} of a deviation; where cells are given (cell_m), smaller ones mend it"
         )
     if row.undirected.value > MENTION_SHARE:
         notes.append(
