@@ -22,7 +22,7 @@ from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
 from .gauss_newton import Peaks
 from .lattice import Lattice, Limits, halved
-from .mode_gaussians import kept_count, sample_modes
+from .mode_gaussians import COARSEST_TOGETHER, kept_count, sample_modes
 from .modes import refined, verified, with_lattices
 from .predicted import Predicted, coarse_axes, predict_modes
 from .quadrature import Accuracy, Quadrature
@@ -147,7 +147,8 @@ class AdaptivePointMassFilter(BriefRepr):
             return belief
         before, control = self._cells(belief), np.asarray(control, dtype=float)
         prior = predict_modes(self._finer(belief, before, control), self.problem.motion, control)
-        check = predict_modes(before.checks or before.modes, self.problem.motion, control, coarse=True)
+        modes, blurred = before.checks or before.modes, prior.together * (prior.together > COARSEST_TOGETHER)
+        check = predict_modes(modes, self.problem.motion, control, coarse=True, coarser_than=blurred)
         evidence = self._evidence(belief, before)
         inherited = min(self.error(belief), MOST_INHERITED)
         return AdaptiveBelief(

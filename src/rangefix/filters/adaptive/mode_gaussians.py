@@ -18,6 +18,8 @@ from .lattice import Lattice
 KERNEL_STEPS = 0.6  # of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
 TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as one; of 2 components, of more
 COARSEST_TOGETHER = 1.0  # the same where that leaves too many points
+COARSER_STILL = 2.0  # the same where hardly any noise spreads them, and what they stand for is blurred
+COARSEST_CHECK = 3.0  # the same of what checks it
 NARROW_SHARE = 1 / 3  # of that: so far where what spreads points besides is narrower
 MAX_KERNEL_SHARE = 0.5  # of a variance that kernels may make up
 KEPT_PROBABILITY = 1.0 - 1e-5  # share of a mode's probability that is kept
@@ -47,7 +49,8 @@ def smoothed(
     Args:
         mode: The mode.
         noise: Covariance by which each point will be spread besides, in steps of the lattice, (n, n).
-        together: Points closer than this are taken as one, in the mode's standard deviations.
+        together: Points closer than this are taken as one, in the mode's standard deviations; a share of it
+            where noise is narrow, to which alone more than 1 makes a difference.
         stays: Whether the same points are asked for, but will not be spread.
 
     Returns:
@@ -57,9 +60,9 @@ def smoothed(
     kept = _kept(weights)
     index, weights = mode.index[kept].astype(float), weights[kept] / weights[kept].sum()
     mean, spread = _moments(index, weights)
-    widest = together * conditional_stds(spread)
-    narrow = conditional_stds(noise)
-    blocks = np.maximum(1, np.floor(np.clip(narrow / KERNEL_STEPS, NARROW_SHARE * widest, widest)))
+    alone, narrow = conditional_stds(spread), conditional_stds(noise)
+    least, widest = NARROW_SHARE * (together * alone), min(together, 1.0) * alone
+    blocks = np.maximum(1, np.floor(np.clip(narrow / KERNEL_STEPS, least, widest)))
     index, weights = _taken_together(index, weights, blocks)
     between = _moments(index, weights)[1]
     root = np.linalg.cholesky(spread)

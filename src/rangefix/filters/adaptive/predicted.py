@@ -23,7 +23,16 @@ from ..space import LEAST_VARIANCE, StateSpace
 from .gauss_newton import quick_scores
 from .gaussian_sums import Around, Gaussians, log_reached, log_sum, reached
 from .lattice import Lattice
-from .mode_gaussians import COARSEST_TOGETHER, KEPT_PROBABILITY, TOGETHER, Kernels, conditional_stds, smoothed
+from .mode_gaussians import (
+    COARSER_STILL,
+    COARSEST_CHECK,
+    COARSEST_TOGETHER,
+    KEPT_PROBABILITY,
+    TOGETHER,
+    Kernels,
+    conditional_stds,
+    smoothed,
+)
 from .target import Target, TooManyCells
 
 MAX_POINTS_MOVED = 20_000
@@ -96,11 +105,13 @@ class Predicted:
         space: The state space.
         room: The map, where walls matter.
         parts: The modes.
+        together: How close points lay that were taken as one, in deviations: see `smoothed`.
     """
 
     space: StateSpace
     room: RangeMap | None
     parts: tuple[Part, ...]
+    together: float = COARSEST_TOGETHER
 
     def log_density(self, states: Array) -> Array:
         """Log density of states, (K, n) -> (K,); -inf where no step leads."""
@@ -230,7 +241,11 @@ def coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
 
 
 def predict_modes(
-    modes: tuple[Lattice, ...], motion: Motion, control: Array, coarse: bool = False
+    modes: tuple[Lattice, ...],
+    motion: Motion,
+    control: Array,
+    coarse: bool = False,
+    coarser_than: float = 0.0,
 ) -> Predicted:
     """Where an object can be after a move.
 
@@ -239,6 +254,7 @@ def predict_modes(
         motion: The law of the move.
         control: The control, (k,).
         coarse: Whether to take more points together than the answer does.
+        coarser_than: Points are taken together from farther than so many deviations.
 
     Raises:
         TooManyCells: If more points would have to be moved than can be.
@@ -246,9 +262,10 @@ def predict_modes(
     total = np.logaddexp.reduce([mode.log_integral for mode in modes])
     shares = [float(mode.log_integral - total) for mode in modes]
     walls = motion if isinstance(motion, Confined) else None
-    for together in (
-        (COARSEST_TOGETHER,) if coarse else (TOGETHER[modes[0].space.size > 2], COARSEST_TOGETHER)
-    ):
+    answers = TOGETHER[modes[0].space.size > 2], COARSEST_TOGETHER, COARSER_STILL
+    for together in (COARSEST_TOGETHER, COARSER_STILL, COARSEST_CHECK) if coarse else answers:
+        if together <= coarser_than:
+            continue
         parts = [
             part
             for mode, share in zip(modes, shares, strict=True)
@@ -256,10 +273,10 @@ def predict_modes(
             for part in _mode_moved(mode, share, motion, control, together)
         ]
         if sum(len(part.likely) for part in parts) <= MAX_POINTS_MOVED:
-            return Predicted(modes[0].space, walls.room if walls else None, tuple(parts))
+            return Predicted(modes[0].space, walls.room if walls else None, tuple(parts), together)
     raise TooManyCells(
         f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
-        "measure first, or take a narrower prior"
+        "measure first, take a narrower prior, or give a motion noise that has next to none"
     )
 
 
