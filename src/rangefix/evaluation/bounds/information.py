@@ -11,14 +11,14 @@ from ...filters.models.squared_cosine_prior import SquaredCosine
 from ...filters.models.uniform_prior import Uniform
 from ...filters.problem import Prior, Problem, RangeMap
 from ...filters.space import StateSpace
-from .averages.draws import average
+from .averages.draws import SETS, set_means
 from .bound import NoBoundError, require_gaussian
 from .continuity import pieces_of
 
 LOG_AT_ENDS = float(np.log(1e-12))  # a density at its ends, relative to its peak
 LATTICE = 301  # points along each axis of the ellipse where a Gaussian prior counts
 NODES = (24, 40)  # Gauss-Legendre nodes along the sides of a triangle: the error, the answer
-INFORMATION_DRAWS = 16_384
+FEWEST_DRAWS, RAYS = 2**14, 2**19  # of states, and of beams at all of them together
 STANDARD_ERRORS = 4.0  # added to the mean information of draws
 
 
@@ -108,11 +108,17 @@ def _require_narrow(std: float) -> None:
         raise NoBoundError(f"the heading's deviation of {np.rad2deg(std):.0f} deg reaches half a turn")
 
 
-def mean_information(problem: Problem) -> tuple[Array, Array]:
+def mean_information(problem: Problem, known: Array) -> tuple[Array, Array]:
     """Mean over the prior of the readings' information sum g g' / sigma^2, from above.
 
     At a known heading gradients are constant on the pieces that see the same walls, and the prior is summed
-    over these; else over draws.
+    over these; else over draws. The error is added as a matrix that no error in sight outweighs (Gershgorin),
+    in coordinates in which all information is the identity: whatever the units, and however much less is
+    known along one direction than along another, it is a share of what is known there.
+
+    Args:
+        problem: The problem.
+        known: What is known without the readings, (n, n), positive definite.
 
     Returns:
         Mean information (n, n) plus its error, so that its inverse is safe, and the error (n, n).
@@ -125,16 +131,23 @@ def mean_information(problem: Problem) -> tuple[Array, Array]:
             gradients = problem.sensor.jacobian(states)
             return np.asarray(np.einsum("kbi,kbj,b->kij", gradients, gradients, stds**-2.0))
 
-        mean, error = average(problem, INFORMATION_DRAWS, answer)
-        error = STANDARD_ERRORS * error
+        draws = max(FEWEST_DRAWS, SETS * (RAYS // len(stds) // SETS))
+        sets = set_means(problem, draws, answer)
+        mean = sets.mean(axis=0)
+        off, errors = sets - mean, STANDARD_ERRORS / np.sqrt(SETS)
     else:
-        mean, error = pieces
-    above = np.diag(error.sum(axis=1))  # no less than any symmetric matrix within the error
+        mean, difference = pieces
+        off, errors = difference[None], 1.0
+    root = np.linalg.cholesky(known + mean)
+    whiten = np.linalg.inv(root)
+    scatter = whiten @ off @ whiten.T
+    error = errors * np.sqrt((scatter**2).sum(axis=0) / max(1, len(off) - 1))
+    above = root @ np.diag(error.sum(axis=1)) @ root.T
     return mean + above, above
 
 
 def _over_pieces(problem: Problem, stds: Array) -> tuple[Array, Array] | None:
-    """The same as sums over pieces and the sums' error; None where there are none."""
+    """The same as sums over pieces, and how far fewer nodes are off them; None where there are none."""
     pieces = pieces_of(problem)
     if pieces is None:
         return None
@@ -146,7 +159,7 @@ def _over_pieces(problem: Problem, stds: Array) -> tuple[Array, Array] | None:
             [_mass(problem.prior, pieces.corners[k, :n], nodes) for k, n in enumerate(pieces.counts)]
         )
         sums.append(np.einsum("p,pij->ij", mass / mass.sum(), informations))
-    return sums[1], np.abs(sums[1] - sums[0])
+    return sums[1], sums[1] - sums[0]
 
 
 def _mass(prior: Prior, corners: Array, nodes: int) -> float:

@@ -35,7 +35,7 @@ def posterior_cramer_rao(problem: Problem, controls: Array) -> Bound:
     require_gaussian(problem)
     own = prior_information(problem.prior, problem.space, problem.sensor.room)
     require_continuous(problem)
-    information, error = mean_information(problem)
+    information, error = mean_information(problem, own)
     upper: Array = own + information
     lower: Array = own + information - error  # lower: as computed, for the error
     law = gaussian_law(problem.prior, problem.space)
@@ -50,8 +50,8 @@ def posterior_cramer_rao(problem: Problem, controls: Array) -> Bound:
             prior_information(moved, problem.space, problem.sensor.room)  # refuses one that walls cut off
             there = replace(problem, prior=moved)
             require_continuous(there)
-            information, error = mean_information(there)
             upper, lower = (_moved(each, transition, noise) for each in (upper, lower))
+            information, error = mean_information(there, upper)
         upper, lower = np.asarray(upper + information), np.asarray(lower + information - error)
     matrix = np.linalg.inv(upper)
     told = (

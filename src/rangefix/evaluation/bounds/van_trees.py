@@ -28,7 +28,7 @@ def van_trees(problem: Problem) -> Bound:
     require_gaussian(problem)
     own = prior_information(problem.prior, problem.space, problem.sensor.room)
     require_continuous(problem)
-    measured, error = mean_information(problem)
+    measured, error = mean_information(problem, own)
     matrix = np.linalg.inv(own + measured)
     off = np.abs(np.linalg.inv(own + measured - error) - matrix)
     return Bound(
