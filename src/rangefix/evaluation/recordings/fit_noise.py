@@ -8,6 +8,7 @@ places that beams meet, within a scan and from scan to scan, by least squares wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ EDGES_M = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5
 LAGS = (0, 1, 2, 5, 10, 20, 50)  # scans between the pairs that are compared
 MOST_PAIRS = 400_000  # for each lag
 LARGEST_SCORE = 3.0  # beyond which readings are of something else
+FIRST_STEPS = (0.5, 0.5, 0.3, 0.3, 0.5)  # of the search for a law; from 0 it would begin with 0.00025
 NO_SHARE = 0.02  # of a variance, below which a part is left out
 
 
@@ -81,9 +83,11 @@ def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams
             return np.inf
         return -float(law(parameters).log_density(read, ranges).mean())
 
-    found = minimize(
-        cost, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6, "maxiter": 800}
-    )
+    corners = np.vstack([first, first + np.diag(FIRST_STEPS)])
+    options: Any = {
+        "initial_simplex": corners, "xatol": 1e-3, "fatol": 1e-3 / len(read), "maxiter": 2000,
+    }  # fmt: skip
+    found = minimize(cost, first, method="Nelder-Mead", options=options)
     return LostBeams(law(found.x), lost)
 
 
