@@ -24,6 +24,8 @@ WORTH = 0.002  # of the criterion: a difference that does not matter
 PASSES = 3  # of exchange over all beams
 MOST_SETS = 2000  # of beams, in an exhaustive search
 FINAL_SETS = 10  # the best of them, which are compared by many truths
+MOST_POLISHED = 9  # exchanges by many truths, or as many as there are beams
+POLISHING, NEAR = 5, 8  # candidates of each beam that are tried over many truths, and how far about the best
 Tell = Callable[[str], None]
 
 
@@ -58,7 +60,7 @@ class BeamSets:
         """Put another candidate in the place of each beam in turn, where that is better on fresh truths.
 
         Of all sets on the way that counts which is best over many truths, where they can be asked: what is
-        better over few may leave two places open now and then.
+        better over few may leave two places open now and then. Its beams are then exchanged by these.
         """
         best, least = chosen, self.objective.mean_after(chosen)
         for turn in range(PASSES):
@@ -77,7 +79,54 @@ class BeamSets:
                         best, least = chosen, mean
             if chosen == before:
                 break
-        return self._ordered(best)
+        return self._ordered(best if least is None else self._polished(best, least))
+
+    def _polished(self, chosen: list[int], least: float) -> list[int]:
+        """Put another candidate in the place of each beam where that is better over many truths.
+
+        Beams that leave two places open once in a hundred times are often the best over few truths, all of
+        them: those that meet a wall askew tell more of it than square ones, until they meet another.
+
+        Args:
+            chosen: The beams.
+            least: The criterion after them, over many truths.
+        """
+        kept = 0  # beams in a row
+        for number in range(max(MOST_POLISHED, len(chosen))):
+            place = number % len(chosen)
+            text = f"exchange by many truths: beam {place + 1} of {len(chosen)}"
+            self.tell(self.time.told(text))
+            others, mine = chosen[:place] + chosen[place + 1 :], chosen[place]
+            tried = self._finalists(others, text)[:POLISHING].tolist()
+            mine, least = self._better(others, mine, tried, least)
+            step = NEAR
+            while step:
+                mine, least = self._better(others, mine, [mine - step, mine + step], least)
+                step //= 2
+            self.time.made()
+            kept = kept + 1 if mine == chosen[place] else 0
+            chosen = [*others[:place], mine, *others[place:]]
+            if kept == len(chosen):
+                break
+        return chosen
+
+    def _better(self, others: list[int], mine: int, tried: Sequence[int], least: float) -> tuple[int, float]:
+        """Which of some candidates is the best beside others over many truths, with the criterion then.
+
+        Args:
+            others: The other beams.
+            mine: What is taken unless another is better by more than WORTH.
+            tried: Places of candidates; those that are none, or taken, are passed over.
+            least: The criterion with `mine`.
+        """
+        best, bar = mine, least * (1 - WORTH)
+        for other in tried:
+            if not 0 <= other < len(self.objective.candidates) or other in (*others, mine):
+                continue
+            mean = self.objective.mean_after([*others, other], bar)
+            if mean is not None and mean < bar:
+                best, bar = other, mean
+        return best, bar if best != mine else least
 
     def exhaustive(self, beams: int) -> list[int]:
         """The best of all sets of so many candidates.
@@ -94,7 +143,7 @@ class BeamSets:
         if beams == 1:
             return self.greedy(1)
         sets = comb(count - 1, beams - 1)
-        self.time.begin(sets, sets)
+        self.time.begin(sets + beams, sets + max(MOST_POLISHED, beams))
         tried: list[tuple[float, list[int]]] = []
         for others in combinations(range(count - 1), beams - 1):
             text = f"sets with candidates {', '.join(str(each + 1) for each in others)}"
@@ -107,7 +156,8 @@ class BeamSets:
         best = [chosen for _, chosen in sorted(tried)[:FINAL_SETS]]
         means = [self.objective.mean_after(chosen) for chosen in best]
         first = int(np.argmin([np.inf if mean is None else mean for mean in means]))
-        return self._ordered(best[first])
+        least = means[first]
+        return self._ordered(best[first] if least is None else self._polished(best[first], least))
 
     def _ordered(self, chosen: list[int]) -> list[int]:
         """A set of beams in the order in which each brings most."""
@@ -124,11 +174,16 @@ class BeamSets:
         """What `_best` has found, by the other beams, and then by what was to be taken instead."""
         return {}
 
+    @cached_property
+    def _finalists_known(self) -> dict[frozenset[int], IntArray]:
+        """What `_finalists` has found."""
+        return {}
+
     def _best(self, chosen: Sequence[int], instead: int | None = None, text: str = "") -> int:
         """The candidate that brings most beside others, or one that brings hardly less.
 
-        Some candidates, and then those about the best of these, on a few truths; of the best of each sector
-        those that are not clearly worse on more. The truths are the same whatever is chosen.
+        Of the best of each sector on a few truths those that are not clearly worse meet more. The truths are
+        the same whatever is chosen.
 
         Args:
             chosen: The others.
@@ -146,8 +201,38 @@ class BeamSets:
 
     def _searched(self, chosen: Sequence[int], instead: int | None, text: str) -> int:
         """What `_best` answers, worked out anew."""
-        count, first = len(self.objective.candidates), min(FIRST_TRUTHS, self.objective.truths)
-        beliefs = self.objective.beliefs(chosen, 0, first, "choice")
+        short = self._finalists(chosen, text)
+        if instead is not None and instead not in short:
+            short = np.append(short, instead)
+        return self._race(chosen, self._first_beliefs(chosen), short, instead)
+
+    def _first_beliefs(self, chosen: Sequence[int]) -> list[Cells]:
+        """What is believed after some beams, for a few truths; those that were asked for last are kept."""
+        key = frozenset(chosen)
+        if key not in self._beliefs_known:
+            first = min(FIRST_TRUTHS, self.objective.truths)
+            self._beliefs_known.clear()
+            self._beliefs_known[key] = self.objective.beliefs(chosen, 0, first, "choice")
+        return self._beliefs_known[key]
+
+    @cached_property
+    def _beliefs_known(self) -> dict[frozenset[int], list[Cells]]:
+        """The last of `_first_beliefs`."""
+        return {}
+
+    def _finalists(self, chosen: Sequence[int], text: str) -> IntArray:
+        """The best candidates of some sectors beside others, on a few truths, the best of all first.
+
+        Some candidates are looked at, and then those about the best of these.
+
+        Args:
+            chosen: The others.
+            text: What is being done, in words.
+        """
+        known, key = self._finalists_known, frozenset(chosen)
+        if key in known:
+            return known[key]
+        beliefs, count = self._first_beliefs(chosen), len(self.objective.candidates)
         found, coarse = np.full(count, np.inf), coarse_candidates(count)
         found[coarse] = self.objective.summed(beliefs, coarse.tolist())
         if self.time.guess():
@@ -159,10 +244,8 @@ class BeamSets:
         sectors = np.array_split(np.arange(count), min(SECTORS, count))
         short = np.array([sector[np.argmin(found[sector])] for sector in sectors])
         short = short[np.isfinite(found[short])]
-        short = short[np.argsort(found[short])[:FINALISTS]]
-        if instead is not None and instead not in short:
-            short = np.append(short, instead)
-        return self._race(chosen, beliefs, short, instead)
+        known[key] = short[np.argsort(found[short])[:FINALISTS]]
+        return known[key]
 
     def _race(
         self, chosen: Sequence[int], beliefs: list[Cells], finalists: IntArray, instead: int | None

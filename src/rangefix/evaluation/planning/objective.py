@@ -21,6 +21,7 @@ from .whole_sets.covariances import Accuracy, covariances_after, criterion_of, e
 from .whole_sets.look_alike_truths import look_alike_truths
 
 FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the best of these by usual cells
+PARTS = 4  # of many truths, after each of which a set of beams may be worse than another whatever follows
 MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
 
 
@@ -126,8 +127,11 @@ class Objective:
         error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
         return Accuracy(covariance, float(values.mean()), error, len(values), len(values))
 
-    def _after_all(self, chosen: Sequence[int], purpose: str) -> Accuracy | None:
-        """What is expected after some candidates over many truths; None without an `exact_filter`."""
+    def _after_all(self, chosen: Sequence[int], purpose: str, enough: float = np.inf) -> Accuracy | None:
+        """What is expected after some candidates over many truths; None without an `exact_filter`.
+
+        Where the criterion is sure to be no less than `enough`, it is not worked out further, and infinite.
+        """
         if self.criterion == "information":
             return None
         problem = self.problem_with(chosen)
@@ -136,16 +140,30 @@ class Objective:
             return None
         count, rng = truths_of(problem), stream(self.seed, f"plan {purpose}", 0)
         truths = look_alike_truths(exact, count, rng)
-        covariances = covariances_after(exact, self._read_at(truths.states, chosen, purpose))
-        value, error = truths.mean(criterion_of(covariances, self.criterion))
+        readings = self._read_at(truths.states, chosen, purpose)
+        covariances, values, total = np.empty((count, 2, 2)), np.empty(count), 0.0
+        for part in np.array_split(np.arange(count), 1 if enough == np.inf else PARTS):
+            covariances[part] = covariances_after(exact, readings[part])
+            values[part] = criterion_of(covariances[part], self.criterion)
+            total += float(truths.weights[part] @ values[part])
+            if total >= enough * count:
+                return Accuracy(np.full((2, 2), np.inf), np.inf, np.inf, count, truths.looked_at)
+        value, error = truths.mean(values)
         covariance = np.mean(truths.weights[:, None, None] * covariances, axis=0)
         return Accuracy(covariance, value, error, count, truths.looked_at)
 
-    def mean_after(self, chosen: Sequence[int]) -> float | None:
-        """The criterion after a set of candidates, over truths by which all sets are compared."""
+    def mean_after(self, chosen: Sequence[int], enough: float = np.inf) -> float | None:
+        """The criterion after a set of candidates, over truths by which all sets are compared.
+
+        Args:
+            chosen: Their places.
+            enough: Where it is sure to be no less, it is not worked out further: infinity is told.
+        """
         known, key = self._means_known, frozenset(chosen)
         if key not in known:
-            found = self._after_all(sorted(chosen), "sets")
+            found = self._after_all(sorted(chosen), "sets", enough)
+            if found is not None and found.value == np.inf:
+                return found.value
             known[key] = None if found is None else found.value
         return known[key]
 
