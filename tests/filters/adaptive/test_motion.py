@@ -24,8 +24,15 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.adaptive import AdaptivePointMassFilter, predicted
-from rangefix.filters.adaptive.gaussian_sums import Around, Gaussians, log_reached, log_sum, reached
+from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
+from rangefix.filters.adaptive.gaussian_sums import (
+    ALL_ROUND,
+    Around,
+    Gaussians,
+    log_reached,
+    log_sum,
+    reached,
+)
 from rangefix.filters.adaptive.search import NOTHING
 from rangefix.filters.adaptive.target import Work
 from rangefix.maps import FloorPlan
@@ -268,14 +275,14 @@ def test_claims_are_true_on_a_drive_through_rooms():
 
 
 def test_a_belief_too_wide_to_be_moved_is_refused(monkeypatch):
-    """Any place and heading of a house, unmeasured, where 300 points can be moved: said in one line."""
-    monkeypatch.setattr(predicted, "MAX_POINTS_MOVED", 300)
+    """Any place and heading of a house, unmeasured, where 100 points can be moved: said in one line."""
+    monkeypatch.setattr(moves, "MAX_POINTS_MOVED", 100)
     space = pose_space()
     sensor = Rangefinder(HOUSE, BEARINGS, Gaussian(0.05), space)
     motion = Confined(Odometry(space, floor=[0.02, 0.02, 0.02]), HOUSE, space)
     problem = Problem(space, motion, sensor, Uniform(HOUSE, space))
     estimator = build("adaptive-point-mass", problem, table_rays=100_000)
-    with pytest.raises(ValueError, match="more than 300 cells before a move"):
+    with pytest.raises(ValueError, match="more than 100 cells before a move"):
         estimator.predict(estimator.init(problem.prior, [RNG]), STEP, [RNG])
 
 
@@ -298,7 +305,7 @@ def test_fans_tell_what_steps_walls_stop():
     """Of 20 000 steps all over the plan, fans of 120 directions judge 2 % otherwise than rays do, at most."""
     rng = np.random.default_rng(2)
     starts = np.array([[0.3, 0.9], [1.1, 0.3], [1.25, 0.9], [2.2, 1.7]])
-    fans = PLAN.ranges(np.column_stack([starts, np.zeros(4)]), TWO_PI / 120 * np.arange(120))
+    fans = PLAN.ranges(np.column_stack([starts, np.zeros(4)]), ALL_ROUND)
     ends = rng.uniform([0, 0], [2.4, 1.8], size=(4, 5000, 2))
     free = PLAN.is_free(ends)
     exact = in_line_of_sight(PLAN, np.broadcast_to(starts[:, None], ends.shape), ends)

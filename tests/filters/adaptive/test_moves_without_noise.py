@@ -9,8 +9,8 @@ import pytest
 
 from rangefix.filters import pose_space
 from rangefix.filters.adaptive.lattice import Lattice, _keys
-from rangefix.filters.adaptive.mode_gaussians import COARSEST_TOGETHER, kept_count
-from rangefix.filters.adaptive.predicted import MAX_POINTS_MOVED, predict_modes
+from rangefix.filters.adaptive.mode_gaussians import COARSEST_TOGETHER, smoothed
+from rangefix.filters.adaptive.moves import MAX_POINTS_MOVED, predict_modes
 from rangefix.filters.adaptive.target import TooManyCells
 from rangefix.filters.models.odometry import Odometry
 
@@ -29,8 +29,8 @@ def gaussian(deviation: float) -> Lattice:
 def test_many_cells_are_moved_without_noise() -> None:
     """Half as many again as may be: moments are those of the motion, and a check is coarser still."""
     mode, motion, control = gaussian(4.6), Odometry(pose_space()), np.array([0.1, 0.3, -0.2])
-    assert kept_count(mode) > 1.5 * MAX_POINTS_MOVED
-    found = predict_modes((mode,), motion, control)
+    assert len(smoothed(mode, np.zeros((3, 3)), together=0.0).states) > 1.5 * MAX_POINTS_MOVED
+    found = predict_modes((mode,), None, motion, control)
     assert found.together > COARSEST_TOGETHER
     assert len(found.parts[0].likely) < MAX_POINTS_MOVED
     jacobian = motion.jacobian(mode.mean, control)
@@ -38,7 +38,7 @@ def test_many_cells_are_moved_without_noise() -> None:
     np.testing.assert_allclose(
         found.parts[0].covariance, jacobian @ mode.covariance @ jacobian.T, rtol=0.02, atol=1e-7
     )
-    check = predict_modes((mode,), motion, control, coarse=True, coarser_than=found.together)
+    check = predict_modes((mode,), None, motion, control, found)
     assert check.together > found.together
     assert len(check.parts[0].likely) < len(found.parts[0].likely)
 
@@ -46,11 +46,11 @@ def test_many_cells_are_moved_without_noise() -> None:
 def test_few_cells_are_taken_together_as_before() -> None:
     """What blurs is for beliefs that are too many without it."""
     motion, control = Odometry(pose_space()), np.array([0.1, 0.3, -0.2])
-    assert predict_modes((gaussian(2.0),), motion, control).together < COARSEST_TOGETHER
+    assert predict_modes((gaussian(2.0),), None, motion, control).together < COARSEST_TOGETHER
 
 
 def test_more_cells_still_are_refused_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     """Noise is one of the ways out."""
-    monkeypatch.setattr("rangefix.filters.adaptive.predicted.MAX_POINTS_MOVED", 100)
+    monkeypatch.setattr("rangefix.filters.adaptive.moves.MAX_POINTS_MOVED", 100)
     with pytest.raises(TooManyCells, match="give a motion noise that has next to none"):
-        predict_modes((gaussian(4.6),), Odometry(pose_space()), np.array([0.1, 0.3, -0.2]))
+        predict_modes((gaussian(4.6),), None, Odometry(pose_space()), np.array([0.1, 0.3, -0.2]))

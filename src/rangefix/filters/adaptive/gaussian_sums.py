@@ -13,8 +13,8 @@ from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ...compiled import FUSED, exp_below_zero, in_threads, njit
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
-UNDERFLOW = -700.0  # logs below it are taken as this: of such exp is 20 times slower
-OCTANTS = "000 001 011 010 110 111 101 100"  # clockwise: to the left?, back?, more aside than along?
+NEGLIGIBLE_SHARE = math.exp(-NEGLIGIBLE_NATS)
+WAYS_PER_SIDE = 30  # in which walls are looked for all round, of each side of the square |x1| + |x2| = 1
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
 
 
@@ -56,26 +56,37 @@ class Gaussians:
         return np.asarray(np.abs(offset[:, self.is_angle]).max(axis=0, initial=0.0))
 
 
+def _all_round() -> Array:
+    """Directions from +x2 clockwise, evenly spaced along the square |x1| + |x2| = 1, (F,), rad."""
+    place = np.arange(4 * WAYS_PER_SIDE) / WAYS_PER_SIDE
+    aside = np.where(place <= 1, place, np.where(place <= 3, 2 - place, place - 4))
+    along = np.where((place <= 1) | (place >= 3), 1 - np.abs(aside), np.abs(aside) - 1)
+    return np.asarray(np.arctan2(aside, along))
+
+
+ALL_ROUND = _all_round()
+
+
 class Around(NamedTuple):
     """How near walls are all round some places.
 
     Attributes:
         starts: The places, (K, 2), m.
-        closeness: One over the distance to the wall in F directions from +x2 clockwise, (K, F), 1/m.
-        octants: The least and the most of it in each octant, (K, 2, 2, 2, 2).
+        closeness: One over |d1| + |d2| of the steps d to the wall in ALL_ROUND and the first once more,
+            (K, F + 1), 1/m.
     """
 
     starts: Array
     closeness: Array
-    octants: Array
 
     @staticmethod
     def of(starts: Array, fans: Array) -> Around:
-        """From the distances to the wall in F directions all round, from +x2 clockwise, (K, F), m.
+        """From the distances to the wall in ALL_ROUND, (K, F), m.
 
-        Between directions its inverse is interpolated: that is what a straight wall does.
+        Between directions closeness is interpolated along the square: a straight wall's is linear there.
         """
-        return Around(starts, 1 / fans, _in_octants(1 / fans))
+        closeness = 1 / (fans * (np.abs(np.sin(ALL_ROUND)) + np.abs(np.cos(ALL_ROUND))))
+        return Around(starts, np.concatenate([closeness, closeness[:, :1]], axis=1))
 
 
 def log_sum(states: Array, gaussians: Gaussians) -> Array:
@@ -156,18 +167,6 @@ class _Exponents(NamedTuple):
         return np.asarray(logs)
 
 
-def _in_octants(closeness: Array) -> Array:
-    """The least and the most closeness in each octant, (K, F) -> (K, 2, 2, 2, 2); see `OCTANTS`."""
-    count = closeness.shape[1]
-    found = np.empty((len(closeness), 2, 2, 2, 2))
-    for octant, place in enumerate(OCTANTS.split()):
-        directions = np.arange(octant * count // 8, -(-(octant + 1) * count // 8) + 1) % count
-        inside = closeness[:, directions]
-        left, back, aside = map(int, place)
-        found[:, left, back, aside] = np.stack([inside.min(axis=1), inside.max(axis=1)], axis=1)
-    return found
-
-
 def _short_way(offset: Array, is_angle: BoolArray) -> Array:
     """Offsets (N, n), in place, whose angles go the short way round."""
     offset[:, is_angle] -= TWO_PI * np.rint(offset[:, is_angle] / TWO_PI)
@@ -186,59 +185,53 @@ def _log_sums(logs: Array, result: Array) -> None:
         result[place] = top + math.log(total)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _clear(step1: float, step2: float, closeness: Array) -> bool:
-    """Whether a step meets no wall; closeness is one over the distance to the wall, all round."""
-    count = closeness.size
-    turn = math.atan2(step1, step2) / TWO_PI * count
-    below = math.floor(turn)
-    part = turn - below
-    first = int(below) % count
-    second = (first + 1) % count
-    wall = (1.0 - part) * closeness[first] + part * closeness[second]
-    return bool(math.sqrt(step1 * step1 + step2 * step2) * wall <= 1.0)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _open(step1: float, step2: float, closeness: Array) -> bool:
+    """Whether a step meets no wall, by what `Around` says of where it begins."""
+    length = abs(step1) + abs(step2)
+    if length == 0.0:
+        return True
+    aside = step1 / length
+    place = aside if step2 >= 0.0 else 2.0 - aside
+    place = WAYS_PER_SIDE * (place + 4.0 if place < 0.0 else place)
+    before = int(place)
+    share = place - before
+    return bool(length * ((1.0 - share) * closeness[before] + share * closeness[before + 1]) <= 1.0)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _open(end: Array, start: Array, octants: Array, closeness: Array) -> bool:
-    """Whether the step from a place to an end meets no wall; octants spare most of the angles."""
-    step1, step2 = end[0] - start[0], end[1] - start[1]
-    length = math.sqrt(step1 * step1 + step2 * step2)
-    octant = octants[int(step1 < 0.0), int(step2 < 0.0), int(abs(step1) > abs(step2))]
-    return not length * octant[1] > 1.0 or (not length * octant[0] > 1.0 and _clear(step1, step2, closeness))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED | {"reassoc"})
 def _sum_reached(
     first: int, last: int, logs: Array, greatest: IntArray, ends: Array, around: Around, result: Array
 ) -> None:
     """Logs of sums of exp(logs), (N, K) -> (N,), of some rows, over the k from which an end is reached.
 
-    `greatest` of a row, (N,), says what is negligible, if the end is reached from there.
+    `greatest` of a row, (N,), says what is negligible, if the end is reached from there. The rows are
+    overwritten.
     """
-    starts, closeness, octants = around
+    starts, closeness = around
     for place in range(first, last):
-        top, total, k = -math.inf, 0.0, greatest[place]
-        if _open(ends[place], starts[k], octants[k], closeness[k]):
-            top = logs[place, k]
-        for k in range(logs.shape[1]):
-            log = logs[place, k]
-            if log < top - NEGLIGIBLE_NATS:
-                continue
-            if not _open(ends[place], starts[k], octants[k], closeness[k]):
-                continue
-            if log > top:
-                total = total * math.exp(max(top - log, UNDERFLOW)) + 1.0
-                top = log
-            else:
-                total += math.exp(log - top)
-        result[place] = top + math.log(total) if total > 0 else -math.inf
+        row, end1, end2 = logs[place], ends[place, 0], ends[place, 1]
+        top, best = -math.inf, greatest[place]
+        if _open(end1 - starts[best, 0], end2 - starts[best, 1], closeness[best]):
+            top = row[best]
+        else:
+            for k in range(len(row)):
+                if row[k] > top and _open(end1 - starts[k, 0], end2 - starts[k, 1], closeness[k]):
+                    top = row[k]
+        for k in range(len(row)):
+            row[k] = exp_below_zero(min(row[k] - top, 0.0))
+        total = 0.0
+        for k in range(len(row)):
+            if row[k] > NEGLIGIBLE_SHARE and _open(end1 - starts[k, 0], end2 - starts[k, 1], closeness[k]):
+                total += row[k]
+        result[place] = top + math.log(total) if top > -math.inf else -math.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _reached(ends: Array, free: BoolArray, around: Around, result: BoolArray) -> None:
     """Which free ends can be reached from their start, written in place."""
-    starts, closeness, octants = around
+    starts, closeness = around
     for k in range(starts.shape[0]):
         for place in range(ends.shape[1]):
-            result[k, place] = free[k, place] and _open(ends[k, place], starts[k], octants[k], closeness[k])
+            step1, step2 = ends[k, place, 0] - starts[k, 0], ends[k, place, 1] - starts[k, 1]
+            result[k, place] = free[k, place] and _open(step1, step2, closeness[k])

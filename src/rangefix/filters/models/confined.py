@@ -10,11 +10,14 @@ from typing import cast
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, BoolArray, IntArray, keep_whole
+from ...arrays import TWO_PI, Array, BoolArray, IntArray, keep_whole
 from ..problem import CanSampleRuns, CanSeeBetween, Motion, RangeMap
 from ..space import StateSpace
 
 AHEAD = np.zeros(1)
+BETWEEN = 8  # finer directions for each in which walls are looked for
+FARTHEST_STDS = 8.0  # a step's displacement lies within so many deviations of its mean
+LEAST_SHARE, LEAST_M = 1e-12, 1e-9  # of variances, and deviation, that no displacement falls below
 ON_IT = 1e-9  # m: an end as near to a wall is on it and in sight, for rounding may say it is behind
 
 
@@ -99,6 +102,23 @@ class Confined:
             left = left[~open_]
         return ends
 
+    def log_stays(self, states: Array, control: Array, directions: int) -> Array:
+        """Log of the probability (1 - Z)^k that every draw of a step meets a wall: (K, n) -> (K,).
+
+        Args:
+            states: Where steps begin.
+            control: The control, (k,).
+            directions: See `stopped_probability`; the motion's noise must be Gaussian.
+        """
+        where = self.space.position_indices
+        steps = self.motion.mean(states, control)[:, where] - states[:, where]
+        noise = self.motion.noise_covariance(states, control)[:, where][:, :, where]
+        with np.errstate(divide="ignore"):
+            return np.asarray(
+                self.tries
+                * np.log(stopped_probability(self.room, states[:, where], steps, noise, directions))
+            )
+
     def allows(self, starts: Array, ends: Array) -> BoolArray:
         """Whether steps end in free space and meet no wall on the way: (..., n), (..., n) -> (...)."""
         where = self.space.position_indices
@@ -119,6 +139,73 @@ def in_line_of_sight(room: RangeMap, starts: Array, ends: Array) -> BoolArray:
     poses = np.concatenate([starts, np.arctan2(step[..., :1], step[..., 1:])], axis=-1)
     ahead = room.ranges(poses, AHEAD)[..., 0]
     return np.asarray(free & (ahead >= np.hypot(step[..., 0], step[..., 1]) - ON_IT))
+
+
+def stopped_probability(
+    room: RangeMap, starts: Array, steps: Array, covariances: Array, directions: int
+) -> Array:
+    """Probability that a straight step of Gaussian displacement meets a wall, (K,): the 1 - Z of `Confined`.
+
+    With y the displacement in units of its deviations (y = L^-1 d for a covariance L L'), and w(a) the wall's
+    distance in direction a, it is the integral over all a of
+
+        int_{w(a)}^inf r N(r u(a); y, I) dr,    u(a) = (sin a, cos a),
+
+    which has a closed form; the sum over a is as good as its directions see the walls' edges. They are spread
+    as far about the mean step as it has any probability.
+
+    Args:
+        room: The map.
+        starts: Where steps begin, in free space, (K, 2), m.
+        steps: Their means, (K, 2), m.
+        covariances: Of the displacements, (K, 2, 2), m^2.
+        directions: How many.
+    """
+    from scipy.special import ndtr  # it takes a moment to load
+
+    least = LEAST_SHARE * np.trace(covariances, axis1=1, axis2=2)[:, None, None] + LEAST_M**2
+    roots = np.linalg.cholesky(covariances + least * np.eye(2))
+    means = np.linalg.solve(roots, steps[..., None])[..., 0]
+    length, ahead = np.hypot(means[:, 0], means[:, 1])[:, None], np.arctan2(means[:, :1], means[:, 1:])
+    gap = 2 * FARTHEST_STDS / np.maximum(length, FARTHEST_STDS / np.pi) / directions
+    off = gap * (np.arange(directions) - 0.5 * (directions - 1))
+    ways = np.stack([np.sin(ahead + off), np.cos(ahead + off)], axis=-1) @ np.swapaxes(roots, 1, 2)
+    poses = np.empty((*ways.shape[:2], 3))
+    poses[..., :2] = starts[:, None]
+    poses[..., 2] = np.arctan2(ways[..., 0], ways[..., 1])
+    with np.errstate(divide="ignore"):  # on a wall, and where there is none
+        closeness = np.hypot(ways[..., 0], ways[..., 1]) / room.ranges(poses, AHEAD)[..., 0]
+        walls = 1 / closeness_between(np.minimum(closeness, 1 / LEAST_M), gap)
+    fine = gap / BETWEEN * (np.arange(directions * BETWEEN) - 0.5 * (directions * BETWEEN - 1))
+    along, aside = length * np.cos(fine), length * np.sin(fine)
+    beyond = np.exp(-0.5 * ((walls - along) ** 2 + aside**2)) / TWO_PI
+    beyond += along * np.exp(-0.5 * aside**2) * ndtr(along - walls) / np.sqrt(TWO_PI)
+    return np.asarray(np.clip(beyond.sum(axis=1) * gap[:, 0] / BETWEEN, 0.0, 1.0))
+
+
+def closeness_between(closeness: Array, gap: Array) -> Array:
+    """One over the distance to the wall in finer directions: (K, F) -> (K, F * BETWEEN).
+
+    Over directions a straight wall's is P sin a + Q cos a. Between two directions each wall goes on as it
+    came from its side, and the nearer one is met; but that is not above what leads straight from one
+    direction to the other: there a wall ends somewhere between.
+
+    Args:
+        closeness: In F directions, evenly spaced; the first comes after the last.
+        gap: Between them, (K, 1), rad.
+    """
+    result = np.empty((*closeness.shape, BETWEEN))
+    beyond, here = np.pad(closeness, ((0, 0), (2, 2)), mode="wrap"), closeness
+    for place, step in enumerate((np.arange(BETWEEN) + 0.5) / BETWEEN - 0.5):
+        turn, side = gap * abs(step), 1 if step > 0 else -1
+        before, there, behind = (
+            beyond[:, 2 + side * k : beyond.shape[1] - 2 + side * k or None] for k in (-1, 1, 2)
+        )
+        straight = np.sin(gap - turn) * here + np.sin(turn) * there
+        one = np.sin(gap + turn) * here - np.sin(turn) * before
+        other = np.sin(2 * gap - turn) * there - np.sin(gap - turn) * behind
+        result[..., place] = np.clip(np.maximum(one, other), 0.0, straight) / np.sin(gap)
+    return result.reshape(len(closeness), closeness.shape[1] * BETWEEN)
 
 
 @cache

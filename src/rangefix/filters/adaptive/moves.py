@@ -1,0 +1,248 @@
+"""How a belief on lattices moves: its points are moved, and spread by the motion's noise.
+
+Points stand for the probability between them as well, so each is given a Gaussian kernel as wide as the
+lattice asks for, less what the motion's noise spreads anyway; points are drawn together a little, so that
+mean and covariance stay what they were (Liu and West, 2001, "Combined parameter and state estimation").
+The law of `Confined` is met exactly for each moved point: what walls cut off is drawn again or stays. Nothing
+spreads what stays, so no kernel stands for it: its density is that before the move times the chance to stay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import TWO_PI, Array, BoolArray
+from ..models.confined import Confined, stopped_probability
+from ..models.motion import Stationary
+from ..problem import Motion
+from ..space import StateSpace
+from .gaussian_sums import ALL_ROUND, Around, Gaussians, reached
+from .lattice import Lattice
+from .mode_gaussians import (
+    COARSER_STILL,
+    COARSEST_CHECK,
+    COARSEST_TOGETHER,
+    KEPT_PROBABILITY,
+    TOGETHER,
+    Kernels,
+    smoothed,
+)
+from .predicted import Before, Part, Predicted, Stayed
+from .target import TooManyCells
+
+MAX_POINTS_MOVED = 20_000
+WALL_REACH_FACTOR = 1.7  # times the farthest of the steps tried: how far walls matter
+STEP_DRAWS = 128  # steps tried from each point, where walls are near
+LEAST_PROBABILITY = 1e-9  # of staying put, or of moving, that is followed
+DROPPED_SHARE = 1e-7  # of what moves, in points beside walls that hardly do
+DIRECTIONS, FEWER_DIRECTIONS = 32, 24  # in which walls stop steps of what stays; the same for what checks it
+DIRECTIONS_OF_POINTS = 48  # the same for a point, whose kernel is wider
+MOST_RESTED_ON = 4  # moves in a row after which Gaussians stand for what stays, lest each asks all before
+
+
+def predict_modes(
+    modes: tuple[Lattice, ...],
+    before: Before,
+    motion: Motion,
+    control: Array,
+    answer: Predicted | None = None,
+) -> Predicted:
+    """Where an object can be after a move.
+
+    Args:
+        modes: The belief before it.
+        before: The same as a density; with None kernels stand for what stays beside walls.
+        motion: The law of the move.
+        control: The control, (k,).
+        answer: What is to be checked by the same worked out otherwise: with more points taken together, and
+            fewer directions.
+
+    Raises:
+        TooManyCells: If more points would have to be moved than can be.
+    """
+    total = np.logaddexp.reduce([mode.log_integral for mode in modes])
+    shares = [float(mode.log_integral - total) for mode in modes]
+    walls = motion if isinstance(motion, Confined) else None
+    levels: tuple[float, ...] = TOGETHER[modes[0].space.size > 2], COARSEST_TOGETHER, COARSER_STILL
+    directions = DIRECTIONS
+    if answer is not None:
+        levels, directions = (COARSEST_TOGETHER, COARSER_STILL, COARSEST_CHECK), FEWER_DIRECTIONS
+        if answer.together > COARSEST_TOGETHER:
+            levels = tuple(level for level in levels if level > answer.together)
+    for together in levels:
+        parts = [
+            part
+            for mode, share in zip(modes, shares, strict=True)
+            if share > np.log(1 - KEPT_PROBABILITY)
+            for part in _mode_moved(mode, share, motion, control, together)
+        ]
+        stayed = None
+        stays = any(part.stays for part in parts)
+        if walls and stays and before is not None and before.rests_on < MOST_RESTED_ON:
+            stayed = Stayed(before, walls, control, directions)
+        predicted = Predicted(modes[0].space, walls.room if walls else None, tuple(parts), together, stayed)
+        if sum(len(part.likely) for part in predicted.summed) <= MAX_POINTS_MOVED:
+            return predicted
+    raise TooManyCells(
+        f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
+        "measure first, take a narrower prior, or give a motion noise that has next to none"
+    )
+
+
+def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, together: float) -> list[Part]:
+    """What becomes of a mode of that log probability: what moves and, beside walls, what stays."""
+    space, free = mode.space, motion.motion if isinstance(motion, Confined) else motion
+    noise = _noise_in_steps(mode, free, control)
+    moved = smoothed(mode, noise, together)
+    weights = moved.log_weights + share
+    if not isinstance(motion, Confined) or not _walls_near(moved, motion, control):
+        return [_part(space, moved._replace(log_weights=weights), free, control)]
+    beside = _beside_walls(moved._replace(log_weights=weights), motion, control)
+    parts = []
+    if (beside.through > -np.inf).any():
+        through = moved._replace(log_weights=beside.through)
+        parts.append(_part(space, through, free, control, beside.fans, beside.nearest))
+    if np.exp(beside.stays).sum() > LEAST_PROBABILITY:
+        still = smoothed(mode, noise, together, stays=True)._replace(log_weights=beside.stays)
+        still, fans, inside = _kept_inside(still, motion, control)
+        if not parts or np.exp(still.log_weights).sum() > LEAST_PROBABILITY:  # else it lay in walls
+            part = _part(space, still, Stationary(space), control, fans, inside)
+            blur = float((np.diagonal(still.covariance) / np.diagonal(part.covariance)).max())
+            parts.append(replace(part, stays=True, blur=blur))
+    return parts
+
+
+class _BesideWalls(NamedTuple):
+    """What walls make of steps from K points: docs/theory.md, "Motion that keeps out of walls".
+
+    Attributes:
+        through: Log weights of their Gaussians before walls cut these off, (K,); -inf where next to nothing
+            gets through.
+        stays: Log probability of what stays, (K,).
+        fans: How far walls are in ALL_ROUND, (K, F), m.
+        nearest: An end of each that can be reached, (K, 2), m; where it begins if none was found.
+    """
+
+    through: Array
+    stays: Array
+    fans: Array
+    nearest: Array
+
+
+def _beside_walls(points: Kernels, motion: Confined, control: Array) -> _BesideWalls:
+    """What walls make of steps from points with these weights."""
+    where = motion.space.position_indices
+    starts = np.ascontiguousarray(points.states[:, where])
+    fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), ALL_ROUND)
+    ends = _ends(points, motion, control, STEP_DRAWS)
+    met = reached(ends, motion.room.is_free(ends), Around.of(starts, fans))
+    nearest = np.where(met.any(axis=1, keepdims=True), ends[np.arange(len(ends)), met.argmax(axis=1)], starts)
+    centres, spread = _spread(points.states, points.covariance, motion.motion, control)
+    steps, spread = centres[:, where] - starts, spread[:, where][:, :, where]
+    stopped = stopped_probability(motion.room, starts, steps, spread, DIRECTIONS_OF_POINTS)
+    with np.errstate(divide="ignore"):
+        log_stays = motion.tries * np.log(stopped)
+        moves = stopped < 1
+        again = np.full(len(stopped), float(motion.tries))  # the limit where nothing gets through
+        again[moves] = -np.expm1(log_stays[moves]) / (1 - stopped[moves])
+        through = points.log_weights + np.log(again)
+    through[~_heaviest(np.exp(through) * (1 - stopped))] = -np.inf
+    return _BesideWalls(through, points.log_weights + log_stays, fans, nearest)
+
+
+def _heaviest(masses: Array) -> BoolArray:
+    """Which of masses (K,) hold all but 1e-7 of their sum, (K,); none where that is next to nothing."""
+    order = np.argsort(-masses, kind="stable")
+    held = np.cumsum(masses[order])
+    kept = np.zeros(len(masses), dtype=np.bool_)
+    if held[-1] > LEAST_PROBABILITY:
+        kept[order[: 1 + int(np.searchsorted(held, (1 - DROPPED_SHARE) * held[-1]))]] = True
+    return kept
+
+
+def _kept_inside(still: Kernels, walls: Confined, control: Array) -> tuple[Kernels, Array, Array]:
+    """What stays put, its kernels cut off at walls and normalised: nothing that stays leaks through them.
+
+    Returns:
+        Those that are about free space, how far walls are from each all round, and a place of each in it.
+    """
+    resting = replace(walls, motion=Stationary(walls.space))
+    starts = np.ascontiguousarray(still.states[:, walls.space.position_indices])
+    fans = walls.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), ALL_ROUND)
+    ends = _ends(still, resting, control, STEP_DRAWS)
+    met = reached(ends, walls.room.is_free(ends), Around.of(starts, fans))
+    inside, kept = met.mean(axis=1), met.any(axis=1)
+    nearest = ends[np.arange(len(ends)), met.argmax(axis=1)]
+    weights = still.log_weights[kept] - np.log(inside[kept])
+    return Kernels(still.states[kept], weights, still.covariance), fans[kept], nearest[kept]
+
+
+def _noise_in_steps(mode: Lattice, motion: Motion, control: Array) -> Array:
+    """The motion's noise at a mode's heaviest point, before the move, in steps of the lattice, (n, n)."""
+    state = mode.states[mode.logs.argmax()]
+    back = np.linalg.inv(np.asarray(motion.jacobian(state, control)) @ mode.basis)
+    return np.asarray(back @ motion.noise_covariance(state, control) @ back.T)
+
+
+def _part(
+    space: StateSpace, kernels: Kernels, motion: Motion, control: Array,
+    fans: Array | None = None, nearest: Array | None = None,
+) -> Part:  # fmt: skip
+    """Gaussians moved; near walls with fans, and the nearest places to the centres that can be reached."""
+    kept = kernels.log_weights > -np.inf
+    states, log_weights = kernels.states[kept], kernels.log_weights[kept]
+    centres, covariance = _spread(states, kernels.covariance, motion, control)
+    precision = np.asarray(np.linalg.inv(covariance), dtype=float)
+    level = -0.5 * (states.shape[1] * np.log(TWO_PI) + np.asarray(np.linalg.slogdet(covariance)[1]))
+    weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
+    mean, between = space.moments(centres, weights)
+    total = between + np.einsum("k,kij->ij", weights, covariance)
+    where, likely = space.position_indices, centres
+    if nearest is not None:
+        away = (nearest[kept] - centres[:, where])[..., None]
+        gain = covariance[..., where] @ np.linalg.solve(covariance[:, where][..., where], away)
+        likely = centres + gain[..., 0]
+    fans = np.empty((len(states), 0)) if fans is None else fans[kept]
+    starts = np.ascontiguousarray(states[:, where])
+    moved = Gaussians(centres, precision, log_weights + level, space.is_angle)
+    return Part(starts, moved, space.wrap(likely), fans, mean, total)
+
+
+def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tuple[Array, Array]:
+    """Means (K, n) and covariances (K, n, n) of Gaussians after a move: f(c) and F E F' + Q."""
+    jacobian = motion.jacobian(states, control)
+    covariance = jacobian @ kernel @ np.swapaxes(jacobian, -1, -2) + motion.noise_covariance(states, control)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    smallest = 1e-12 * np.trace(covariance, axis1=-2, axis2=-1)[:, None, None] + 1e-18
+    return motion.mean(states, control), covariance + smallest * np.eye(states.shape[1])
+
+
+def _walls_near(kernels: Kernels, motion: Confined, control: Array) -> bool:
+    """Whether a wall stands, or free space ends, within a disc that holds all starts and ends of steps."""
+    ends = _ends(kernels, motion, control, STEP_DRAWS // 16)
+    starts = kernels.states[:, motion.space.position_indices]
+    middle = np.exp(kernels.log_weights) @ starts
+    radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
+    if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
+        return True
+    fan = motion.room.ranges(np.append(middle, 0.0), ALL_ROUND)
+    return bool(fan.min() <= WALL_REACH_FACTOR * radius)
+
+
+def _ends(kernels: Kernels, motion: Confined, control: Array, count: int) -> Array:
+    """Places where steps from each point end, spread evenly over their law, (K, count, 2)."""
+    where = motion.space.position_indices
+    centres, covariance = _spread(kernels.states, kernels.covariance, motion.motion, control)
+    root = np.linalg.cholesky(covariance[:, where][:, :, where])
+    return np.asarray(centres[:, None, where] + _normal_points(count) @ np.swapaxes(root, 1, 2))
+
+
+def _normal_points(count: int) -> Array:
+    """Points spread as a standard normal plane is, (count, 2): Fibonacci's lattice, by its law's inverse."""
+    place = (np.arange(count) + 0.5) / count
+    angle = TWO_PI * np.arange(count) * (np.sqrt(5) - 1) / 2
+    radius = np.sqrt(-2 * np.log1p(-place))
+    return np.column_stack([radius * np.sin(angle), radius * np.cos(angle)])
