@@ -76,6 +76,11 @@ def smoothed(
     return Kernels(states, np.log(weights), mode.basis @ covariance @ mode.basis.T)
 
 
+def kept_count(mode: Lattice) -> int:
+    """How many points of a mode hold all of its probability but 1e-5."""
+    return len(_kept(np.exp(mode.logs - mode.logs.max())))
+
+
 def _kept(weights: Array) -> IntArray:
     """Places of the heaviest points that hold all but 1e-5, in order."""
     order = np.argsort(-weights, kind="stable")

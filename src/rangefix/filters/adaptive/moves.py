@@ -28,6 +28,7 @@ from .mode_gaussians import (
     KEPT_PROBABILITY,
     TOGETHER,
     Kernels,
+    conditional_stds,
     smoothed,
 )
 from .predicted import Before, Part, Predicted, Stayed
@@ -41,6 +42,16 @@ DROPPED_SHARE = 1e-7  # of what moves, in points beside walls that hardly do
 DIRECTIONS, FEWER_DIRECTIONS = 32, 24  # in which walls stop steps of what stays; the same for what checks it
 DIRECTIONS_OF_POINTS = 48  # the same for a point, whose kernel is wider
 MOST_RESTED_ON = 4  # moves in a row after which Gaussians stand for what stays, lest each asks all before
+
+
+def coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
+    """Along which axes a lattice is too coarse, (n,): walls are near, and noise is narrower than a step."""
+    if not isinstance(motion, Confined):
+        return np.zeros(mode.space.size, dtype=bool)
+    noise = _noise_in_steps(mode, motion.motion, control)
+    if not _walls_near(smoothed(mode, noise), motion, control):
+        return np.zeros(mode.space.size, dtype=bool)
+    return np.asarray(conditional_stds(noise) < 1.0)
 
 
 def predict_modes(
