@@ -245,7 +245,7 @@ class AdaptivePointMassFilter(BriefRepr):
         logs = target.log_density(states)
         peaks = Peaks(states, logs, logs, np.broadcast_to(information, (*states.shape, states.shape[1])))
         found = refined(target, with_lattices(target, peaks, self._accuracy), self._accuracy)
-        if isinstance(prior, Predicted):
+        if isinstance(prior, Predicted) and prior.is_blurred:
             draws = prior.draws(self._search.draws_asked)
             found = replace(found, missed=prior.blur(draws.parts, draws.log_mass))
         return verified(target, check, found, self._accuracy)

@@ -209,10 +209,13 @@ class Predicted:
         _, covariance = self.space.moments(states, np.full(len(states), 1 / len(states)))
         return np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
 
+    @property
+    def is_blurred(self) -> bool:
+        """Whether kernels stand for some of what stays put."""
+        return any(part.blur for part in self.summed)
+
     def blur(self, parts: IntArray, log_mass: Array) -> float:
         """What kernels blur of what stays put, in deviations, by draws of these parts and masses, (J,)."""
-        if self.stayed is not None:
-            return 0.0
         shares = np.exp(log_mass - log_mass.max(initial=-np.inf))
         total = np.bincount(parts, shares, len(self.parts))
         return float(total @ [part.blur for part in self.parts] / max(total.sum(), 1e-300))

@@ -140,7 +140,7 @@ class ModeSearch:
             found = with_lattices(target, peaks, self.accuracy, found)
         draws = prior.draws(self.draws_asked)
         survey = Survey(draws, likely, rough, *prior.means_and_precisions())
-        if any(part.blur for part in prior.parts):
+        if prior.is_blurred:
             survey.blur = prior.blur(draws.parts, survey.log_mass(np.arange(len(draws.parts))))
         return self.completed(target, found, survey), survey
 
