@@ -174,7 +174,9 @@ def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST
         rows = np.where(fine, rows, 0.0)
     for j in range(size):
         left = rows[0, 0]  # what is left of the variance, given the components before
-        fine &= (left > least) & (left > rounding * covariance[..., j, j])
+        fine &= left > least
+        if rounding:
+            fine &= left > rounding * covariance[..., j, j]
         if j + 1 < size:
             slope = rows[1:, 0] / (left if fine.all() else np.where(fine, left, 1.0))
             rows = rows[1:, 1:] - slope[:, None] * rows[0, 1:]

@@ -29,8 +29,7 @@ LEAST_SHARE = 1e-6  # of the noise, that the deviation of a range is taken for a
 
 def with_missing_returns(sensor: Sensor, belief: GaussianBelief, measurement: Array) -> GaussianBelief:
     """A belief whose evidence also counts the readings (M, B) that are inf or -inf: see `is_counted`."""
-    counted = is_counted(sensor, measurement)
-    if not counted.any():
+    if not np.isinf(measurement).any() or not (counted := is_counted(sensor, measurement)).any():
         return belief
     expected = sensor.expected(belief.mean)
     counted &= np.isfinite(expected)  # where no wall is expected no return is sure
