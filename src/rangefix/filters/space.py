@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from math import isfinite
 
 import numpy as np
@@ -185,7 +186,7 @@ def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST
 
 def _is_definite(rows: list[list[float]], rounding: float, least: float) -> bool:
     """The same for one covariance (n, n), step by step as for many; it is changed."""
-    if not all(isfinite(value) for row in rows for value in row):
+    if not all(map(isfinite, chain.from_iterable(rows))):
         return False
     bars = [max(least, rounding * row[place]) for place, row in enumerate(rows)]
     for j, pivot in enumerate(rows):

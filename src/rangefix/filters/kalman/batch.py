@@ -80,7 +80,7 @@ class GaussianFilter(ABC):
 
     def measured(self, measurement: Array) -> tuple[Sensor, Array]:
         """The sensor and its readings (M, B) without beams that were measured in no run."""
-        sensor, read = self.problem.sensor, ~np.isnan(measurement[:1]).all(axis=0)
+        sensor, read = self.problem.sensor, np.asarray(~np.isnan(measurement[:1]).all(axis=0))
         for beam in np.flatnonzero(~read):  # only these: a sweep over all beams takes a tenth of an update
             read[beam] = not np.isnan(measurement[:, beam]).all()
         if read.all() or not read.any() or type(sensor) is not Rangefinder:

@@ -317,7 +317,8 @@ class PointMassFilter(BriefRepr):
 
     def _with_readings(self, belief: PointMassBelief, measurement: Array) -> PointMassBelief:
         """Gaussian noise: the readings join those of before as counts, means and a common factor."""
-        if not belief.measurements.size and np.isfinite(measurement).all():  # the usual case: nothing to join
+        finite = np.count_nonzero(np.isfinite(measurement)) == measurement.size
+        if finite and not belief.measurements.size:  # the usual case: nothing to join
             counts, readings = np.ones(measurement.shape), measurement.copy()
             measurements = readings[:, None]
             log_scale = belief.log_scale + self._log_peak
@@ -326,8 +327,9 @@ class PointMassFilter(BriefRepr):
                 counts, readings, common = self._joined(belief, measurement)
                 log_scale = belief.log_scale + common.sum(1)
             measurements = np.concatenate([belief.measurements, measurement[:, None]], axis=1)
-        return replace(
-            belief, counts=counts, readings=readings, log_scale=log_scale, measurements=measurements
+        mass = belief.log_mass, belief.top_mass
+        return PointMassBelief(
+            *mass, counts, readings, log_scale, belief.estimate, belief.prior, measurements
         )
 
     def _joined(self, belief: PointMassBelief, measurement: Array) -> tuple[Array, Array, Array]:
@@ -377,4 +379,6 @@ class PointMassFilter(BriefRepr):
         if before is not None and np.count_nonzero(lost):
             mean[lost], covariance[lost] = before.estimate.mean[lost], before.estimate.covariance[lost]
             log_evidence[lost] = -np.inf
-        return replace(belief, estimate=Estimate(mean, covariance, log_evidence))
+        told = belief.counts, belief.readings, belief.log_scale
+        estimate = Estimate(mean, covariance, log_evidence)
+        return PointMassBelief(*mass, *told, estimate, belief.prior, belief.measurements)

@@ -229,7 +229,7 @@ def _errors(
     logs, times = np.empty((runs, probes, len(offsets))), np.zeros((runs, probes), np.int64)
     told = sums, readings, ranges, log_mass, grid.box, logs, times
     in_threads(_weigh_stencils, runs, logs.size * len(ranges.kind) * VALUES_TO_A_BEAM, *told)
-    asked = np.flatnonzero(times)
+    (asked,) = times.ravel().nonzero()
     if not asked.size:
         return asked, np.empty((0, size, size))
     steep = np.ascontiguousarray(logs.reshape(-1, len(offsets)).take(asked, axis=0).T)
