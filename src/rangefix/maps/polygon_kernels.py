@@ -20,18 +20,16 @@ def locate_in_polygon(points: Array, corners: Array, border: float, where: Array
     """
     sides = len(corners)
     for place in range(len(where)):
-        x, y = points[0, place], points[1, place]
-        odd, on_border = False, False
-        for side in range(sides):
-            after = side + 1 if side + 1 < sides else 0
-            xa, ya, xb, yb = corners[side, 0], corners[side, 1], corners[after, 0], corners[after, 1]
-            if y < min(ya, yb) - border or y > max(ya, yb) + border:
-                continue
-            if (ya <= y) != (yb <= y) and x < xa + (y - ya) * ((xb - xa) / (yb - ya)):
-                odd = not odd
-            if x >= min(xa, xb) - border and x <= max(xa, xb) + border:
-                along = ((x - xa) * (xb - xa) + (y - ya) * (yb - ya)) / ((xb - xa) ** 2 + (yb - ya) ** 2)
-                along = min(max(along, 0.0), 1.0)
-                off1, off2 = x - xa - along * (xb - xa), y - ya - along * (yb - ya)
-                on_border = on_border or math.sqrt(off1 * off1 + off2 * off2) <= border
-        where[place] = 0.0 if on_border else (1.0 if odd and math.isfinite(x) else -1.0)
+        where[place] = -1.0
+    for side in range(sides):  # all points for a side, without a choice: several at once in the processor
+        after = side + 1 if side + 1 < sides else 0
+        xa, ya, xb, yb = corners[side, 0], corners[side, 1], corners[after, 0], corners[after, 1]
+        along1, along2 = xb - xa, yb - ya
+        slope, square = along1 / along2, along1 * along1 + along2 * along2
+        for place in range(len(where)):
+            x, y = points[0, place], points[1, place]
+            crossed = ((ya <= y) != (yb <= y)) & (x < xa + (y - ya) * slope) & (x > -math.inf)
+            share = min(max(((x - xa) * along1 + (y - ya) * along2) / square, 0.0), 1.0)
+            off1, off2 = x - xa - share * along1, y - ya - share * along2
+            other = -where[place] if crossed else where[place]
+            where[place] = 0.0 if math.sqrt(off1 * off1 + off2 * off2) <= border else other
