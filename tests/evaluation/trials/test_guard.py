@@ -87,10 +87,12 @@ def plugin(tmp_path_factory):
 
 
 @pytest.fixture
-def guarded(plugin):
+def guarded(plugin, monkeypatch):
+    """Starts guarded estimators, whose batches may last twice what two runs took for each of theirs."""
+    monkeypatch.setattr(guard, "BATCH_TIME_FACTOR", 2)  # the first two import and compile, which takes long
     made = []
 
-    def start(name, timeout=1.0):
+    def start(name, timeout=0.5):
         trial = Trial(make_problem(), np.zeros((0, 0)), 3)
         made.append(GuardedEstimator.of(trial, NamedEstimator(f"{plugin}:{name}"), timeout))
         return made[-1], BuiltEstimator.build(trial, NamedEstimator(f"{plugin}:{name}"))
@@ -110,7 +112,7 @@ def test_only_the_guilty_runs_are_lost(guarded, name):
         8: "error",
         9: "error",
     }
-    assert outcome.reasons[5] == "the trial took longer than 1 s (timeout_s), in update() at measurement 1"
+    assert outcome.reasons[5] == "the trial took longer than 0.5 s (timeout_s), in update() at measurement 1"
     assert outcome.reasons[7] == "update() at measurement 1 ended the process (exit code 3)"
     assert outcome.reasons[8] == "update() at measurement 1 ended the process (SIGSEGV)"
     assert re.fullmatch(
@@ -125,18 +127,18 @@ def test_only_the_guilty_runs_are_lost(guarded, name):
 def test_one_that_always_hangs_is_given_up(guarded, monkeypatch):
     monkeypatch.setattr(guard, "FIRST_RUNS_EXTRA_S", 1.0)
     hanging, _ = guarded("Batch", 0.2)
-    outcome = hanging.run(np.full((100, 1, 3), 5.0), 0, READINGS[:2])
-    assert [STATUSES[code] for code in outcome.status] == ["timeout"] * 5 + ["skipped"] * 95
-    assert "5 trials in a row were lost" in outcome.reasons[99]
+    outcome = hanging.run(np.full((20, 1, 3), 5.0), 0, READINGS[:2])
+    assert [STATUSES[code] for code in outcome.status] == ["timeout"] * 5 + ["skipped"] * 15
+    assert "5 trials in a row were lost" in outcome.reasons[19]
 
 
 def test_a_builder_that_hangs(plugin, monkeypatch):
-    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 2.0)
-    monkeypatch.setattr(experiment, "TRIAL_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(guard, "BUILD_EXTRA_S", 0.5)
+    monkeypatch.setattr(experiment, "TRIAL_TIMEOUT_S", 0.5)
     estimators = {"slow": NamedEstimator(f"{plugin}:Slow"), "ekf": NamedEstimator("ekf")}
     results = run(Experiment(make_problem(), estimators, runs=5))
     assert results.get("slow").failures == {"timeout": 5}
-    assert results.get("slow").reasons[0] == f"estimator '{plugin}:Slow': building it took longer than 3 s"
+    assert results.get("slow").reasons[0] == f"estimator '{plugin}:Slow': building it took longer than 1 s"
     assert results.get("ekf").ok.all()
 
 
