@@ -22,6 +22,7 @@ from rangefix.cli.main import overview
 from rangefix.cli.maps import gather_bearings
 from rangefix.cli.tables import _smaller_cells
 from rangefix.evaluation import load
+from rangefix.evaluation.monte_carlo import backends
 from rangefix.evaluation.report.worst import repeat_command
 
 from .conftest import Said
@@ -466,8 +467,11 @@ def test_wrong_options_are_one_line_as_typed(
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_input_is_one_line(rangefix: Callable[..., Said], what: str) -> None:
+def test_bad_input_is_one_line(
+    rangefix: Callable[..., Said], what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Exit code 2, one line on standard error that says what is wrong, nothing on standard output."""
+    monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "1s")
     arguments, word = BAD[what]
     said = rangefix(*arguments)
     assert (said.code, said.out) == (2, "")

@@ -24,7 +24,14 @@ def test_hostile_updates(name: str, number: int) -> None:
     suffer(name, Attack.of(number, FEW.get(name, RUNS)))
 
 
-@pytest.mark.parametrize("number", [*CASES[::2], 1037])  # a beam without a return, and then too close
+@pytest.mark.parametrize(
+    "number",
+    [
+        *CASES[::4],
+        1037,  # a beam without a return, and then too close
+        *(pytest.param(number, marks=pytest.mark.study) for number in CASES[2::4]),
+    ],
+)
 def test_hostile_updates_of_lattices(number: int) -> None:
     """The same of the lattices that the adaptive filter takes where no exact pieces are to be had."""
     suffer(LATTICES, Attack.of(number, 2))

@@ -271,7 +271,7 @@ def test_dead_reckoning_example(problem: Problem) -> None:
 
 
 STUDY = """
-runs = 20
+runs = 8
 [map]
 kind = "rectangle"
 width_m = 4.0
@@ -316,9 +316,9 @@ def test_example_package_as_a_third_party_has_it(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(STUDY)
     rows = json.loads(python("-m", "rangefix", "run", "study.toml", "--json"))["rows"]
     assert {row["estimator"]: row["ok"] for row in rows} == {
-        "point-mass": 20,
-        "stonesoup-particle particles=500": 20,
-        "stonesoup-particle particles=1000": 20,
+        "point-mass": 8,
+        "stonesoup-particle particles=500": 8,
+        "stonesoup-particle particles=1000": 8,
     }
     tests = ("-m", "pytest", "-q", "-c", example / "pyproject.toml", example / "tests")
     assert "4 passed" in python(*tests, "-p", "no:cacheprovider", "-k", "not conforms")

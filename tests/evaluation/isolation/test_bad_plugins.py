@@ -141,7 +141,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def ran(folder: Path) -> dict[str, Results]:
-    """The good ones alone in this process, beside those that stop one, and beside the others without a limit."""
+    """The good alone in this process, beside those that stop one, and beside the others without a limit."""
 
     def compare(names: tuple[str, ...], timeout: float = 0.5) -> Results:
         estimators = {name: NamedEstimator(f"{folder}/{name}" if ":" in name else name) for name in names}

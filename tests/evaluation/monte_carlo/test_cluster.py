@@ -64,7 +64,7 @@ def test_a_killed_worker_changes_no_bit(dask, tmp_path):
         "point-mass": NamedEstimator("point-mass", {"cell": 0.2}),
         "particle": NamedEstimator("particle", {"particles": 200}),
     }
-    experiment = Experiment(make_problem(), estimators, runs=100, block=10, beam_sets=[[1], [1, 2, 3]])
+    experiment = Experiment(make_problem(), estimators, runs=50, block=10, beam_sets=[[1], [1, 2, 3]])
     seen = []
 
     def kill(progress):
@@ -131,7 +131,7 @@ def test_certificates_let_in_those_who_have_them(tmp_path, monkeypatch):
     with cluster(tmp_path, [{}], *options, "--protocol", "tls") as (address, _):
         assert address.startswith("tls://")
         run(made, tmp_path / "tls", cluster=address, cluster_tls=ours, timing=False)
-        monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "3s")
+        monkeypatch.setattr(backends, "SCHEDULER_TIMEOUT", "1s")  # none will ever answer
         for wrong, where in ((None, address), (theirs, address), (None, address.replace("tls", "tcp"))):
             with pytest.raises(ResultsError, match="no dask scheduler answers"):
                 run(made, tmp_path / "new" / "out", cluster=where, cluster_tls=wrong)

@@ -143,12 +143,21 @@ def group_of(session):
 
 
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="there is no /proc")
-@pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    ("how", "workers"),
+    [
+        (signal.SIGTERM, 1),
+        (signal.SIGINT, 2),
+        (signal.SIGKILL, 1),
+        (signal.SIGKILL, 2),
+        pytest.param(signal.SIGTERM, 2, marks=pytest.mark.study),
+        pytest.param(signal.SIGINT, 1, marks=pytest.mark.study),
+    ],
+)
 def test_a_run_that_is_stopped_leaves_its_parts_and_nothing_else(how, workers, plugin, tmp_path):
     """No process, no file; one line."""
     study, out, temporary = tmp_path / "s.toml", tmp_path / "r", tmp_path / "tmp"
-    names = f'[[estimators]]\nname = "ekf"\n[[estimators]]\nname = "{plugin}:Mine"\noptions.seconds = 0.004\n'
+    names = f'[[estimators]]\nname = "ekf"\n[[estimators]]\nname = "{plugin}:Mine"\noptions.seconds = 0.002\n'
     study.write_text(STUDY.format(runs=1500) + names)
     where = environment(temporary)
     command = [sys.executable, "-m", "rangefix", "run", str(study), "--workers", str(workers)]

@@ -159,7 +159,7 @@ def test_walls_matter():
     problem = walking(1)
     controls = [None, *[STILL] * 4]
     readings = driven(problem, controls, 7)
-    reference = recursion(problem, (96, 72), controls, readings)
+    reference = recursion(problem, (64, 48), controls, readings)
     blind = Problem(SPACE, RandomWalk(SPACE, 0.25), problem.sensor, problem.prior)
     worst = 0.0
     for step, (estimator, belief) in enumerate(beliefs(blind, controls, readings)):
