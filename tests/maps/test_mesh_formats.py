@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rangefix.maps import MapError, MeshRoom
-from rangefix.maps.mesh_formats.read_mesh import read_mesh
+from rangefix.maps.mesh_formats.read_mesh import read_mesh, read_scene
 from rangefix.maps.mesh_formats.triangulate import triangulated
 
 from .conftest import DATA, box
@@ -19,6 +20,24 @@ CASES = DATA.parent / "cases" / "maps"
 ROUND = np.deg2rad([0.0, 90.0, 180.0, 270.0])
 CORNERS = box((0, 0, 0), (4, 6, 2.5))[0]
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Scenes are read in this process: another one takes a second to import the libraries.
+
+    `test_nodes_of_a_scene`, `test_collada` with a file that is sound, and test_hostile_meshes.py have one.
+    """
+
+    def read(path):
+        try:
+            with warnings.catch_warnings(action="ignore"):  # of libraries, which a process of its own hides
+                vertices, triangles, up, unit = read_scene(str(path.absolute()))
+        except Exception as error:
+            raise MapError(f"{path}: not a mesh that can be read ({error})") from None
+        return vertices, triangles.astype(np.int64), up, unit
+
+    monkeypatch.setattr("rangefix.maps.mesh_formats.read_mesh._read_apart", read)
 
 
 def obj(points, faces) -> str:
@@ -184,7 +203,7 @@ INSTANCES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
         ("buffers 0", {"byteLength": 9999}, "my walls.bin has 240 bytes, 9999 are announced"),
     ],
 )
-def test_what_moves_surfaces_is_read_or_refused(tmp_path, where, more, words):
+def test_what_moves_surfaces_is_read_or_refused(here, tmp_path, where, more, words):
     """Whatever a library passes over, and faces whose corners are not there; names of files are addresses."""
     content = glb([{"mesh": 0}])
     length = int.from_bytes(content[12:16], "little")
@@ -215,7 +234,7 @@ DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COL
 
 
 @pytest.mark.parametrize(("up", "axes"), [("Z_UP", (0, 1, 2)), ("Y_UP", (0, 2, 1))])
-def test_collada(tmp_path, up, axes):
+def test_collada(request, tmp_path, up, axes):
     """With the unit and the axis that it states, its squares cut, its node moved; no other file is read."""
     pytest.importorskip("collada")
     points = CORNERS[:, axes] * ([100, 100, 100] if up == "Z_UP" else [100, 100, -100])
@@ -229,6 +248,7 @@ def test_collada(tmp_path, up, axes):
     room = MeshRoom.load(path, sensor_height=0.9)
     np.testing.assert_allclose(room.ranges([3.0, 3.0, 0.0], ROUND), [3, 2, 3, 2], atol=1e-6)
     assert room.unit == "0.01 m (the file's)"
+    request.getfixturevalue("here")
     path.write_text(DAE.format(url="other.dae", **told))
     with pytest.raises(MapError, match="can be read"):
         MeshRoom.load(path, sensor_height=0.9)
@@ -284,7 +304,7 @@ def made(name: str) -> Path:
 
 
 @pytest.mark.parametrize(("name", "options", "place", "expected"), MADE)
-def test_files_of_all_kinds(name, options, place, expected):
+def test_files_of_all_kinds(here, name, options, place, expected):
     """Small rooms as modellers write them, with the ranges that they have by hand."""
     room = MeshRoom.load(made(name), sensor_height=0.9, **options)
     assert room.is_free(place)
@@ -310,7 +330,7 @@ def test_a_mark_of_utf_8_costs_no_vertex(tmp_path, kind):
 
 
 @pytest.mark.parametrize(("name", "words"), ASKED)
-def test_what_is_open_is_asked_for(name, words):
+def test_what_is_open_is_asked_for(here, name, words):
     """The unit with the sizes that it would give, and which way is up."""
     with pytest.raises(MapError, match=words):
         MeshRoom.load(made(name), sensor_height=0.9)

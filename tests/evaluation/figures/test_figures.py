@@ -42,17 +42,31 @@ def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def drawn(study: Path, example: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    """All figures of both, drawn once in folders that no test draws in again."""
+    found = {}
+    for kind, folder in (("study", study), ("example", example)):
+        copy = tmp_path_factory.mktemp("drawn") / kind
+        shutil.copytree(folder, copy, ignore=shutil.ignore_patterns("figures"))
+        found[kind] = draw(copy)
+    return found
+
+
 def digests(paths: list[Path]) -> dict[str, str]:
     return {path.name: sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 @pytest.mark.parametrize(("kind", "names"), [("study", STUDY), ("example", PAPER)])
 def test_figures_are_reproducible(
-    kind: str, names: set[str], request: pytest.FixtureRequest, tmp_path: Path
+    kind: str,
+    names: set[str],
+    drawn: dict[str, list[Path]],
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
 ) -> None:
     """Every figure comes out byte for byte the same, from a moved folder and under altered settings."""
-    folder: Path = request.getfixturevalue(kind)
-    first = draw(folder)
+    folder, first = request.getfixturevalue(kind), drawn[kind]
     assert {path.name for path in first} == {f"{name}.{end}" for name in names for end in ("png", "svg")}
     moved = tmp_path / "elsewhere"
     shutil.copytree(folder, moved, ignore=shutil.ignore_patterns("figures"))
@@ -126,9 +140,9 @@ def test_no_time_and_no_machine_in_the_files(study: Path) -> None:
         assert not [word for word in words if word in content]
 
 
-def test_pictures_show_something(study: Path, example: Path) -> None:
+def test_pictures_show_something(drawn: dict[str, list[Path]]) -> None:
     """Every picture has more than its background: between 0.5 and 90 % of the pixels are not white."""
-    for path in (path for folder in (study, example) for path in draw(folder) if path.suffix == ".png"):
+    for path in (path for paths in drawn.values() for path in paths if path.suffix == ".png"):
         grey = np.asarray(Image.open(path).convert("L"))
         assert 0.005 < (grey < 250).mean() < 0.9, path.name
 

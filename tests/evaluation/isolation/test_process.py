@@ -148,8 +148,9 @@ def test_a_hang_names_stage_runs_and_line(child):
 
 
 @pytest.mark.parametrize("how", [hang_with_faulthandler_off, hang_holding_the_lock_of_python])
-def test_neither_a_silent_hang_nor_one_in_c_is_waited_for(child, how):
+def test_neither_a_silent_hang_nor_one_in_c_is_waited_for(child, how, monkeypatch):
     """By the deadline of the parent, or by faulthandler, which needs no turn in Python."""
+    monkeypatch.setattr("rangefix.evaluation.isolation.process.GRACE_S", 0.5)
     child.ask(answer, (0,), LATER)
     start = time.monotonic()
     with pytest.raises(Lost, match=r"it took longer than 0.5 s"):

@@ -205,7 +205,7 @@ def test_runs_lost_in_a_row_are_counted_alike(tmp_path: Path, monkeypatch: pytes
 
 
 QUICK = "saving.SAVE_INTERVAL_S, saving.BATCH_S = 0.2, 0.1"
-HERE, WORKERS = ("1", QUICK, "0.02", "150"), ("2", "", "0.2", "100")  # those do not see what is set here
+HERE, WORKERS = ("1", QUICK, "0.02", "80"), ("2", "", "0.2", "100")  # those do not see what is set here
 
 
 @pytest.mark.parametrize(
