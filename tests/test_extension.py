@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 from textwrap import dedent
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -141,12 +142,46 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def rangefix(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """The command in a process that finds the little distribution."""
+COMMANDS = """
+import io, json, sys
+from contextlib import redirect_stderr, redirect_stdout
+from rangefix.cli import main
+
+done = []
+for words in json.loads(sys.argv[1]):
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            main(words)
+        except SystemExit as end:
+            code = end.code or 0
+    done.append([code, out.getvalue(), err.getvalue()])
+print(json.dumps(done))
+"""
+
+
+class Done(NamedTuple):
+    """What came of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def python(folder: Path, *arguments: str) -> str:
+    """What a process prints that finds the little distribution."""
     path = os.pathsep.join([str(folder / "site"), str(SOURCE), *filter(None, sys.path)])
-    command = [sys.executable, "-m", "rangefix", *arguments]
     environment = {**os.environ, "PYTHONPATH": path}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def several(folder: Path, *commands: str) -> list[Done]:
+    """Commands, one after the other in a process that finds the little distribution; no word has a space."""
+    words = json.dumps([command.split() for command in commands])
+    return [Done(*each) for each in json.loads(python(folder, "-c", COMMANDS, words))]
 
 
 def keys(folder: Path) -> str:
@@ -154,39 +189,35 @@ def keys(folder: Path) -> str:
     code = "from rangefix.evaluation import load_study\n"
     code += "from rangefix.evaluation.monte_carlo.keys import part_keys\n"
     code += "print(part_keys(load_study('study.toml').experiment()))"
-    path = os.pathsep.join([str(folder / "site"), str(SOURCE), *filter(None, sys.path)])
-    environment = {**os.environ, "PYTHONPATH": path}
-    command = [sys.executable, "-c", code]
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=True
-    ).stdout
+    return python(folder, "-c", code)
 
 
 def test_a_map_and_a_motion(folder: Path) -> None:
     """A study runs them, and `ranges` and --map read files of such maps."""
-    done = rangefix(folder, "run", "study.toml", "--out", "r", "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout)["rows"][0]["ok"] == 4
-    done = rangefix(folder, "ranges", "room.square", "--at", "1", "2", "--bearings-deg", "0", "90", "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert [beam["range_m"] for beam in json.loads(done.stdout)["beams"]] == pytest.approx([3.0, 4.0])
-    done = rangefix(folder, "run", "point", "--runs", "2", "--map", "room.square", "--out", "p", "--json")
-    assert (done.returncode, done.stderr) == (0, "")
+    ran, ranges, mapped = several(
+        folder,
+        "run study.toml --out r --json",
+        "ranges room.square --at 1 2 --bearings-deg 0 90 --json",
+        "run point --runs 2 --map room.square --out p --json",
+    )
+    for done in (ran, ranges, mapped):
+        assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(ran.stdout)["rows"][0]["ok"] == 4
+    assert [beam["range_m"] for beam in json.loads(ranges.stdout)["beams"]] == pytest.approx([3.0, 4.0])
 
 
 def test_their_keys_are_checked(folder: Path) -> None:
     """As those of ours are: unknown ones, wrong ones, and kinds that there are not."""
     text = STUDY.replace("std_m = 0.1", "std_n = 0.1").replace("std_m = 0.2", "std_m = -0.2")
     (folder / "study.toml").write_text(text)
-    done = rangefix(folder, "run", "study.toml")
+    (folder / "other.toml").write_text(STUDY.replace('"drift"', '"drfit"'))
+    done, other = several(folder, "run study.toml", "run other.toml")
     assert done.returncode == 2
     assert [line.partition(" (")[0] for line in done.stderr.splitlines()] == [
         "rangefix: study.toml:10: motion.std_n: unknown key; did you mean std_m?",
         "rangefix: study.toml:12: assumed.motion.std_m: must be greater than 0, got -0.2",
     ]
-    (folder / "study.toml").write_text(STUDY.replace('"drift"', '"drfit"'))
-    done = rangefix(folder, "run", "study.toml")
-    assert "odometry, drift" in done.stderr
+    assert "odometry, drift" in other.stderr
 
 
 def test_their_source_and_files_are_in_the_keys(folder: Path) -> None:
@@ -204,7 +235,7 @@ def test_what_does_not_fit_is_left_out_with_a_warning(folder: Path) -> None:
     file.write_text(
         "[rangefix.maps]\nsquare = little:RandomWalk\n[rangefix.motions]\nodometry = little:DriftMotion\n"
     )
-    done = rangefix(folder, "run", "point", "--runs", "2", "--out", "p", "--json")
+    (done,) = several(folder, "run point --runs 2 --out p --json")
     assert done.returncode == 0
     assert "rangefix.maps: 'square' is left out: it must be a MapSection of a new kind" in done.stderr
     assert "rangefix.motions: 'odometry' is left out" in done.stderr
@@ -212,18 +243,20 @@ def test_what_does_not_fit_is_left_out_with_a_warning(folder: Path) -> None:
 
 def test_a_metric_and_a_figure(folder: Path) -> None:
     """The metric stands in --json, summary.csv, a gate and the report; the figure is drawn and shown."""
-    gate = "ekf:mae_x1=0:1"
-    done = rangefix(folder, "run", "study.toml", "--out", "r", "--json", "--gate", gate)
-    assert (done.returncode, done.stderr) == (0, "")
-    answer = json.loads(done.stdout)
+    ran, plotted, reported = several(
+        folder,
+        "run study.toml --out r --json --gate ekf:mae_x1=0:1",
+        "plot r --json",
+        "report r",
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    answer = json.loads(ran.stdout)
     row = answer["rows"][0]
     assert 0 < row["mae_x1"] <= row["rmse_x1"]  # as for any errors
     assert answer["gates"][0]["passed"]
     assert "mae_x1" in (folder / "r" / "summary.csv").read_text().splitlines()[0].split(",")
-    done = rangefix(folder, "plot", "r", "--json")
-    assert any(Path(path).stem == "cloud" for path in json.loads(done.stdout)["figures"])
-    done = rangefix(folder, "report", "r")
-    assert done.returncode == 0
+    assert any(Path(path).stem == "cloud" for path in json.loads(plotted.stdout)["figures"])
+    assert reported.returncode == 0
     page = (folder / "r" / "report.html").read_text(encoding="utf-8")
     assert "mean |error| of x1" in page
     assert "of nothing in particular" in page
@@ -233,10 +266,10 @@ def test_an_estimator(folder: Path) -> None:
     """It is listed and judged by its name; its trials count like those of ours."""
     text = (folder / "study.toml").read_text().replace('name = "ekf"', 'name = "guess"')
     (folder / "study.toml").write_text(text)
-    done = rangefix(folder, "run", "study.toml", "--out", "r", "--json")
+    done, listed = several(folder, "run study.toml --out r --json", "estimators")
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["rows"][0]["ok"] == 4
-    assert "It believes the prior." in rangefix(folder, "estimators").stdout
+    assert "It believes the prior." in listed.stdout
 
 
 def test_a_noise(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
