@@ -1,5 +1,5 @@
 # make demo    the paper's table and figures, and four estimators compared in a room and in a building mesh
-# make test    lint, types and tests
+# make test    lint, types and tests, these in three processes: some wait for what hangs
 # make study   what takes too long for every change: a hundred thousand hostile readings for each estimator
 # make fuzz    input files of all kinds changed at random, some thousands of them: about ten minutes
 # make chaos   commands killed at random moments, and plug-ins that misbehave: about an hour
@@ -58,7 +58,7 @@ test: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not benchmark and not study and not fuzz and not chaos"
+	$(BIN)/python -m pytest -n 3 --dist worksteal -m "not benchmark and not study and not fuzz and not chaos"
 
 study: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 -m study
