@@ -17,7 +17,7 @@ from .cells import Cells, beams_alike, check_plannable, posterior_cells, prior_c
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance
 from .one_beam import noise_width
 from .reading_table import SharedTables
-from .whole_sets.covariances import Accuracy, covariances_after, criterion_of, exact_filter, truths_of
+from .whole_sets.covariances import TRUTHS, Accuracy, covariances_after, criterion_of, exact_filter, truths_of
 from .whole_sets.look_alike_truths import look_alike_truths
 
 FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the best of these by usual cells
@@ -116,8 +116,8 @@ class Objective:
         return np.stack(readings, axis=1)
 
     def accuracy(self, chosen: Sequence[int], truths: int, purpose: str) -> Accuracy:
-        """What is expected after two or more candidates, over so many truths, or as `_after_all`."""
-        found = self._after_all(chosen, purpose)
+        """What is expected after two or more candidates: over so many truths, or more by the exact filter."""
+        found = self._after_all(chosen, purpose, TRUTHS)
         if found is not None:
             return found
         beliefs = self.beliefs(chosen[:-1], 0, truths, purpose)
@@ -127,8 +127,10 @@ class Objective:
         error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
         return Accuracy(covariance, float(values.mean()), error, len(values), len(values))
 
-    def _after_all(self, chosen: Sequence[int], purpose: str, enough: float = np.inf) -> Accuracy | None:
-        """What is expected after some candidates over many truths; None without an `exact_filter`.
+    def _after_all(
+        self, chosen: Sequence[int], purpose: str, count: int, enough: float = np.inf
+    ) -> Accuracy | None:
+        """What is expected after some candidates over so many truths; None without an `exact_filter`.
 
         Where the criterion is sure to be no less than `enough`, it is not worked out further, and infinite.
         """
@@ -138,8 +140,7 @@ class Objective:
         exact = exact_filter(problem)
         if exact is None:
             return None
-        count, rng = truths_of(problem), stream(self.seed, f"plan {purpose}", 0)
-        truths = look_alike_truths(exact, count, rng)
+        truths = look_alike_truths(exact, count, stream(self.seed, f"plan {purpose}", 0))
         readings = self._read_at(truths.states, chosen, purpose)
         covariances, values, total = np.empty((count, 2, 2)), np.empty(count), 0.0
         for part in np.array_split(np.arange(count), 1 if enough == np.inf else PARTS):
@@ -161,7 +162,7 @@ class Objective:
         """
         known, key = self._means_known, frozenset(chosen)
         if key not in known:
-            found = self._after_all(sorted(chosen), "sets", enough)
+            found = self._after_all(sorted(chosen), "sets", truths_of(self.problem), enough)
             if found is not None and found.value == np.inf:
                 return found.value
             known[key] = None if found is None else found.value

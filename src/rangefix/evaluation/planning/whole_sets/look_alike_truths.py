@@ -17,12 +17,16 @@ from numpy.random import Generator
 
 from ....arrays import Array, IntArray
 from ....compiled import in_threads, njit
-from ....filters import Gaussian
+from ....filters import Gaussian, Rangefinder
 from ....filters.exact import ExactPositionFilter
+from ....filters.models.noise_of_beams import noise_of_beams
+from ..cells import beams_alike, check_plannable
+from ..one_beam import noise_width
 
 LOOKED_AT = 200_000  # truths, at the most
 LOOKS = 100_000_000  # at a piece of the map from a truth, at the most
 AS_LIKELY = 0.25  # of the draws: truths from the prior, whatever is guessed
+AS_LIKELY_OF_TAILS = 0.5  # the same with noise that is not Gaussian: stray readings may mislead anywhere
 FARTHEST = 8.0  # deviations; places that differ by more in their readings are never mistaken for each other
 
 
@@ -55,7 +59,7 @@ def look_alike_truths(exact: ExactPositionFilter, count: int, rng: Generator) ->
     """So many truths of a problem, most of them such as add much to the mean square of the error.
 
     Args:
-        exact: The exact filter of the problem, whose noise is Gaussian.
+        exact: The exact filter of the problem.
         count: How many.
         rng: Draws them.
     """
@@ -64,7 +68,8 @@ def look_alike_truths(exact: ExactPositionFilter, count: int, rng: Generator) ->
     looked_at = int(np.clip(LOOKS // pieces, count, LOOKED_AT))
     states = problem.prior.sample(looked_at, rng)
     guess = expected_squares(exact, states)
-    chance = AS_LIKELY + (1 - AS_LIKELY) * guess / guess.mean()
+    as_likely = AS_LIKELY if isinstance(problem.sensor.noise, Gaussian) else AS_LIKELY_OF_TAILS
+    chance = as_likely + (1 - as_likely) * guess / guess.mean()
     ends = np.cumsum(chance)
     places = (np.arange(count) + rng.random()) * (ends[-1] / count)
     drawn = np.minimum(np.searchsorted(ends, places, side="right"), looked_at - 1)
@@ -77,12 +82,11 @@ def expected_squares(exact: ExactPositionFilter, states: Array) -> Array:
     For places that are d deviations apart in their readings the odds of the two are exp of a normal law with
     mean d^2 / 2 and deviation d. The mean square of w (1 - w), w the probability of the wrong one, is then
     about exp(-d^2 / 8) / (6 d sqrt(2 pi)). Each piece of the map counts by its place that reads most alike.
+    Noise that is not Gaussian counts as one that is as wide: what its tails add is met as often as it comes.
     """
-    sensor = exact.problem.sensor
-    assert isinstance(sensor.noise, Gaussian)
-    stds = np.broadcast_to(sensor.noise.stds, sensor.bearings.shape)
+    sensor = check_plannable(exact.problem)
     seen = np.flatnonzero(~sensor.blind)
-    stds = stds[seen]
+    stds = _widths(sensor)[seen]
     ranges = np.ascontiguousarray(sensor.expected(states)[:, seen] / stds)
     ends = np.stack([sensor.min_range / stds, sensor.max_range / stds])
     found = np.zeros(len(states))
@@ -101,6 +105,18 @@ def expected_squares(exact: ExactPositionFilter, states: Array) -> Array:
         work = float(len(states) * len(every.counts))
         in_threads(_add_look_alikes, len(states), work, states, ranges, *pieces, ends, part.factor, found)
     return found
+
+
+def _widths(sensor: Rangefinder) -> Array:
+    """Deviations of Gaussian noise that is as wide as that of each beam, m, (B,)."""
+    noise, beams = sensor.noise, len(sensor.bearings)
+    if isinstance(noise, Gaussian):
+        return np.broadcast_to(noise.stds, (beams,))
+    lower, upper = sensor.room.bounds
+    reach = float(np.hypot(*(upper - lower)))
+    if beams_alike(sensor):
+        return np.full(beams, noise_width(noise, 0.0, reach))
+    return np.array([noise_width(noise_of_beams(noise, beam, beams), 0.0, reach) for beam in range(beams)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
