@@ -7,6 +7,7 @@ from time import process_time
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from rangefix.arrays import Array
 from rangefix.evaluation.planning.cells import Cells, prior_cells, turned
@@ -32,6 +33,7 @@ from rangefix.filters import (
 )
 from rangefix.maps import FloorPlan, RectangularRoom
 
+from ..bounds.problems import l_shape, located
 from ..conftest import make_problem
 
 L_SHAPE = FloorPlan([(0, 0), (6, 0), (6, 2.5), (2.5, 2.5), (2.5, 5), (0, 5)])
@@ -251,3 +253,21 @@ def test_a_convex_room_is_asked_for_its_walls_alone() -> None:
     np.testing.assert_array_equal(found.covariance[~seen], np.tile(cells.covariance, ((~seen).sum(), 1, 1)))
     beyond = Cells.of(space, [[0.05, 3.0]], np.ones(1))  # whose laser stands in a wall
     assert ConvexViews.of(beyond, replace(sensor, mount=Mount(0.0, 0.5, 0.0))) is None
+
+
+@pytest.mark.parametrize("most", [10_000, 12_000, 15_000, 16_000])
+def test_cells_whose_middle_lies_on_a_wall_read_no_zero(most: int) -> None:
+    """An L-shape with inner walls in the middle of cells, and a beam along one: by quadrature, 0.5 %.
+
+    A beam to the west tells x1 to the noise, and x2 is any there: below 5 m where x1 is below 3 m, else
+    below 2.5 m. From a wall itself all places seemed to be at the western one: 3 to 4 % too much.
+    """
+    std = 0.05
+    problem = located(l_shape(6.0, 5.0, 3.0, 2.5), [-90.0], std)
+    y = np.linspace(2.0, 4.0, 4001)  # beyond, a reading tells at which side of 3 m it is
+    near = 5.0 * norm.cdf((3.0 - y) / std)
+    far = 2.5 * norm.cdf((y - 3.0) / std)
+    mixed = float((near * far / (near + far)).sum() * (y[1] - y[0])) * (2.5 - 1.25) ** 2
+    x2 = (3.0 * 5.0 * 5.0**2 + 3.0 * 2.5 * 2.5**2) / 12
+    found = expected_covariance(prior_cells(problem, most), problem.sensor).trace[0]
+    assert found == pytest.approx((x2 + mixed) / 22.5 + std**2, rel=0.005)

@@ -23,6 +23,7 @@ ACCURACY = 0.1  # deviations by which the cells of a posterior may be off: plans
 MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
+OFF_WALLS = 1e-5  # of a cell: a centre that lay on a wall would read 0 along half of its beams
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
 
@@ -145,7 +146,7 @@ def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
     grid = None
     for _ in range(ROUNDS):
         counts = _counts(size, problem.space.is_angle, most / share)
-        grid = build_grid(problem.prior, problem.space, size / counts * (1 + 1e-12), MOST_IN_BOX)
+        grid = build_grid(problem.prior, problem.space, size / counts * (1 + 1e-12), MOST_IN_BOX, OFF_WALLS)
         kept = int((grid.log_mass > -np.inf).sum())
         if CLOSE[0] * most <= kept <= CLOSE[1] * most or np.prod(counts) / share > MOST_IN_BOX / 4:
             break
