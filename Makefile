@@ -7,7 +7,7 @@
 # make lint    format and lint only
 # make honesty  the page of who is honest where: every estimator on random problems, about ten minutes
 # make recordings  the table of docs/recordings.md: every estimator on real recordings, about ten minutes
-# make planning  the page of what planned beams are worth, in three maps: some hours; PLANNING_RUNS sets the runs
+# make planning  the page of what planned beams are worth, in three maps: two hours of a core; PLANNING_RUNS sets the runs
 # make growth  the figure and table of docs/benchmarks.md on how time and memory grow: about a quarter of an hour
 # make docs    this project's pages, into docs/_build/html; DOCS_RUNS sets the runs of the gallery's figures
 # All of them make .venv first if need be; a second call is quick. Nothing but pip and Python 3.11 is needed.
@@ -26,7 +26,7 @@ RECORDINGS ?= ../shared/data
 RUNS ?= 1000
 BUILDING_RUNS ?= 400
 DOCS_RUNS ?= 200
-PLANNING_RUNS ?= 200
+PLANNING_RUNS ?= 400
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: demo demo-room demo-building test study fuzz chaos bench honesty recordings planning growth docs lint clean

@@ -1,18 +1,20 @@
 """Measure what planning beams is worth: even, random, planned and adaptive ones in three maps.
 
-Usage: python docs/make_planning.py [--runs N] [--building FILE] [--maps NAME ...] [--ways NAME ...] [--small]
-    [--out FILE]
+Usage: python docs/make_planning.py [--runs N] [--building FILE] [--maps NAME ...] [--kinds NAME ...]
+    [--ways NAME ...] [--small] [--out FILE]
 
 Writes a page with tables, `docs/images/planning-study.png`, and the numbers as `planning-study.json` beside
 the page. Accuracy is the root of the mean of trace P of the posterior over truths from the prior (x1 and x2),
 which for an exact posterior is the RMS error; P comes from the exact filter, and of adaptive beams from the
-cells by which the next one is chosen.
+cells by which the next one is chosen. Maps, kinds and ways that are not named stay as they were: each column
+keeps how many truths it was measured over, and with which code, and the page says so.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -41,14 +43,18 @@ from rangefix.maps import FloorPlan, RectangularRoom
 HERE = Path(__file__).parent
 BUILDING = HERE.parent.parent / "shared/data/avz/avz.ply"
 BEAMS = (1, 2, 3, 4, 5, 6, 7, 8)
+PLANNED = (1, 2, 3, 4, 6, 8)  # a plan in the building takes minutes
 MORE_EVEN = (12, 16, 24, 32, 48, 64)  # for how many beams an accuracy takes
 OFFSETS = 8  # of even beams, and sets of random ones, over which runs are spread
 STD, MAP_STD, GRAZING_DEG = 0.05, 0.02, 75.0
 WRONG_M = 0.2  # a posterior wider than that is counted
 TARGETS_M = (0.10, 0.05, 0.02)
-TRUTHS = 48  # of the planner
+TRUTHS = 64  # of the planner, as `rangefix plan` has it unless asked otherwise
+MORE_TRUTHS = 25  # times as many for beams that are named beforehand, which the exact filter judges
+IN_BUILDING = 2  # of the truths there: one in so many
 SEED = 14
 WAYS = ("even", "random", "planned", "adaptive")
+KINDS = ("all", "limited")
 ABOUT = {
     "room": "the paper's room, 4 x 6 m",
     "l-shape": "an L-shape of 6 x 5 m without a corner of 3 x 2.5 m",
@@ -128,38 +134,50 @@ def figures_of(values: Array) -> dict[str, float]:
     return {"rms": rms, "low": float(low), "high": float(high), "median": median, "wide": wide}
 
 
-def compare(
-    problem: Problem, runs: int, more_even: bool, ways: Sequence[str]
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Some ways of choosing k beams, each with random numbers of its own."""
-    states = problem.prior.sample(runs, np.random.default_rng(SEED))
-    found: dict[str, dict[str, dict[str, float]]] = {way: {} for way in ways}
+def measured(problem: Problem, runs: int, counts: Sequence[int], way: str) -> dict[str, dict[str, Any]]:
+    """One way of choosing k beams: figures for each k, with random numbers of their own.
+
+    Args:
+        problem: What is measured in.
+        runs: Truths for adaptive beams; for others MORE_TRUTHS times as many.
+        counts: How many beams.
+        way: One of WAYS.
+    """
+    states = problem.prior.sample(truths_of(way, runs), np.random.default_rng(SEED))
     planner = Planner(problem, sweep(np.deg2rad(0.36), 0.0), truths=TRUTHS, seed=SEED)
-
-    def rng_of(way: str, count: int) -> np.random.Generator:
-        return np.random.default_rng([SEED, WAYS.index(way), count])
-
-    for count in (*BEAMS, *(MORE_EVEN if more_even else ())):
-        if "even" in ways:
-            tell(f"  even: {count}")
-            values = spread_over_sets(problem, even(count), states, rng_of("even", count))
-            found["even"][str(count)] = figures_of(values)
-    for count in BEAMS:
-        if "random" in ways:
-            tell(f"  random: {count}")
-            rng = rng_of("random", count)
+    found: dict[str, dict[str, Any]] = {}
+    if way == "adaptive":
+        rng = np.random.default_rng([SEED, WAYS.index(way), 0])
+        return {str(count): figures_of(each) for count, each in adaptive(planner, states, rng).items()}
+    for count in counts:
+        tell(f"  {way}: {count}")
+        rng = np.random.default_rng([SEED, WAYS.index(way), count])
+        more: dict[str, Any] = {}
+        if way == "even":
+            sets: list[Array] = even(count)
+        elif way == "random":
             sets = [rng.uniform(-np.pi, np.pi, count) for _ in range(OFFSETS)]
-            found["random"][str(count)] = figures_of(spread_over_sets(problem, sets, states, rng))
-        if "planned" in ways:
-            tell(f"  planned: {count}")
-            plan = planner.plan(count, "exchange" if count in (2, 3, 4, 8) else "greedy", everywhere=False)
-            bearings = np.array([step.bearing for step in plan.steps], dtype=float)
-            values = traces(problem, bearings, states, rng_of("planned", count))
-            found["planned"][str(count)] = figures_of(values)
-    if "adaptive" in ways:
-        for count, values in adaptive(planner, states, rng_of("adaptive", 0)).items():
-            found["adaptive"][str(count)] = figures_of(values)
+        else:
+            steps = planner.plan(count, everywhere=False).steps
+            sets = [np.array([step.bearing for step in steps], dtype=float)]
+            degrees = np.round(np.rad2deg(sets[0]), 2).tolist()
+            more = {"promised": steps[-1].position_std, "bearings_deg": degrees}
+        found[str(count)] = figures_of(spread_over_sets(problem, sets, states, rng)) | more
     return found
+
+
+def truths_of(way: str, runs: int) -> int:
+    """Over how many truths a way is measured."""
+    return runs if way == "adaptive" else runs * MORE_TRUTHS
+
+
+def code_used() -> str:
+    """The last commit of the library that is measured, and its date; with a star where files are changed."""
+    git = ("git", "-C", str(HERE.parent))
+    last = [*git, "log", "-1", "--format=%h of %as", "--", "src"]
+    told = subprocess.run(last, check=True, capture_output=True, text=True).stdout.strip()
+    changed = subprocess.run([*git, "diff", "--quiet", "HEAD", "--", "src"]).returncode
+    return told + ("*" if changed else "")
 
 
 def small_cases() -> list[dict[str, Any]]:
@@ -182,7 +200,7 @@ def small_cases() -> list[dict[str, Any]]:
             prior = Uniform(room, space, headings=(-np.deg2rad(arc), np.deg2rad(arc)))
             problem, truths = Problem(space, Stationary(space), sensor, prior), 12
         planner = Planner(problem, np.deg2rad(degrees), truths=truths, seed=SEED)
-        row: dict[str, Any] = {"case": label}
+        row: dict[str, Any] = {"case": label, "code": code_used()}
         for method in ("greedy", "exchange", "exhaustive"):
             tell(f"  {label}: {method}")
             steps = planner.plan(beams, method, everywhere=False).steps
@@ -225,28 +243,41 @@ def what_was_run(found: dict[str, Any], small: list[dict[str, Any]]) -> str:
     return "\n".join(told)
 
 
-def tables(found: dict[str, Any], small: list[dict[str, Any]], runs: dict[str, int]) -> str:
+def made(columns: dict[str, dict[str, Any]]) -> str:
+    """Over how many truths columns were measured, and with which code, in a line."""
+    same: dict[str, list[str]] = {}
+    for way, column in columns.items():
+        note = f" ({column['note']})" if "note" in column else ""
+        same.setdefault(f"{column['truths']} truths, code {column['code']}{note}", []).append(way)
+    told = [f"{', '.join(ways)}: {how}" for how, ways in same.items()]
+    return f"{'; '.join(told)}."
+
+
+def cell(row: dict[str, float] | None) -> str:
+    """What one way reaches with so many beams, or a dash."""
+    if row is None:
+        return "–"
+    rms, low, high, median = (1e3 * row[key] for key in ("rms", "low", "high", "median"))
+    return f"{rms:.0f} [{low:.0f}, {high:.0f}]; {median:.0f}; {100 * row['wide']:.3g} %"
+
+
+def tables(found: dict[str, Any], small: list[dict[str, Any]]) -> str:
     """The page."""
-    lines = [
-        HEAD.format(std=STD, map_std=MAP_STD, offsets=OFFSETS, truths=TRUTHS, done=what_was_run(found, small))
-    ]
+    lines = [HEAD.format(std=STD, map_std=MAP_STD, offsets=OFFSETS, done=what_was_run(found, small))]
     for name, kinds in found.items():
-        for kind, ways in kinds.items():
+        for kind, columns in kinds.items():
             limited = (
                 "" if kind == "all" else f", beams that graze a wall at more than {GRAZING_DEG:g} deg lost"
             )
-            lines += [f"## {ABOUT[name]}{limited}", "", f"{runs[name]} truths.", ""]
-            lines += ["| beams | " + " | ".join(WAYS) + " |", "|---" * (len(WAYS) + 1) + "|"]
+            lines += [f"## {ABOUT[name]}{limited}", "", made(columns), ""]
+            lines += ["| beams | " + " | ".join(WAYS) + " | promised |", "|---" * (len(WAYS) + 2) + "|"]
+            rows = {way: columns[way]["beams"] for way in WAYS}
             for count in map(str, BEAMS):
-                cells = [
-                    "{:.0f} [{:.0f}, {:.0f}]; {:.0f}; {:.0f} %".format(
-                        *(1e3 * ways[way][count][key] for key in ("rms", "low", "high", "median")),
-                        100 * ways[way][count]["wide"],
-                    )
-                    for way in WAYS
-                ]
-                lines.append(f"| {count} | " + " | ".join(cells) + " |")
-            rms = {way: {int(count): each["rms"] for count, each in ways[way].items()} for way in WAYS}
+                cells = [cell(rows[way].get(count)) for way in WAYS]
+                foretold = rows["planned"].get(count, {}).get("promised")
+                promised = "–" if foretold is None else f"{1e3 * foretold:.0f}"
+                lines.append(f"| {count} | " + " | ".join([*cells, promised]) + " |")
+            rms = {way: {int(count): each["rms"] for count, each in rows[way].items()} for way in WAYS}
             equal = ", ".join(
                 f"{count}: {worth(rms['even'], rms['planned'][count])}" for count in (2, 3, 4, 8)
             )
@@ -268,12 +299,12 @@ def tables(found: dict[str, Any], small: list[dict[str, Any]], runs: dict[str, i
             "",
             SMALL_HEAD,
             "",
-            "| case | greedy, m | exchange, m | exhaustive, m |",
+            "| case | greedy, m | exchange, m | exhaustive, m | code |",
         ]
-        lines += ["|---|---|---|---|"]
+        lines += ["|---|---|---|---|---|"]
         for row in small:
             cells = ["{:.4f} +- {:.4f}".format(*row[key]) for key in ("greedy", "exchange", "exhaustive")]
-            lines.append(f"| {row['case']} | " + " | ".join(cells) + " |")
+            lines.append(f"| {row['case']} | " + " | ".join(cells) + f" | {row['code']} |")
         lines.append("")
     return "\n".join(lines)
 
@@ -284,11 +315,13 @@ HEAD = """# What planned beams are worth
 
 A rangefinder of {std} m that can look in every direction, at a known heading, at any place of a map.
 Even beams stand evenly round the circle, at {offsets} offsets; random ones anywhere, {offsets} sets of
-them; planned ones are chosen by `rangefix plan` before anything is measured, averaging over {truths} truths
-of their own; adaptive ones each after the readings before it. In each cell: RMS error of the position with
+them; planned ones are chosen by `rangefix plan` before anything is measured, as it does unless asked
+otherwise; adaptive ones each after the readings before it. In each cell: RMS error of the position with
 its 95 % interval, median of the posteriors' deviations, both in mm, and how many posteriors are wider than
-0.2 m: rare wrong modes make the RMS. Part of what adaptive beams gain comes from beams that graze a wall,
-which tell most where the noise does not grow with the angle. {done}
+0.2 m: rare wrong modes make the RMS. Promised is the RMS error that the plan foretold, in mm. Part of what
+adaptive beams gain comes from beams that graze a wall, which tell most where the noise does not grow with
+the angle. Each column says over how many truths it was measured, and with the code of which commit.
+{done}
 
 A map that is off as a whole by {map_std} m (one standard deviation along each axis) adds the same error
 to all beams: its square is added, and no number of beams takes it away.
@@ -312,11 +345,12 @@ def draw(found: dict[str, Any], path: Path) -> None:
         for way, colour, marker in zip(
             WAYS, ("#888888", "#cc8800", "#1f6fb4", "#b4301f"), "sv^o", strict=True
         ):
-            rows = [ways[way][str(count)] for count in BEAMS]
+            beams = [count for count in BEAMS if str(count) in ways[way]["beams"]]
+            rows = [ways[way]["beams"][str(count)] for count in beams]
             rms = np.array([row["rms"] for row in rows])
             bars = np.abs(np.array([[row["low"] for row in rows], [row["high"] for row in rows]]) - rms)
             axis.errorbar(
-                BEAMS, rms, bars, label=way, color=colour, marker=marker, markersize=4, linewidth=1.2
+                beams, rms, bars, label=way, color=colour, marker=marker, markersize=4, linewidth=1.2
             )
         axis.set(yscale="log", xlabel="beams", xticks=BEAMS)
         axis.set_title(name + ("" if kind == "all" else f", up to {GRAZING_DEG:g} deg"), fontsize=9)
@@ -329,7 +363,10 @@ def draw(found: dict[str, Any], path: Path) -> None:
 def main() -> None:
     """Measure, and write the page."""
     parser = argparse.ArgumentParser(description="What planned beams are worth.")
-    parser.add_argument("--runs", type=int, default=200, help="truths in each map; a quarter in the building")
+    parser.add_argument(
+        "--runs", type=int, default=400,
+        help=f"truths for adaptive beams; {MORE_TRUTHS} times as many for others; in the building half",
+    )  # fmt: skip
     parser.add_argument(
         "--building", type=Path, default=BUILDING, help="mesh; left out where it is not there"
     )
@@ -337,36 +374,44 @@ def main() -> None:
         "--maps", nargs="*", choices=ABOUT, default=tuple(ABOUT),
         help="maps to measure in; none: only the page is written, from what was measured before",
     )  # fmt: skip
-    parser.add_argument(
-        "--ways", nargs="*", choices=WAYS, default=WAYS, help="of choosing beams; others stay as they were"
-    )
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="all beams, or grazing lost")
+    parser.add_argument("--ways", nargs="*", choices=WAYS, default=WAYS, help="of choosing beams: columns")
     parser.add_argument("--small", action="store_true", help="compare greedy, exchange and exhaustive search")
     parser.add_argument("--out", type=Path, default=HERE / "planning-study.md", help="page to write")
     given = parser.parse_args()
     numbers = given.out.with_suffix(".json")
-    before = json.loads(numbers.read_text()) if numbers.exists() else {"found": {}, "small": [], "runs": {}}
-    found, runs = before["found"], before["runs"]
+    before = json.loads(numbers.read_text()) if numbers.exists() else {"found": {}, "small": []}
+    found, small = before["found"], before["small"]
+
+    def keep() -> None:
+        numbers.write_text(json.dumps({"found": found, "small": small}, indent=1) + "\n")
+
     for name in given.maps:
         if name == "avz" and not given.building.exists():
             tell(f"no mesh at {given.building}: the building is left out")
             continue
         problem = problem_in(name, given.building)
-        limited = replace(check_plannable(problem), max_incidence=np.deg2rad(GRAZING_DEG))
-        runs[name] = max(OFFSETS, given.runs // (4 if name == "avz" else 1))
-        known = found.get(name, {}) if set(given.ways) < set(WAYS) else {}
-        found[name] = dict(known)
-        for kind, each in (("all", problem), ("limited", replace(problem, sensor=limited))):
-            tell(f"{name}, {kind}")
-            more_even = kind == "all" and name != "avz"
-            fresh = compare(each, runs[name], more_even, given.ways)
-            found[name][kind] = {way: (known.get(kind, {}) | fresh)[way] for way in WAYS}
-            found = {key: found[key] for key in ABOUT if key in found}
-            numbers.write_text(
-                json.dumps({"found": found, "small": before["small"], "runs": runs}, indent=1) + "\n"
-            )
-    small = small_cases() if given.small else before["small"]
-    numbers.write_text(json.dumps({"found": found, "small": small, "runs": runs}, indent=1) + "\n")
-    given.out.write_text(tables(found, small, runs), encoding="utf-8")
+        sensor = check_plannable(problem)
+        lost = replace(sensor, max_incidence=np.deg2rad(GRAZING_DEG))
+        for kind in given.kinds:
+            some = problem if kind == "all" else replace(problem, sensor=lost)
+            runs = given.runs // (IN_BUILDING if name == "avz" else 1)
+            for way in given.ways:
+                tell(f"{name}, {kind}, {way}")
+                counts: tuple[int, ...] = PLANNED if way == "planned" else BEAMS
+                if (way, kind) == ("even", "all") and name != "avz":
+                    counts += MORE_EVEN
+                column = {"code": code_used(), "truths": truths_of(way, runs)}
+                columns = found.setdefault(name, {}).setdefault(kind, {})
+                columns[way] = column | {"beams": measured(some, runs, counts, way)}
+                found[name][kind] = {way: columns[way] for way in WAYS if way in columns}
+                found[name] = {kind: found[name][kind] for kind in KINDS if kind in found[name]}
+                found = {key: found[key] for key in ABOUT if key in found}
+                keep()
+    if given.small:
+        small = small_cases()
+        keep()
+    given.out.write_text(tables(found, small), encoding="utf-8")
     (given.out.parent / "images").mkdir(exist_ok=True)
     draw(found, given.out.parent / "images/planning-study.png")
     print(f"Written: {given.out}")
