@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 
 from ...arrays import IntArray
-from .candidates import candidates_near, coarse_candidates
+from .candidates import candidates_near, coarse_candidates, square_candidates
 from .cells import Cells
 from .objective import Objective
 from .time_left import TimeLeft
@@ -97,7 +97,7 @@ class BeamSets:
             text = f"exchange by many truths: beam {place + 1} of {len(chosen)}"
             self.tell(self.time.told(text))
             others, mine = chosen[:place] + chosen[place + 1 :], chosen[place]
-            tried = self._finalists(others, text)[:POLISHING].tolist()
+            tried = [*self._finalists(others, text)[:POLISHING].tolist(), *self._square.tolist()]
             mine, least = self._better(others, mine, tried, least)
             step = NEAR
             while step:
@@ -168,6 +168,13 @@ class BeamSets:
             brought = np.mean([self.objective.values(belief, left) for belief in beliefs], axis=0)
             ordered.append(left.pop(int(np.argmin(brought))))
         return ordered + left
+
+    @cached_property
+    def _square(self) -> IntArray:
+        """The candidates that meet walls squarely; the heading is known."""
+        problem, sensor = self.objective.problem, self.objective.sensor
+        pose = problem.space.poses(problem.prior.mean)
+        return square_candidates(sensor, float(sensor.mount.laser_poses(pose)[2]))
 
     @cached_property
     def _best_known(self) -> dict[frozenset[int], dict[int | None, int]]:

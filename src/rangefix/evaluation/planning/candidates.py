@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, IntArray, wrap
+from ...filters import Rangefinder
 
 COARSE_CANDIDATES = 130  # that are compared at first, where there are more
+SQUARE, SQUARE_RAD = 4, np.deg2rad(0.5)  # candidates that meet walls squarely, and how far off they may be
 
 
 def coarse_candidates(count: int) -> IntArray:
@@ -21,3 +23,26 @@ def candidates_near(coarse: IntArray, found: Array, places: int, count: int) -> 
     best = coarse[np.argsort(found)[:places], None]
     near = np.unique(np.clip(best + np.arange(1 - stride, stride), 0, count - 1))
     return np.setdiff1d(near, coarse)
+
+
+def square_candidates(sensor: Rangefinder, heading: float) -> IntArray:
+    """Places of the beams that meet the most wall squarely, up to SQUARE of them, the most first.
+
+    Such a reading tells the same wherever along the wall it was taken, and a beam half a degree off does not:
+    what is best is often there, and too sharp to be met by chance.
+
+    Args:
+        sensor: With a beam for each candidate.
+        heading: Of the laser, rad.
+    """
+    walls = np.asarray(sensor.room.segments, dtype=float).reshape(-1, 4)
+    along = walls[:, 2:] - walls[:, :2]
+    across = np.arctan2(along[:, 1], -along[:, 0]) - heading
+    length = np.zeros(len(sensor.bearings))
+    for facing in (across, across + np.pi):
+        off = np.abs(wrap(facing[:, None] - sensor.bearings))
+        nearest = off.argmin(axis=1)
+        near = off[np.arange(len(off)), nearest] <= SQUARE_RAD
+        np.add.at(length, nearest[near], np.hypot(*along[near].T))
+    best = np.argsort(-length, kind="stable")[:SQUARE]
+    return best[length[best] > 0]
