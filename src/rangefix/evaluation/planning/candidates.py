@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array, IntArray, wrap
+from ...arrays import TWO_PI, Array, IntArray, wrap
 from ...filters import Rangefinder
 
 COARSE_CANDIDATES = 130  # that are compared at first, where there are more
@@ -38,11 +38,14 @@ def square_candidates(sensor: Rangefinder, heading: float) -> IntArray:
     walls = np.asarray(sensor.room.segments, dtype=float).reshape(-1, 4)
     along = walls[:, 2:] - walls[:, :2]
     across = np.arctan2(along[:, 1], -along[:, 0]) - heading
-    length = np.zeros(len(sensor.bearings))
-    for facing in (across, across + np.pi):
-        off = np.abs(wrap(facing[:, None] - sensor.bearings))
-        nearest = off.argmin(axis=1)
-        near = off[np.arange(len(off)), nearest] <= SQUARE_RAD
-        np.add.at(length, nearest[near], np.hypot(*along[near].T))
+    bearings, length = wrap(sensor.bearings), np.zeros(len(sensor.bearings))
+    order = np.argsort(bearings, kind="stable")
+    places = np.concatenate([order[-1:], order, order[:1]])
+    ring = bearings[places] + TWO_PI * np.array([-1, *[0] * len(order), 1])
+    for facing in (wrap(across), wrap(across + np.pi)):
+        after = np.clip(np.searchsorted(ring, facing), 1, len(ring) - 1)
+        after -= facing - ring[after - 1] < ring[after] - facing
+        near = np.abs(facing - ring[after]) <= SQUARE_RAD
+        np.add.at(length, places[after[near]], np.hypot(*along[near].T))
     best = np.argsort(-length, kind="stable")[:SQUARE]
     return best[length[best] > 0]
