@@ -43,9 +43,9 @@ def square_candidates(sensor: Rangefinder, heading: float) -> IntArray:
     places = np.concatenate([order[-1:], order, order[:1]])
     ring = bearings[places] + TWO_PI * np.array([-1, *[0] * len(order), 1])
     for facing in (wrap(across), wrap(across + np.pi)):
-        after = np.clip(np.searchsorted(ring, facing), 1, len(ring) - 1)
-        after -= facing - ring[after - 1] < ring[after] - facing
-        near = np.abs(facing - ring[after]) <= SQUARE_RAD
-        np.add.at(length, places[after[near]], np.hypot(*along[near].T))
+        above = np.clip(np.searchsorted(ring, facing), 1, len(ring) - 1)
+        nearest = above - (facing - ring[above - 1] < ring[above] - facing)
+        square = np.abs(facing - ring[nearest]) <= SQUARE_RAD
+        np.add.at(length, places[nearest[square]], np.hypot(*along[square].T))
     best = np.argsort(-length, kind="stable")[:SQUARE]
     return best[length[best] > 0]

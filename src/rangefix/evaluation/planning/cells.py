@@ -16,6 +16,7 @@ from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.point_mass.grid import build_grid
 from ...filters.refined_cells.coarse_cells import CoarseCells, cover
 from ...filters.refined_cells.filter import FIRST_SEED, boxes_of_each
+from .one_beam import noise_width
 
 PRIOR_CELLS = 15_000  # of a prior, about so many
 MOST_IN_BOX = 4_000_000  # of the prior's box, walls included
@@ -115,6 +116,16 @@ def check_plannable(problem: Problem) -> Rangefinder:
 def beams_alike(sensor: Rangefinder) -> bool:
     """Whether all beams have the same noise, so that a beam may be turned anywhere."""
     return noise_of_beams(sensor.noise, 0, len(sensor.bearings)) is sensor.noise
+
+
+def noise_widths(sensor: Rangefinder) -> Array:
+    """Deviations of Gaussian noise that is as wide as that of each beam, m, (B,): see `noise_width`."""
+    noise, beams = sensor.noise, len(sensor.bearings)
+    lower, upper = sensor.room.bounds
+    reach = float(np.hypot(*(upper - lower)))
+    if beams_alike(sensor):
+        return np.full(beams, noise_width(noise, 0.0, reach))
+    return np.array([noise_width(noise_of_beams(noise, beam, beams), 0.0, reach) for beam in range(beams)])
 
 
 def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:

@@ -10,12 +10,10 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import Problem, Rangefinder
-from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.models.rangefinder import some_beams
 from ..seeds import stream
-from .cells import Cells, beams_alike, check_plannable, posterior_cells, prior_cells, turned
+from .cells import Cells, check_plannable, noise_widths, posterior_cells, prior_cells, turned
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance
-from .one_beam import noise_width
 from .reading_table import SharedTables
 from .whole_sets.covariances import TRUTHS, Accuracy, covariances_after, criterion_of, exact_filter, truths_of
 from .whole_sets.look_alike_truths import look_alike_truths
@@ -58,9 +56,7 @@ class Objective:
         """Cells of a posterior are no finer, m and rad, (n,)."""
         lower, upper = self.problem.sensor.room.bounds
         reach = float(np.hypot(*(upper - lower)))
-        beams = [0] if beams_alike(self.sensor) else range(len(self.candidates))
-        noises = [noise_of_beams(self.sensor.noise, beam, len(self.candidates)) for beam in beams]
-        pitch = MERGED * min(noise_width(noise, 0.0, reach) for noise in noises)
+        pitch = MERGED * float(noise_widths(self.sensor).min())
         return np.where(self.problem.space.is_angle, pitch / (0.25 * reach), pitch)
 
     @cached_property

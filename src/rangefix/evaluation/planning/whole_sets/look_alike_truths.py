@@ -17,11 +17,9 @@ from numpy.random import Generator
 
 from ....arrays import Array, IntArray
 from ....compiled import in_threads, njit
-from ....filters import Gaussian, Rangefinder
+from ....filters import Gaussian
 from ....filters.exact import ExactPositionFilter
-from ....filters.models.noise_of_beams import noise_of_beams
-from ..cells import beams_alike, check_plannable
-from ..one_beam import noise_width
+from ..cells import check_plannable, noise_widths
 
 LOOKED_AT = 200_000  # truths, at the most
 LOOKS = 100_000_000  # at a piece of the map from a truth, at the most
@@ -86,7 +84,9 @@ def expected_squares(exact: ExactPositionFilter, states: Array) -> Array:
     """
     sensor = check_plannable(exact.problem)
     seen = np.flatnonzero(~sensor.blind)
-    stds = _widths(sensor)[seen]
+    noise, beams = sensor.noise, len(sensor.bearings)
+    stds = np.broadcast_to(noise.stds, beams) if isinstance(noise, Gaussian) else noise_widths(sensor)
+    stds = stds[seen]
     ranges = np.ascontiguousarray(sensor.expected(states)[:, seen] / stds)
     ends = np.stack([sensor.min_range / stds, sensor.max_range / stds])
     found = np.zeros(len(states))
@@ -105,18 +105,6 @@ def expected_squares(exact: ExactPositionFilter, states: Array) -> Array:
         work = float(len(states) * len(every.counts))
         in_threads(_add_look_alikes, len(states), work, states, ranges, *pieces, ends, part.factor, found)
     return found
-
-
-def _widths(sensor: Rangefinder) -> Array:
-    """Deviations of Gaussian noise that is as wide as that of each beam, m, (B,)."""
-    noise, beams = sensor.noise, len(sensor.bearings)
-    if isinstance(noise, Gaussian):
-        return np.broadcast_to(noise.stds, (beams,))
-    lower, upper = sensor.room.bounds
-    reach = float(np.hypot(*(upper - lower)))
-    if beams_alike(sensor):
-        return np.full(beams, noise_width(noise, 0.0, reach))
-    return np.array([noise_width(noise_of_beams(noise, beam, beams), 0.0, reach) for beam in range(beams)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
