@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,10 +20,9 @@ from ..prior_ends import Answers, Ends, FarReaching, may_lie_beyond, open_ends, 
 from ..problem import Prior, Problem, expects_map_ranges
 from ..space import StateSpace, is_definite
 from .gauss_newton import Peaks
-from .lattice import Lattice, Limits, halved
-from .mode_gaussians import kept_count, sample_modes
+from .mode_gaussians import sample_modes
 from .modes import refined, verified, with_lattices
-from .moves import coarse_axes, predict_modes
+from .moves import finer, predict_modes
 from .predicted import Before, Predicted
 from .quadrature import Accuracy, Quadrature
 from .range_table import TABLE_RAYS, SearchTable, build_table, table_shape
@@ -36,7 +34,6 @@ USUAL_STATES = 15_000  # that a fix looks at: guesses, climbs, a mode and its ne
 ACCURACIES = (1e-4, 0.5)  # that may be asked for
 LEAST_RAYS, LEAST_CELLS = 1000, 1000  # of the table, and that a mode may be allowed
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
-FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
 FAR_BOUNDS = 100_000_000  # in the table of places far out in a Gaussian prior: 400 MB
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
@@ -147,10 +144,12 @@ class AdaptivePointMassFilter(BriefRepr):
         if isinstance(self.problem.motion, Stationary):
             return belief
         before, control = self._cells(belief), np.asarray(control, dtype=float)
-        target = replace(self._targets(belief.prior, None, belief.measurements)[0], work=Work(np.inf))
+        told = self._targets(belief.prior, None, belief.measurements)[0]
+        target = replace(told, work=Work(np.inf))
         rests_on = belief.prior.rests_on if isinstance(belief.prior, Predicted) else 0
         density, motion = Before(target, before.log_integral, rests_on), self.problem.motion
-        prior = predict_modes(self._finer(belief, before, control), density, motion, control)
+        modes = finer(before, told, self._accuracy, motion, control)
+        prior = predict_modes(modes, density, motion, control)
         check = predict_modes(before.checks or before.modes, density, motion, control, prior)
         evidence = self._evidence(belief, before)
         inherited = min(self.error(belief), MOST_INHERITED)
@@ -249,28 +248,6 @@ class AdaptivePointMassFilter(BriefRepr):
             draws = prior.draws(self._search.draws_asked)
             found = replace(found, missed=prior.blur(draws.parts, draws.log_mass))
         return verified(target, check, found, self._accuracy)
-
-    def _finer(self, belief: AdaptiveBelief, before: Quadrature, control: Array) -> tuple[Lattice, ...]:
-        """The modes before a move, with half the steps where walls cut the law of the move.
-
-        A kernel that stands for the points about it blurs what breaks off at a wall.
-        """
-        target, _ = self._targets(belief.prior, None, belief.measurements)
-        edge, level = self._accuracy.edge(self.problem.space.size), before.level - self._accuracy.margin
-        where, left = self.problem.space.position_indices, FINE_POINTS_MOVED
-        modes: list[Lattice] = []
-        for mode in before.modes:
-            far = np.linalg.norm(mode.basis[where], axis=0)
-            reach = np.argsort(-far, kind="stable")  # axes that go far come first
-            most = int(np.log2(max(left / kept_count(mode), 1)))
-            axes = np.isin(np.arange(len(reach)), reach[:most])
-            if axes.any() and (axes := axes & coarse_axes(mode, self.problem.motion, control)).any():
-                with suppress(TooManyCells):
-                    limits = Limits(tuple(modes), level, edge, self.most_cells)
-                    mode = halved(mode, axes, target.log_density, limits)
-            modes.append(mode)
-            left -= kept_count(mode)
-        return tuple(modes)
 
     def _targets(
         self, prior: Prior | Predicted, check: Predicted | None, measurements: Array

@@ -9,6 +9,7 @@ spreads what stays, so no kernel stands for it: its density is that before the m
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from ..models.motion import Stationary
 from ..problem import Motion
 from ..space import StateSpace
 from .gaussian_sums import ALL_ROUND, Around, Gaussians, reached
-from .lattice import Lattice
+from .lattice import Lattice, Limits, halved
 from .mode_gaussians import (
     COARSER_STILL,
     COARSEST_CHECK,
@@ -29,12 +30,15 @@ from .mode_gaussians import (
     TOGETHER,
     Kernels,
     conditional_stds,
+    kept_count,
     smoothed,
 )
 from .predicted import Before, Part, Predicted, Stayed
-from .target import TooManyCells
+from .quadrature import Accuracy, Quadrature
+from .target import Target, TooManyCells
 
 MAX_POINTS_MOVED = 20_000
+FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
 WALL_REACH_FACTOR = 1.7  # times the farthest of the steps tried: how far walls matter
 STEP_DRAWS = 128  # steps tried from each point, where walls are near
 LEAST_PROBABILITY = 1e-9  # of staying put, or of moving, that is followed
@@ -44,7 +48,38 @@ DIRECTIONS_OF_POINTS = 48  # the same for a point, whose kernel is wider
 MOST_RESTED_ON = 4  # moves in a row after which Gaussians stand for what stays, lest each asks all before
 
 
-def coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
+def finer(
+    before: Quadrature, target: Target, accuracy: Accuracy, motion: Motion, control: Array
+) -> tuple[Lattice, ...]:
+    """The modes before a move, with half the steps where walls cut the law of the move.
+
+    A kernel that stands for the points about it blurs what breaks off at a wall.
+
+    Args:
+        before: The modes.
+        target: The density that they are lattices of.
+        accuracy: How good they are to be.
+        motion: The law of the move.
+        control: The control, (k,).
+    """
+    space, left = target.sensor.space, FINE_POINTS_MOVED
+    where, edge, level = space.position_indices, accuracy.edge(space.size), before.level - accuracy.margin
+    modes: list[Lattice] = []
+    for mode in before.modes:
+        far = np.linalg.norm(mode.basis[where], axis=0)
+        reach = np.argsort(-far, kind="stable")  # axes that go far come first
+        most = int(np.log2(max(left / kept_count(mode), 1)))
+        axes = np.isin(np.arange(len(reach)), reach[:most])
+        if axes.any() and (axes := axes & _coarse_axes(mode, motion, control)).any():
+            with suppress(TooManyCells):
+                limits = Limits(tuple(modes), level, edge, accuracy.most_cells)
+                mode = halved(mode, axes, target.log_density, limits)
+        modes.append(mode)
+        left -= kept_count(mode)
+    return tuple(modes)
+
+
+def _coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
     """Along which axes a lattice is too coarse, (n,): walls are near, and noise is narrower than a step."""
     if not isinstance(motion, Confined):
         return np.zeros(mode.space.size, dtype=bool)
