@@ -126,7 +126,7 @@ class RectangularRoom:
         poses, bearings = check_poses(poses), check_bearings(bearings)
         shape = (*poses.shape[:-1], len(bearings))
         flat = poses.reshape(-1, 3)
-        position = ((flat[:, 0] - self.width / 2)[:, None], (flat[:, 1] - self.length / 2)[:, None])
+        position = (flat[:, :1] - self.width / 2, flat[:, 1:2] - self.length / 2)
         halves = (self.width / 2, self.length / 2)
         sines, cosines = beam_vectors(flat[:, 2], bearings)
         with np.errstate(divide="ignore", invalid="ignore"):
