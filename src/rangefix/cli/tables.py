@@ -275,6 +275,12 @@ def remarks(rows: Sequence[Row], estimators: Mapping[str, Any] | None = None) ->
                 where = f"{row.estimator}, {beams_in_words(row.beams)}"
                 advice = _smaller_cells((estimators or {}).get(row.estimator)) if name == "inaccurate" else ""
                 lines.append(f"{where}: {words} in {100 * share:.3g} % of the runs{why}{advice}")
+    lines += [
+        f"{row.estimator}, {beams_in_words(row.beams)}: a run takes long; the time is that of its first "
+        f"{row.updates_timed} of {end + 1} updates"
+        for row in rows
+        if row.step == end and row.updates_timed is not None
+    ]
     return lines
 
 

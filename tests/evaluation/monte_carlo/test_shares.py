@@ -156,18 +156,21 @@ def test_one_part_keeps_two_workers_busy(tmp_path: Path) -> None:
 
 
 def test_as_many_workers_as_pay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One for each ten seconds; as many as there are processors and memory; one beside plug-ins."""
+    """One for each ten seconds; as many as there are runs, processors and memory; one beside plug-ins."""
     monkeypatch.setattr(cost, "cpu_count", lambda: 8)
     made = experiment()
 
-    def chosen(trials: float, of: Experiment = made, limit_gb: float = 24.0) -> int:
-        return workers_for(of, TimeNeed(1e6, trials, 0.0, {}), limit_gb)
+    def chosen(trials: float, of: Experiment = made, limit_gb: float = 24.0, runs: int = 100) -> int:
+        return workers_for(of, TimeNeed(1e6, trials, 0.0, {}, runs), limit_gb)
 
     assert [chosen(trials) for trials in (0.0, 19.9, 20.0, 35.0, 1e5)] == [1, 1, 2, 3, 8]
+    assert [chosen(1e5, runs=runs) for runs in (0, 1, 3)] == [1, 1, 3]
     assert chosen(1e5, limit_gb=1.0) == 3
     assert chosen(1e5, limit_gb=0.1) == 1
     assert chosen(1e5, experiment(timeout=5.0)) == 1
     large = Experiment(make_problem(), {"many": NamedEstimator("particle", {"particles": 10**6})})
     assert 1 < chosen(1e5, large, 2.0) < chosen(1e5, made, 2.0)
-    assert TimeNeed(2.0, 16.0, 0.0, {}).total(4) == 6.0
-    assert np.isclose(TimeNeed(2.0, 16.0, 0.0, {}).total(1), 18.0)
+    assert TimeNeed(2.0, 16.0, 0.0, {}, 100).total(4) == 6.0
+    assert TimeNeed(2.0, 16.0, 0.0, {}, 2).total(4) == 10.0
+    assert TimeNeed(2.0, 0.0, 0.0, {}, 0).total(4) == 2.0
+    assert np.isclose(TimeNeed(2.0, 16.0, 0.0, {}, 100).total(1), 18.0)

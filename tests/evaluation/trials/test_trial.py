@@ -10,7 +10,7 @@ import pytest
 from rangefix.evaluation import STATUSES, stream
 from rangefix.evaluation.trials.batch_size import batch_size, nbytes
 from rangefix.evaluation.trials.built_estimator import BuiltEstimator
-from rangefix.evaluation.trials.timing import runs_to_time, seconds_per_update
+from rangefix.evaluation.trials.timing import runs_to_time, seconds_per_update, timed_pass
 from rangefix.evaluation.trials.trial import Trial
 from rangefix.filters import EachRun, Estimate
 
@@ -218,6 +218,25 @@ def test_runs_that_take_much_longer_than_the_first_do_not_break_the_budget_of_ti
     assert runs_to_time(trial, estimator, readings, budget=0.6, clock=lambda: now) == 4
     few = np.zeros_like(readings)
     assert runs_to_time(trial, estimator, few, budget=0.6, clock=lambda: now) in (9, 10)  # rounding
+
+
+def test_a_pass_that_takes_long_ends_and_tells_how_many_updates_it_is_of():
+    """Updates of 3, 1, 3, 1, ... s: once ten seconds are over, after five of them, the rest is left."""
+
+    class Slow(PriorOnly):
+        def update(self, belief, measurement, rngs):
+            nonlocal now
+            now += float(measurement[0, 0])
+            return belief
+
+    now = 0.0
+    trial, estimator = Trial(make_problem(), np.zeros((39, 1)), seed=3), Slow(make_problem())
+    readings = np.tile(np.where(np.arange(40) % 2, 1.0, 3.0)[:, None], (1, 1, 3))
+    assert timed_pass(trial, estimator, readings, clock=lambda: now)[:2] == (2.2, 5)
+    assert timed_pass(trial, estimator, readings, longest=1e3, clock=lambda: now)[:2] == (2.0, 40)
+    now = 0.0
+    assert runs_to_time(trial, estimator, readings, clock=lambda: now) == 1
+    assert now == 4.0  # its first two updates, once
 
 
 @pytest.mark.parametrize(("seconds", "runs"), [(0.04, 1), (0.003, 4), (0.0001, 25)])

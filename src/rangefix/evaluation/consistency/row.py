@@ -78,6 +78,7 @@ class Row:
         seconds: Per update and run, median of serial passes on one thread; NaN if not timed.
         seconds_range: The least and the greatest of the passes, between which the median is in 97 of 100
             cases: an estimator is faster than another only where these do not overlap.
+        updates_timed: How many updates of a run were timed, its first ones; None if all.
         p_values: Figure -> p-value against an honest estimator: see `intervals.py`.
         one_truth: Whether all runs have the same true state: an exact Bayesian filter is honest on average
             over its prior, and need not be at one place of it.
@@ -109,6 +110,7 @@ class Row:
     directions: Array | None = None
     pending: int = 0
     anees_of_runs: Interval | None = None
+    updates_timed: int | None = None
 
     g = _components("G", "Diagonal of G.")
     p = _components("P", "Diagonal of P.")
@@ -226,7 +228,9 @@ class Row:
 
     @property
     def milliseconds_range(self) -> str:
-        """The same with the least and the greatest of its passes."""
+        """The same with the least and the greatest of its passes, or how few updates it is of."""
+        if self.updates_timed is not None:
+            return f"{self.milliseconds} (first {self.updates_timed} of a run)"
         if not all(map(math.isfinite, self.seconds_range)):
             return self.milliseconds
         low, high = (format_number(1e3 * seconds) for seconds in self.seconds_range)

@@ -6,6 +6,7 @@ Runs come in blocks: three passes over them, and no more memory than a block.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -49,7 +50,9 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
     low, high = results.timing_range.get((estimator, beams), (np.nan, np.nan))
     seconds = Interval(results.timing.get((estimator, beams), np.nan), low, high)
     for step, accumulator in enumerate(accumulators):
-        yield accumulator.row(estimator, beams, step, seconds, results.one_truth)
+        row = accumulator.row(estimator, beams, step, seconds, results.one_truth)
+        cut = results.timing_cut.get((estimator, beams))
+        yield row if cut is None else replace(row, updates_timed=cut)
 
 
 def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> list[RunBlock]:

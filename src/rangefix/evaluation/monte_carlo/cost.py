@@ -49,16 +49,19 @@ class TimeNeed(NamedTuple):
         trials: What workers share, s.
         simulating: A run, s.
         estimators: Label -> s for a run on all sets of beams; without those that run in their own process.
+        runs: How many workers can share: those of each estimator on each set of beams.
     """
 
     here: float
     trials: float
     simulating: float
     estimators: dict[str, float]
+    runs: int
 
     def total(self, workers: int) -> float:
         """All of it, s, with so many processes."""
-        return self.here + self.trials / (1 if workers == 1 else min(workers, cpu_count()))
+        at_once = 1 if min(workers, self.runs) <= 1 else min(workers, self.runs, cpu_count())
+        return self.here + self.trials / at_once
 
 
 def check_memory(
@@ -174,7 +177,7 @@ def workers_for(experiment: Experiment, need: TimeNeed, limit_gb: float | None =
         need: What it takes.
         limit_gb: As for `check_memory`.
     """
-    most = int(need.trials / WORTH_A_PROCESS_S)
+    most = min(int(need.trials / WORTH_A_PROCESS_S), need.runs)
     if most < 2 or any(experiment.timeout_of(label) is not None for label in experiment.estimators):
         return 1
     limit = machine_memory_gb() / 2 if limit_gb is None else limit_gb
@@ -223,7 +226,7 @@ def time_needed(worker: Worker, plan: FolderLayout, folder: Path, resume: bool =
         for beams, beam_label in enumerate(plan.beams)
     }
     if not any(left.values()):
-        return TimeNeed(0.0, 0.0, 0.0, {})
+        return TimeNeed(0.0, 0.0, 0.0, {}, 0)
     simulating = _until_slow(lambda runs: _seconds(lambda: simulate(experiment, 0, runs)) / runs, plan.runs)
     keeping, judging = experiment.steps * KEEPING_S, experiment.steps * JUDGING_S * bool(experiment.beliefs)
     here, trials, each = max(left.values()) * simulating, 0.0, dict[str, float]()
@@ -239,7 +242,7 @@ def time_needed(worker: Worker, plan: FolderLayout, folder: Path, resume: bool =
             seconds = 0.0
         each[label] = each.get(label, 0.0) + seconds
         here, trials = here + runs * keeping, trials + runs * (seconds + judging)
-    return TimeNeed(here, trials, simulating, each)
+    return TimeNeed(here, trials, simulating, each, sum(left.values()))
 
 
 def seconds_per_run(trial: Trial, estimator: Estimator[Any], measurement: Array) -> float:

@@ -21,7 +21,7 @@ from ..results import (
     read_world,
     write_json,
 )
-from ..trials.timing import LONGEST_S, PASSES
+from ..trials.timing import LONGEST_S, PASSES, TimedPass
 from .progress import Tell, passing
 from .worker import Worker
 
@@ -76,27 +76,27 @@ def _in_turns(
 ) -> dict[str, dict[str, Any]]:
     """The rows of the document of times; passes that would take one beyond its budget are left out."""
     runs = {key: worker.runs_to_time(*each) for key, each in timed.items()}
-    passes: dict[str, list[float]] = {key: [] for key in timed}
-    held: dict[str, list[str]] = {key: [] for key in timed}
+    passes: dict[str, list[TimedPass]] = {key: [] for key in timed}
     spent = dict.fromkeys(timed, 0.0)
     for _ in range(PASSES):
         for key, (label, beams, measurement) in timed.items():
             made = len(passes[key])
             if runs[key] and spent[key] * (made + 1) <= LONGEST_S * max(made, 1):
                 start = perf_counter()
-                seconds, held[key] = worker.time(label, beams, measurement[: runs[key]])
-                passes[key].append(seconds)
+                passes[key].append(worker.time(label, beams, measurement[: runs[key]]))
                 spent[key] += perf_counter() - start
             advance()
     return {
         key: {
             "estimator": label,
             "beams": worker.experiment.beam_labels[beams],
-            **_median(passes[key]),
+            **_median([each.seconds for each in passes[key]]),
             "runs_at_once": runs[key],
-            "one_thread": held[key],
+            "updates": min((each.updates for each in passes[key]), default=0),
+            "of_updates": measurement.shape[1],
+            "one_thread": list(passes[key][-1].one_thread) if passes[key] else [],
         }
-        for key, (label, beams, _) in timed.items()
+        for key, (label, beams, measurement) in timed.items()
     }
 
 

@@ -17,6 +17,7 @@ from ..trials.built_estimator import BuiltEstimator
 from ..trials.evidence_floor import evidence_floor
 from ..trials.guard import GuardedEstimator
 from ..trials.saving import Pace, Saving
+from ..trials.timing import TimedPass
 from ..trials.trial import Trial
 from .simulate import Simulation, simulate
 from .unfinished import Place, Unfinished
@@ -178,14 +179,14 @@ class Worker:
         except (Raised, Lost):
             return 0
 
-    def time(self, label: str, beams: int, measurement: Array) -> tuple[float, list[str]]:
-        """Seconds per update and run (NaN if it fails), and which libraries were held to one thread."""
+    def time(self, label: str, beams: int, measurement: Array) -> TimedPass:
+        """What a pass over some runs takes with one thread."""
         readings = self.experiment.masked(measurement, beams)
         try:
             with undisturbed(self.trial):
                 return self.estimator(label, alone=False).time(readings)
         except (Raised, Lost):
-            return float("nan"), []
+            return TimedPass()
 
 
 def part_of(experiment: Experiment, beams: int, measurement: Array, outcomes: list[Outcome]) -> Part:

@@ -44,6 +44,8 @@ class Results:
         source: Where the arrays come from.
         timing: (estimator, beams) -> seconds per update and run: the median of several passes.
         timing_range: (estimator, beams) -> the least and the greatest of the passes, s.
+        timing_cut: (estimator, beams) -> how many updates of a run were timed, its first ones, where all of
+            them take too long.
         scene: Walls, free space, prior, beams to draw: see `map_snapshot.py`; empty if it was not saved.
         bounds: Label of a set of beams -> how good anybody could be; empty unless `rangefix bounds` saved it.
         folder: Where they are saved, if anywhere.
@@ -57,6 +59,7 @@ class Results:
     source: Source
     timing: Mapping[tuple[str, str], float] = field(default_factory=dict)
     timing_range: Mapping[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
+    timing_cut: Mapping[tuple[str, str], int] = field(default_factory=dict)
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     bounds: Mapping[str, SavedBounds] = field(default_factory=dict)
     folder: Path | None = None
@@ -184,6 +187,11 @@ def load(folder: Path | str) -> Results:
         timing_range={
             pair: (_seconds(row.get("seconds_low")), _seconds(row.get("seconds_high")))
             for pair, row in timed.items()
+        },
+        timing_cut={
+            pair: row["updates"]
+            for pair, row in timed.items()
+            if 0 < (row.get("updates") or 0) < (row.get("of_updates") or 0)
         },
         scene=_scene(folder / SCENE, plan.shape[2]),
         bounds=read_bounds(folder / BOUNDS, plan),

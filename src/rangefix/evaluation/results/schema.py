@@ -138,6 +138,8 @@ class Timed(_Document):
     seconds: Annotated[float, Field(ge=0, le=LONGEST_S)] | None
     seconds_low: Annotated[float, Field(ge=0, le=LONGEST_S)] | None = None
     seconds_high: Annotated[float, Field(ge=0, le=LONGEST_S)] | None = None
+    updates: Annotated[int, Field(ge=0)] | None = None
+    of_updates: Annotated[int, Field(ge=0)] | None = None
 
 
 Variance = Annotated[float, Field(ge=0, le=1e100)]

@@ -32,7 +32,7 @@ from ..results import (
 from ..seeds import Streams
 from .batch_size import batch_size
 from .saving import Saving
-from .timing import one_thread, runs_to_time, seconds_per_update
+from .timing import TimedPass, one_thread, runs_to_time, timed_pass
 from .trial import Trial
 
 RUNS_TO_A_LIMIT = 10  # of a batch, which goes faster than its runs one by one
@@ -205,10 +205,11 @@ class BuiltEstimator(NamedTuple):
         with one_thread():
             return runs_to_time(self.trial, self.estimator, measurement)
 
-    def time(self, measurement: Array) -> tuple[float, list[str]]:
-        """Seconds per update and run with one thread, NaN if it fails; and whose threads could be held."""
+    def time(self, measurement: Array) -> TimedPass:
+        """What a pass over some runs (M, T, B) takes with one thread."""
         with one_thread() as held:
-            return seconds_per_update(self.trial, self.estimator, measurement), held
+            passed = timed_pass(self.trial, self.estimator, measurement)
+            return passed._replace(one_thread=tuple(held))
 
 
 def _judged(batches: list[Outcome]) -> Outcome:

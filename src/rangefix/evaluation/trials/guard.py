@@ -14,6 +14,7 @@ from ..isolation.look import add_folder
 from ..results import Outcome, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .saving import Saving
+from .timing import TimedPass
 from .trial import Trial
 
 BUILD_EXTRA_S = 60.0  # for building an estimator, beyond the time of a trial
@@ -134,13 +135,12 @@ class GuardedEstimator:
         except (Lost, Raised):
             return 0
 
-    def time(self, measurement: Array) -> tuple[float, list[str]]:
+    def time(self, measurement: Array) -> TimedPass:
         """What `BuiltEstimator.time` gives, or NaN if that takes too long."""
         try:
-            seconds, held = self._ask("time", (measurement,), self._timing_limit)
+            return TimedPass(*self._ask("time", (measurement,), self._timing_limit))
         except (Lost, Raised):
-            return float("nan"), []
-        return float(seconds), held
+            return TimedPass()
 
     @property
     def _timing_limit(self) -> Limit:
