@@ -216,6 +216,14 @@ class CanSampleRuns(Protocol):
         """One move of M runs, (M, n), (M, k) -> (M, n); row m is what `sample` draws from rngs[m]."""
 
 
+@runtime_checkable
+class CanGoBack(Protocol):
+    """The optional method of a motion whose mean can be undone and keeps volumes of states as they are."""
+
+    def origins(self, states: Array, control: Array) -> Array:
+        """The states that a noise-free move takes to these, (..., n)."""
+
+
 class Prior(Protocol):
     """Where the object may be before any measurement."""
 

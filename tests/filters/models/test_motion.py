@@ -27,6 +27,7 @@ from rangefix.filters import (
     velocity_space,
 )
 from rangefix.filters.models.confined import stopped_probability
+from rangefix.filters.problem import CanGoBack
 from rangefix.maps import FloorPlan, RectangularRoom
 
 POSE = pose_space()
@@ -63,6 +64,23 @@ def test_jacobian_is_the_slope_of_the_mean(motion: Motion, space: StateSpace, co
         shift = 1e-5 * np.eye(space.size)[column]
         rise = space.difference(motion.mean(states + shift, control), motion.mean(states - shift, control))
         np.testing.assert_allclose(rise / 2e-5, jacobian[..., column], atol=1e-8)
+
+
+@every_case
+def test_moves_that_can_be_undone_keep_volumes(
+    motion: Motion, space: StateSpace, control: np.ndarray
+) -> None:
+    """Origins of means are the states (1e-12 of 200 m), and means of origins; determinants are 1 to 1e-12."""
+    if not isinstance(motion, CanGoBack):
+        assert isinstance(motion, Stationary | Confined)
+        return
+    states = random_states(space, 6, 1).reshape(2, 3, -1)
+    controls = np.stack([control, 2 * control])[:, None, :]
+    back = motion.origins(motion.mean(states, controls), controls)
+    there = motion.mean(motion.origins(states, controls), controls)
+    for found in (back, there):
+        np.testing.assert_allclose(space.difference(found, states), 0.0, atol=2e-10)
+    np.testing.assert_allclose(np.linalg.det(motion.jacobian(states, controls)), 1.0, rtol=1e-12)
 
 
 @every_case

@@ -22,7 +22,7 @@ from ..space import StateSpace, is_definite
 from .gauss_newton import Peaks
 from .mode_gaussians import sample_modes
 from .modes import refined, verified, with_lattices
-from .moves import finer, predict_modes
+from .moves import finer, predict_exactly, predict_modes
 from .predicted import Before, Predicted
 from .quadrature import Accuracy, Quadrature
 from .range_table import TABLE_RAYS, SearchTable, build_table, table_shape
@@ -148,10 +148,19 @@ class AdaptivePointMassFilter(BriefRepr):
         target = replace(told, work=Work(np.inf))
         rests_on = belief.prior.rests_on if isinstance(belief.prior, Predicted) else 0
         density, motion = Before(target, before.log_integral, rests_on), self.problem.motion
+        evidence = self._evidence(belief, before)
+        if (prior := predict_exactly(before.modes, density, motion, control)) is not None:
+            return replace(
+                belief,
+                prior=prior,
+                check=None,
+                measurements=belief.measurements[:0],
+                posterior=None,
+                log_evidence=evidence,
+            )
         modes = finer(before, told, self._accuracy, motion, control)
         prior = predict_modes(modes, density, motion, control)
         check = predict_modes(before.checks or before.modes, density, motion, control, prior)
-        evidence = self._evidence(belief, before)
         inherited = min(self.error(belief), MOST_INHERITED)
         return AdaptiveBelief(
             prior, check, belief.measurements[:0], None, evidence, belief.possible, inherited
@@ -257,7 +266,7 @@ class AdaptivePointMassFilter(BriefRepr):
         if not isinstance(prior, Predicted):
             target = Target(sensor, prior.log_density, measurements)
             return target, target
-        target = Target(sensor, prior.log_density, measurements, prior.cost)
+        target = Target(sensor, prior.law, measurements, prior.cost)
         if check is None:
             return target, target
         return target, replace(target, log_prior=check.log_density, log_prior_cost=check.cost)

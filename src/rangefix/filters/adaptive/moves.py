@@ -18,7 +18,7 @@ import numpy as np
 from ...arrays import TWO_PI, Array, BoolArray
 from ..models.confined import Confined, stopped_probability
 from ..models.motion import Stationary
-from ..problem import Motion
+from ..problem import CanGoBack, Motion
 from ..space import StateSpace
 from .gaussian_sums import ALL_ROUND, Around, Gaussians, reached
 from .lattice import Lattice, Limits, halved
@@ -33,7 +33,7 @@ from .mode_gaussians import (
     kept_count,
     smoothed,
 )
-from .predicted import Before, Part, Predicted, Stayed
+from .predicted import Before, NoiseFree, Part, Predicted, Stayed
 from .quadrature import Accuracy, Quadrature
 from .target import Target, TooManyCells
 
@@ -45,6 +45,7 @@ LEAST_PROBABILITY = 1e-9  # of staying put, or of moving, that is followed
 DROPPED_SHARE = 1e-7  # of what moves, in points beside walls that hardly do
 DIRECTIONS, FEWER_DIRECTIONS = 32, 24  # in which walls stop steps of what stays; the same for what checks it
 DIRECTIONS_OF_POINTS = 48  # the same for a point, whose kernel is wider
+MOST_ASKED = 450.0  # rays at a state: moves without noise ask all before, up to this
 MOST_RESTED_ON = 4  # moves in a row after which Gaussians stand for what stays, lest each asks all before
 
 
@@ -136,6 +137,58 @@ def predict_modes(
         f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
         "measure first, take a narrower prior, or give a motion noise that has next to none"
     )
+
+
+def predict_exactly(
+    modes: tuple[Lattice, ...], before: Before, motion: Motion, control: Array
+) -> Predicted | None:
+    """Where an object can be after a move without noise: Gaussians only tell where to look for it.
+
+    Args:
+        modes: The belief before it.
+        before: The same as a density.
+        motion: The law of the move.
+        control: The control, (k,).
+
+    Returns:
+        None if the move has noise or cannot be undone, or it would be dear to ask all densities before.
+    """
+    walls = motion if isinstance(motion, Confined) else None
+    free, space = motion if walls is None else walls.motion, modes[0].space
+    if not isinstance(free, CanGoBack) or before.target.cost > MOST_ASKED:
+        return None
+    if any(free.noise_covariance(mode.states, control).any() for mode in modes):
+        return None
+    total = np.logaddexp.reduce([mode.log_integral for mode in modes])
+    parts: list[Part] = []
+    for mode in modes:
+        kernels = smoothed(mode, np.zeros((space.size, space.size)))
+        kernels = kernels._replace(log_weights=kernels.log_weights + float(mode.log_integral - total))
+        parts += _split_by_walls(space, kernels, free, walls, control)
+    stays = np.logaddexp.reduce([logs for part in parts if part.stays for logs in part.log_weights])
+    followed = bool(stays > np.log(LEAST_PROBABILITY))
+    if followed and before.rests_on >= MOST_RESTED_ON:
+        return None
+    exact = NoiseFree(before, free, walls, control, followed)
+    return Predicted(space, walls.room if walls else None, tuple(parts), 0.0, exact=exact)
+
+
+def _split_by_walls(
+    space: StateSpace, kernels: Kernels, free: Motion, walls: Confined | None, control: Array
+) -> list[Part]:
+    """What moves without noise and, beside walls, what stays, each if there is any."""
+    if walls is None or not _walls_near(kernels, walls, control):
+        return [_part(space, kernels, free, control)]
+    starts = np.ascontiguousarray(kernels.states[:, space.position_indices])
+    fans = walls.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), ALL_ROUND)
+    passes = walls.allows(kernels.states, free.mean(kernels.states, control))
+    parts = []
+    for which, motion in ((passes, free), (~passes, Stationary(space))):
+        if which.any():
+            those = kernels._replace(log_weights=np.where(which, kernels.log_weights, -np.inf))
+            part = _part(space, those, motion, control, fans)
+            parts.append(replace(part, stays=motion is not free))
+    return parts
 
 
 def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, together: float) -> list[Part]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray
 from ..models.confined import Confined
-from ..problem import RangeMap
+from ..problem import CanGoBack, Motion, RangeMap
 from ..space import LEAST_VARIANCE, StateSpace
 from .gauss_newton import quick_scores
 from .gaussian_sums import NEGLIGIBLE_NATS, Around, Gaussians, log_reached, log_sum, reached
@@ -22,6 +22,7 @@ GUESS_BEAMS = 24  # that choose among predicted points
 HOPELESS_NATS = 100.0  # below the best point at which a point is no guess any more
 DRAWS_OF_DEVIATIONS = 2000  # a deviation is then known to 2 %
 RAYS_AT_ONCE = 60_000  # in which walls are looked for
+SIGHT_COST = 1.0  # of whether walls stop a step, in rays
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,46 @@ class Stayed:
 
 
 @dataclass(frozen=True)
+class NoiseFree:
+    """The density after a move without noise: that before it, at where the move begins.
+
+    Such a move takes every state to one other, or leaves it where walls stop it. Nothing spreads or blurs.
+
+    Attributes:
+        before: The belief before the move.
+        motion: The law of the move, walls aside; it has `origins`.
+        walls: The same with walls; None where none matter.
+        control: The control, (k,).
+        stays: Whether the object may be where walls stop it; that asks the density before a second time.
+    """
+
+    before: Before
+    motion: Motion
+    walls: Confined | None
+    control: Array
+    stays: bool
+
+    @property
+    def cost(self) -> float:
+        """What its density at a state costs, in rays."""
+        return (1 + self.stays) * (self.before.target.cost - STATE_COST + SIGHT_COST)
+
+    def log_density(self, states: Array) -> Array:
+        """Log density of states, (K, n) -> (K,); -inf where no step leads."""
+        target, logs = self.before.target, np.full(len(states), -np.inf)
+        assert isinstance(self.motion, CanGoBack)
+        origins = self.motion.origins(states, self.control)
+        came = np.arange(len(states))
+        if self.walls is not None:
+            came = came[self.walls.allows(origins, states)]
+        logs[came] = target.log_density(origins[came])
+        if self.walls is not None and self.stays:
+            stay = np.flatnonzero(~self.walls.allows(states, self.motion.mean(states, self.control)))
+            logs[stay] = np.logaddexp(logs[stay], target.log_density(states[stay]))
+        return logs - self.before.log_integral
+
+
+@dataclass(frozen=True)
 class Predicted:
     """The density after a move: normalised, and 0 where no step leads.
 
@@ -133,6 +174,7 @@ class Predicted:
         parts: The modes; those that stay are Gaussians to draw from and to look for modes by.
         together: How close points lay that were taken as one, in deviations: see `smoothed`.
         stayed: What they stand for; None where nothing stays, or Gaussians must do.
+        exact: What all of them stand for after a move without noise; None after others.
     """
 
     space: StateSpace
@@ -140,14 +182,24 @@ class Predicted:
     parts: tuple[Part, ...]
     together: float
     stayed: Stayed | None = None
+    exact: NoiseFree | None = None
+
+    @property
+    def law(self) -> Callable[[Array], Array]:
+        """Its log density; that of a move without noise keeps no Gaussians."""
+        return self.log_density if self.exact is None else self.exact.log_density
 
     @property
     def summed(self) -> list[Part]:
         """The parts whose Gaussians are its density."""
+        if self.exact is not None:
+            return []
         return [part for part in self.parts if self.stayed is None or not part.stays]
 
     def log_density(self, states: Array) -> Array:
         """Log density of states, (K, n) -> (K,); -inf where no step leads."""
+        if self.exact is not None:
+            return self.exact.log_density(states)
         total = np.full(len(states), -np.inf)
         where = self.space.position_indices
         free: BoolArray | None = None
@@ -167,12 +219,16 @@ class Predicted:
     @property
     def cost(self) -> float:
         """What its density at a state costs, in rays cast."""
+        if self.exact is not None:
+            return self.exact.cost
         gaussians = TERM_COST * sum(len(part.likely) for part in self.summed)
         return gaussians + (0.0 if self.stayed is None else self.stayed.cost)
 
     @property
     def rests_on(self) -> int:
-        """How many densities of earlier moves it asks."""
+        """After how many moves beside walls it asks the density before, besides Gaussians."""
+        if self.exact is not None:
+            return self.exact.before.rests_on + self.exact.stays
         return 0 if self.stayed is None else self.stayed.before.rests_on + 1
 
     def draws(self, count: int) -> Draws:

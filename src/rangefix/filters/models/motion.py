@@ -75,6 +75,10 @@ class RandomWalk:
         """The same states, (..., n)."""
         return np.asarray(states, dtype=float)
 
+    def origins(self, states: Array, control: Array) -> Array:
+        """The same states: see `CanGoBack`."""
+        return np.asarray(states, dtype=float)
+
     def jacobian(self, states: Array, control: Array) -> Array:
         """The identity, (..., n, n)."""
         return _for_each(np.eye(self.space.size), states)
@@ -158,6 +162,11 @@ class ConstantVelocity:
     def mean(self, states: Array, control: Array) -> Array:
         """Positions moved by velocity times dt, (..., n)."""
         return np.asarray(np.asarray(states, dtype=float) @ self.transition.T)
+
+    def origins(self, states: Array, control: Array) -> Array:
+        """Positions moved back by velocity times dt, (..., n): see `CanGoBack`."""
+        back = 2.0 * np.eye(self.space.size) - self.transition
+        return np.asarray(np.asarray(states, dtype=float) @ back.T)
 
     def jacobian(self, states: Array, control: Array) -> Array:
         """The transition matrix, (..., n, n)."""

@@ -90,6 +90,17 @@ class Odometry:
         moved[..., heading] = wrap(before + turn)
         return moved
 
+    def origins(self, states: Array, control: Array) -> Array:
+        """The states that a noise-free move takes to these, (..., n), headings wrapped: see `CanGoBack`."""
+        states, control = _pair(states, control)
+        one, two, heading = self._places
+        origins = np.array(states)
+        origins[..., heading] = wrap(states[..., heading] - control[..., 2])
+        step1, step2 = _to_map(origins[..., heading], control[..., 0], control[..., 1])
+        origins[..., one] -= step1
+        origins[..., two] -= step2
+        return origins
+
     def jacobian(self, states: Array, control: Array) -> Array:
         """Derivatives of `mean` by the state, (..., n, n): the displacement turns with the heading."""
         states, control = _pair(states, control)
