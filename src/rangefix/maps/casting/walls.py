@@ -161,15 +161,17 @@ class Walls:
 
     def in_sight(self, starts: Array, ends: Array) -> BoolArray:
         """Whether nothing stands between: (N, 2), (N, 2) -> (N,)."""
-        step = ends - starts
         if len(self.segments) > FEW_WALLS:
+            step = ends - starts
             poses = np.column_stack([starts, np.arctan2(step[:, 0], step[:, 1])])
             return np.asarray(self.ranges(poses, AHEAD)[:, 0] >= np.hypot(step[:, 0], step[:, 1]) - ON_IT)
         from .segment_kernels import see_past_segments  # numba takes a quarter of a second
 
         clear = np.empty(len(starts))
-        starts, ends = (np.ascontiguousarray((points - self.centre).T) for points in (starts, ends))
-        see_past_segments(self.rows, starts, ends, clear)
+        ways = np.empty((2, 2, len(starts)))
+        for points, columns in zip((starts, ends), ways, strict=True):
+            np.subtract(points.T, self.centre[:, None], out=columns)
+        see_past_segments(self.rows, ways[0], ways[1], clear)
         return clear > 0
 
     def _cast(self, poses: Array, bearings: Array, met: IntArray | None) -> Array:
@@ -243,13 +245,14 @@ class Walls:
     ) -> None:
         """Ranges (N, B), every beam against every wall; places are from the centre, headings (N,) or (1,)."""
         from ...compiled import in_threads
-        from .segment_kernels import cast_at_segments
+        from .segment_kernels import MANY_PLACES, cast_at_segments
 
         arrays = (
             self.rows, positions, *unit_vectors(headings), *unit_vectors(bearings), ranges.reshape(-1),
         )  # fmt: skip
         walls = np.empty(0, dtype=np.int64) if met is None else met.reshape(-1)
-        in_threads(cast_at_segments, ranges.size, ranges.size * len(self.segments), *arrays, walls)
+        count = len(positions) if len(positions) >= MANY_PLACES else ranges.size
+        in_threads(cast_at_segments, count, ranges.size * len(self.segments), *arrays, walls)
         if met is not None:
             met *= 2
 
