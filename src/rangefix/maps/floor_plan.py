@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array, BoolArray, for_loops
 from .base import MapError, check_points
 from .casting.caster import InWalls
 from .casting.walls import Walls
 from .free_moments import free_moments
-from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting, plain_numbers
+from .polygon import FARTHEST, ON_BORDER, check_polygon, edges, locate, meeting, plain_numbers, whereabouts
 
 Corners = tuple[tuple[float, float], ...]
 Wall = tuple[float, float, float, float]
@@ -89,7 +89,7 @@ class FloorPlan(InWalls):
     @cached_property
     def _polygons(self) -> list[Array]:
         """Corners of the outline and of the holes, (n, 2) each."""
-        return [np.array(corners) for corners in (self.outer, *self.holes)]
+        return [for_loops(np.array(corners)) for corners in (self.outer, *self.holes)]
 
     @cached_property
     def _walls(self) -> Walls:  # type: ignore[override]
@@ -103,11 +103,11 @@ class FloorPlan(InWalls):
         Borders count as free, as in `RectangularRoom`; inner walls have no thickness and take no room.
         """
         points = check_points(points)
-        flat = points.reshape(-1, 2)
+        columns = for_loops(points.reshape(-1, 2).T)
         outer, *holes = self._polygons
-        free = locate(flat, outer) >= 0
+        free = whereabouts(columns, outer) >= 0
         for hole in holes:
-            free &= locate(flat, hole) <= 0
+            free &= whereabouts(columns, hole) <= 0
         return free.reshape(points.shape[:-1])
 
     def free_moments(self, lower: Array, upper: Array) -> tuple[float, Array, Array]:

@@ -96,8 +96,13 @@ def _side(a: Array, b: Array, p: Array) -> Array:
 
 def locate(points: Array, corners: Array) -> NDArray[np.int8]:
     """1 inside the polygon, 0 on its border, -1 outside (also for a point not finite): (N, 2) -> (N,)."""
+    return whereabouts(for_loops(points.T), for_loops(corners)).astype(np.int8)
+
+
+def whereabouts(columns: Array, corners: Array) -> Array:
+    """The same as float64 for x1 and x2 of all points, (2, N), both as of `for_loops`: without copies."""
     from .polygon_kernels import locate_in_polygon  # numba takes a quarter of a second
 
-    where = np.empty(len(points))
-    locate_in_polygon(for_loops(points.T), for_loops(corners), ON_BORDER, where)
-    return where.astype(np.int8)
+    where = np.empty(columns.shape[1])
+    locate_in_polygon(columns, corners, ON_BORDER, where)
+    return where

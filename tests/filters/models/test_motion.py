@@ -121,6 +121,36 @@ def test_batches_equal_single_states(motion: Motion, space: StateSpace, control:
     assert np.isfinite(draws).all()
 
 
+@pytest.mark.parametrize("name", [name for name in CASES if name.startswith("odometry")])
+@pytest.mark.parametrize("count", [70, 1500])
+def test_many_states_move_as_each_does(name: str, count: int) -> None:
+    """One control and many states, in rows, columns or blocks: the bits of a control for each, by numpy.
+
+    The noise is that of the errors times standard normal numbers, drawn error by error. Headings begin and
+    end within half a turn, on it, or up to ten turns off.
+    """
+    motion, space, control = CASES[name]
+    assert isinstance(motion, Odometry)
+    states, place = random_states(space, count, 4), space.names.index("heading")
+    states[:4, place] = -np.pi, np.nextafter(np.pi, 0.0), -np.pi - control[2], np.pi - control[2]
+    states[4:20, place] = np.linspace(-60.0, 60.0, 16)
+    errors = np.array(motion._errors(control))
+    draws = np.random.default_rng(6).standard_normal((len(errors), count))
+    noisy = np.tile(control, (count, 1))
+    for error, drawn in zip(errors, draws, strict=True):
+        noisy = noisy + drawn[:, None] * error
+    by_numpy = motion.mean(states, noisy)
+    assert (np.abs(by_numpy[:, place]) <= np.pi).all()
+    for given in (states, np.asfortranarray(states), np.repeat(states, 2, axis=0)[::2]):
+        before = given.copy()
+        np.testing.assert_array_equal(motion.sample(given, control, np.random.default_rng(6)), by_numpy)
+        alone = motion.mean(given, np.tile(control, (count, 1)))
+        np.testing.assert_array_equal(motion.mean(given, control), alone)
+        np.testing.assert_array_equal(given, before)
+    blocks = motion.sample(states.reshape(2, -1, space.size), control, np.random.default_rng(6))
+    np.testing.assert_array_equal(blocks.reshape(states.shape), by_numpy)
+
+
 @every_case
 def test_runs_draw_from_their_own_streams(motion: Motion, space: StateSpace, control: np.ndarray) -> None:
     """sample_runs equals sample run by run, bit for bit, however many runs there are."""
@@ -271,6 +301,11 @@ def test_confined_steps_follow_the_stated_law(tries: int) -> None:
     stays = steps == 0
     assert stats.binomtest(int(stays.sum()), 40_000, (1 - free) ** tries).pvalue > 1e-5
     assert stats.kstest(steps[~stays], lambda x: stats.norm.cdf(np.minimum(x, 0.3)) / free).pvalue > 1e-5
+
+
+def test_no_states_move_to_none() -> None:
+    motion = Confined(Odometry(POSE, ALPHAS), RectangularRoom(4.0, 6.0), POSE)
+    assert motion.sample(np.empty((0, 3)), CONTROL, np.random.default_rng(0)).shape == (0, 3)
 
 
 def test_a_confined_object_with_no_way_out_stays() -> None:

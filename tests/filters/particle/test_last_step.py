@@ -19,7 +19,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.particle.kernel_noise import best_width, separate_copies
-from rangefix.filters.particle.last_step import LastStep
+from rangefix.filters.particle.last_step import MIN_FRESH_SHARE, LastStep, _partly
 from rangefix.filters.particle.metropolis import metropolis_steps
 from rangefix.maps import FloorPlan
 
@@ -66,6 +66,26 @@ def test_moves_of_the_last_step_leave_its_law_as_it_is(tries):
     squares = POSE.difference(moved, middle) ** 2 - POSE.difference(exact, middle) ** 2
     for value in (change, squares, stays[0] * 1.0 - stays[1]):
         assert (np.abs(value.mean(0)) <= 5 * value.std(0) / np.sqrt(len(exact)) + 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    "motion", [Odometry(POSE, (0.05, 0.05, 0.05, 0.02), floor=0.1), RandomWalk(SPACE, 0.2)]
+)
+def test_noise_drawn_in_part_is_mixed_by_the_formula(motion):
+    """States x become m + sqrt(1 - b^2) (x - m) + b (y - m), angles the short way round, by numpy: the bits.
+
+    Headings lie on both sides of half a turn.
+    """
+    space, control, rng = motion.space, np.array([0.2, 0.0, 0.2]), np.random.default_rng(2)
+    starts = rng.normal(0.0, 1.0, (500, space.size))
+    starts[:, space.is_angle] = np.linspace(-np.pi, np.pi, 500, endpoint=False)[:, None]
+    states = motion.sample(starts, control, rng)
+    found = _partly(motion, starts, states, control, space, np.random.default_rng(3))
+    rng, mean = np.random.default_rng(3), motion.mean(starts, control)
+    share = MIN_FRESH_SHARE ** rng.random((500, 1))
+    noise = space.difference(motion.sample(starts, control, rng), mean)
+    mixed = mean + np.sqrt(1.0 - share**2) * space.difference(states, mean) + share * noise
+    np.testing.assert_array_equal(found, space.wrap(mixed))
 
 
 def test_points_that_are_alike_are_spread_and_others_are_not():

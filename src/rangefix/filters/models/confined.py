@@ -78,7 +78,7 @@ class Confined:
         else:
             controls = np.broadcast_to(control, (*shape, control.shape[-1])).reshape(len(starts), -1)
             ends = self._tried(starts, lambda left: self.motion.sample(starts[left], controls[left], rng))
-        return ends.reshape(*shape, -1)
+        return ends.reshape(*shape, states.shape[-1])
 
     def sample_runs(self, states: Array, control: Array, rngs: Sequence[Generator]) -> Array:
         """One step of M runs, run m drawn from rngs[m] alone, their walls checked at once, (M, n)."""
@@ -121,8 +121,8 @@ class Confined:
 
     def allows(self, starts: Array, ends: Array) -> BoolArray:
         """Whether steps end in free space and meet no wall on the way: (..., n), (..., n) -> (...)."""
-        where = self.space.position_indices
-        return in_line_of_sight(self.room, np.asarray(starts)[..., where], np.asarray(ends)[..., where])
+        positions = self.space.positions
+        return in_line_of_sight(self.room, positions(starts), positions(ends))
 
 
 def in_line_of_sight(room: RangeMap, starts: Array, ends: Array) -> BoolArray:

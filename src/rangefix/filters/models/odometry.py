@@ -10,12 +10,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import Array, keep_copies, wrap
+from ...arrays import Array, for_loops, keep_copies, wrap
 from ..space import StateSpace
 from .motion import step_stds
 
 Errors = tuple[Array, Array, Array]  # forward, right (m) and turn (rad) by one standard deviation of an error
 ON_THE_SPOT = 0.01  # m; below this a displacement has no direction that its noise could depend on
+AT_ONCE = 1024  # states that one pass takes: what is worked out in between stays in the cache
+MANY_VALUES = 64  # components of states: with fewer, one pass in compiled code is not worth it
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,23 @@ class Odometry:
     def mean(self, states: Array, control: Array) -> Array:
         """The states after a noise-free move, (..., n), headings wrapped; control (3,) or (..., 3)."""
         states, control = _pair(states, control)
+        if states.size >= MANY_VALUES and control.ndim == 1:
+            return self._move_many(states, control, [], np.empty((0, *states.shape[:-1])))
         return self._moved(states, control[..., 0], control[..., 1], control[..., 2])
+
+    def _move_many(self, states: Array, control: Array, errors: list[Errors], draws: Array) -> Array:
+        """States (..., n) moved by one control (3,) with so many of each error, (E, ...): one pass."""
+        from .kernels.moves import move_by_control  # numba takes a quarter of a second
+
+        one, two, heading = self._places
+        moved = np.array(states, order="C").reshape(-1, states.shape[-1])
+        count, before = len(moved), np.ascontiguousarray(moved[:, heading])
+        sizes, draws = np.array(errors, dtype=float).reshape(-1, 3), draws.reshape(-1, count)
+        turned, parts = np.empty((2, count)), np.empty((3, min(count, AT_ONCE)))
+        np.sin(before, out=turned[0])
+        np.cos(before, out=turned[1])
+        move_by_control(moved, (one, two, heading), for_loops(control), sizes, draws, turned, parts)
+        return moved.reshape(states.shape)
 
     def _moved(self, states: Array, forward: Array, right: Array, turn: Array) -> Array:
         """States (..., n) moved by the parts of a control, (...) each."""
@@ -129,8 +147,10 @@ class Odometry:
         """The states after one noisy move each, (..., n), headings wrapped."""
         errors = self._errors(np.asarray(control, dtype=float))
         states, control = _pair(states, control)
-        noisy = [control[..., column] for column in range(3)]
         draws = rng.standard_normal((len(errors), *states.shape[:-1]))
+        if states.size >= MANY_VALUES and control.ndim == 1:
+            return self._move_many(states, control, errors, draws)
+        noisy = [control[..., column] for column in range(3)]
         for error, drawn in zip(errors, draws, strict=True):
             for column, part in enumerate(error):
                 if part.ndim or part:

@@ -1,0 +1,1 @@
+"""What models compile: loops that are loaded when many states are asked about."""
