@@ -94,11 +94,11 @@ def _partly(
     free: Motion, starts: Array, states: Array, control: Array, space: StateSpace, rng: Generator
 ) -> Array:
     """Steps from starts to states with a part of their Gaussian noise drawn anew, (N, n)."""
+    from ..models.kernels.moves import mix_noise  # numba takes a quarter of a second
+
     mean = free.mean(starts, control)
     share = MIN_FRESH_SHARE ** rng.random(len(starts))
     fresh = free.sample(starts, control, rng)
-    from ..models.kernels.moves import mix_noise  # numba takes a quarter of a second
-
     kept, mixed = np.sqrt(1.0 - share**2), np.empty(np.shape(states))
     heading = -1 if space.heading is not None else space.names.index("heading")
     mix_noise(for_loops(states), for_loops(mean), for_loops(fresh), kept, share, heading, mixed)
