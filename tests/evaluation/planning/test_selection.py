@@ -233,6 +233,8 @@ def test_how_long_a_search_takes_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     assert not clock.guess()
     clock.made(searched=False)
     assert clock.told("beam 3") == "beam 3; 30 s so far, some 30 s to 2 min left"
+    clock.expect(2, 3)
+    assert clock.told("beam 3") == "beam 3; 30 s so far, some 60 s to 90 s left"
     clock.begin(2, 2)
     now[0] = 31.0
     clock.made()
@@ -310,6 +312,35 @@ def test_exchange_finds_beams_that_meet_walls_squarely() -> None:
     north, west = (int(np.abs(planner.candidates - angle).argmin()) for angle in (0.0, -np.pi / 2))
     found = planner.sets.exchanged([west, north])
     assert sorted(np.rad2deg(planner.candidates[found]).round(6)) == [-90.0, 180.0]
+
+
+def rms_after(problem: Problem, bearings: np.ndarray, truths: int) -> float:
+    """RMS error that the exact filter tells of, m, over the same truths from the prior for all sets."""
+    sensor = problem.sensor
+    assert isinstance(sensor, Rangefinder)
+    problem = replace(problem, sensor=replace(sensor, bearings=np.sort(bearings)))
+    exact = exact_filter(problem)
+    assert exact is not None
+    states = problem.prior.sample(truths, np.random.default_rng(7))
+    found = covariances_after(exact, problem.sensor.sample(states, np.random.default_rng(8)))
+    return float(np.sqrt(np.trace(found.mean(axis=0))))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_exchange_finds_sets_that_differ_in_all_beams(seed: int) -> None:
+    """Three of 24 beams in an L-shape err by 2 % more than the best of all 2024 sets at the most: 0.0469 m.
+
+    Exchange of one beam, or of two, leads from (120, 180, 300) nowhere: 0.0513 m. Judged by 4000 truths,
+    whose standard error is 0.2 %; sets where else exchange of one beam ends err by 9 % more, or worse.
+    """
+    known = located(l_shape(6.0, 5.0, 3.0, 2.5), [0.0], 0.05)
+    steps = Planner(known, np.deg2rad(np.arange(0.0, 360.0, 15.0)), seed=seed).plan(3, everywhere=False).steps
+    best, stuck = (
+        rms_after(known, np.deg2rad(each), 4000) for each in ([135.0, 270, 315], [120.0, 180, 300])
+    )
+    found = rms_after(known, np.array([step.bearing for step in steps]), 4000)
+    assert found < 1.02 * best < stuck / 1.05
+    assert abs(steps[-1].value - found**2) < 5 * np.hypot(steps[-1].error, 0.004 * found**2)
 
 
 def test_which_candidates_meet_walls_squarely() -> None:

@@ -11,6 +11,7 @@ from math import comb
 import numpy as np
 
 from ...arrays import IntArray
+from ..seeds import stream
 from .candidates import candidates_near, coarse_candidates, square_candidates
 from .cells import Cells
 from .objective import Objective
@@ -24,7 +25,9 @@ WORTH = 0.002  # of the criterion: a difference that does not matter
 PASSES = 3  # of exchange over all beams
 MOST_SETS = 2000  # of beams, in an exhaustive search
 FINAL_SETS = 10  # the best of them, which are compared by many truths
+STARTS, COMPARED = 24, 8  # sets that are bettered by a rough guess, and how many then by many truths
 MOST_POLISHED = 9  # exchanges by many truths, or as many as there are beams
+MOST_CHOICES = 2 + MOST_POLISHED  # with those between sets
 POLISHING, NEAR = 5, 8  # candidates of each beam that are tried over many truths, and how far about the best
 Tell = Callable[[str], None]
 
@@ -57,12 +60,15 @@ class BeamSets:
         return chosen
 
     def exchanged(self, chosen: list[int]) -> list[int]:
-        """Put another candidate in the place of each beam in turn, where that is better on fresh truths.
+        """A set that no exchange of one beam betters, begun with this one and, where it can be, with others.
 
-        Of all sets on the way that counts which is best over many truths, where they can be asked: what is
-        better over few may leave two places open now and then. Its beams are then exchanged by these.
+        Where sets can be compared over many truths, they are. Otherwise another candidate is put in the place
+        of each beam in turn, where that is better on fresh truths.
         """
-        best, least = chosen, self.objective.mean_after(chosen)
+        least = self.objective.mean_after(chosen)
+        if least is not None:
+            return self._ordered(self._polished(*self._best_of_many(chosen, least)))
+        self.time.expect(len(chosen), PASSES * len(chosen))
         for turn in range(PASSES):
             before = list(chosen)
             for place in range(len(chosen)):
@@ -74,12 +80,44 @@ class BeamSets:
                     continue
                 if self.objective.is_better(others, other, chosen[place], f"check {turn} {place}"):
                     chosen = [*others[:place], other, *others[place:]]
-                    mean = self.objective.mean_after(chosen)
-                    if mean is None or least is None or mean < least:
-                        best, least = chosen, mean
             if chosen == before:
                 break
-        return self._ordered(best if least is None else self._polished(best, least))
+        return self._ordered(chosen)
+
+    def _best_of_many(self, chosen: list[int], least: float) -> tuple[list[int], float]:
+        """The best of a set and of those that exchange leads to from others, with the criterion after it.
+
+        Where no exchange of one beam betters a set, one that differs in all of them may be far better yet. So
+        many are bettered by a rough guess, which is quick; of the sets on which they end the best are
+        compared over many truths.
+
+        Args:
+            chosen: The set.
+            least: The criterion after it, over many truths.
+        """
+        beams = len(chosen)
+        self.time.expect(2 + beams, max(MOST_CHOICES, 2 + beams))
+        coarse = coarse_candidates(len(self.objective.candidates))
+        places = np.unique(np.concatenate([coarse, self._square, chosen]))
+        rough, rng = self.objective.rough(places.tolist()), stream(self.objective.seed, "plan starts", 0)
+        starts = [np.searchsorted(places, chosen)]
+        starts += [rng.choice(len(places), beams, replace=False) for _ in range(STARTS)]
+        ends: dict[tuple[int, ...], float] = {}
+        for number, start in enumerate(starts):
+            self.tell(self.time.told(f"exchange from many sets: {number + 1} of {len(starts)}"))
+            found, value = rough.bettered(start.tolist(), WORTH)
+            ends[tuple(sorted(found))] = value
+        self.time.made()
+        best = chosen
+        for number, end in enumerate(sorted(ends, key=lambda each: ends[each])[:COMPARED]):
+            text = f"comparing sets by many truths: {number + 1} of {min(COMPARED, len(ends))}"
+            self.tell(self.time.told(text))
+            another = places[list(end)].tolist()
+            mean = self.objective.mean_after(another, least)
+            if mean is not None and mean < least:
+                best, least = another, mean
+        self.time.made()
+        return best, least
 
     def _polished(self, chosen: list[int], least: float) -> list[int]:
         """Put another candidate in the place of each beam where that is better over many truths.

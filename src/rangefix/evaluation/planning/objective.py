@@ -10,15 +10,18 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import Problem, Rangefinder
+from ...filters.exact import ExactPositionFilter
 from ...filters.models.rangefinder import some_beams
 from ..seeds import stream
 from .cells import Cells, check_plannable, noise_widths, posterior_cells, prior_cells, turned
 from .expected_covariance import Criterion, ExpectedAccuracy, expected_covariance
 from .reading_table import SharedTables
 from .whole_sets.covariances import TRUTHS, Accuracy, covariances_after, criterion_of, exact_filter, truths_of
-from .whole_sets.look_alike_truths import look_alike_truths
+from .whole_sets.look_alike_truths import LOOKED_AT, look_alike_truths
+from .whole_sets.rough_accuracy import RoughAccuracy
 
 FEW_CELLS, FINE_CANDIDATES = 3000, 60  # of a prior, for all candidates; the best of these by usual cells
+SCREENED_BY, SCREENED_OF, SURELY = 0.2, 10_000, 4.0  # truths by which a set is out, from how many; its errors
 PARTS = 4  # of many truths, after each of which a set of beams may be worse than another whatever follows
 MERGED = 1.0  # of the noise: cells of a posterior are not finer than that
 
@@ -128,15 +131,26 @@ class Objective:
     ) -> Accuracy | None:
         """What is expected after some candidates over so many truths; None without an `exact_filter`.
 
-        Where the criterion is sure to be no less than `enough`, it is not worked out further, and infinite.
+        Where the criterion is sure to be no less than `enough`, it is not worked out further, and infinite:
+        most sets are out after a few truths.
         """
         if self.criterion == "information":
             return None
-        problem = self.problem_with(chosen)
-        exact = exact_filter(problem)
+        exact = exact_filter(self.problem_with(chosen))
         if exact is None:
             return None
-        truths = look_alike_truths(exact, count, stream(self.seed, f"plan {purpose}", 0))
+        if enough < np.inf:
+            few = self._over_truths(exact, chosen, f"few {purpose}", int(SCREENED_BY * count), SCREENED_OF)
+            if few.value - SURELY * few.error >= enough:
+                return few._replace(value=np.inf)
+        return self._over_truths(exact, chosen, purpose, count, LOOKED_AT, enough)
+
+    def _over_truths(
+        self, exact: ExactPositionFilter, chosen: Sequence[int], purpose: str, count: int, looked_at: int,
+        enough: float = np.inf,
+    ) -> Accuracy:  # fmt: skip
+        """What is expected after some candidates over so many truths, chosen from up to `looked_at`."""
+        truths = look_alike_truths(exact, count, stream(self.seed, f"plan {purpose}", 0), looked_at)
         readings = self._read_at(truths.states, chosen, purpose)
         covariances, values, total = np.empty((count, 2, 2)), np.empty(count), 0.0
         for part in np.array_split(np.arange(count), 1 if enough == np.inf else PARTS):
@@ -168,6 +182,11 @@ class Objective:
     def _means_known(self) -> dict[frozenset[int], float | None]:
         """What `mean_after` has found."""
         return {}
+
+    def rough(self, places: Sequence[int]) -> RoughAccuracy:
+        """What some candidates tell roughly, many sets of them in a second; the heading is known."""
+        problem, rng = self.problem_with(places), stream(self.seed, "plan rough", 0)
+        return RoughAccuracy.of(problem, self.criterion, rng)
 
     def is_better(self, others: Sequence[int], other: int, instead: int, purpose: str) -> bool:
         """Whether one candidate is better beside others than another, on fresh truths."""

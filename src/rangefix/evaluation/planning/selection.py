@@ -20,7 +20,7 @@ from ...filters import Problem, Rangefinder
 from ...filters.models.rangefinder import some_beams
 from ...filters.refined_cells.coarse_cells import CoarseCells
 from ..seeds import stream
-from .beam_sets import MOST_POLISHED, PASSES, BeamSets, Tell
+from .beam_sets import MOST_CHOICES, PASSES, BeamSets, Tell
 from .candidates import candidates_near, coarse_candidates
 from .cells import Cells, cells_of, coarse_cells
 from .expected_covariance import Criterion
@@ -113,9 +113,7 @@ class Planner:
             )
         if adaptive:
             return Plan(self.candidates, self.criterion, "adaptive", True, tuple(self._adaptive(beams)))
-        least, most = (
-            (2 * beams, PASSES * beams + max(MOST_POLISHED, beams)) if method == "exchange" else (0, 0)
-        )
+        least, most = (beams, max(MOST_CHOICES, PASSES * beams)) if method == "exchange" else (0, 0)
         self._time.begin(beams - 1 + least, beams - 1 + most)
         chosen = self.sets.exhaustive(beams) if method == "exhaustive" else self.sets.greedy(beams)
         if method == "exchange" and beams > 1:

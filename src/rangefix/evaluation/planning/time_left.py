@@ -32,6 +32,10 @@ class TimeLeft:
         """A search begins, of so many choices."""
         self.least, self.most, self.done, self.each, self.began = least, most, 0, None, monotonic()
 
+    def expect(self, least: int, most: int) -> None:
+        """So many choices are left, as is known now."""
+        self.least, self.most = least, most
+
     def guess(self) -> bool:
         """Take the first truths of the first choice for a measure; False if there is a better one already."""
         if self.done or self.each is not None:

@@ -17,7 +17,7 @@ from numpy.random import Generator
 
 from ....arrays import Array, IntArray
 from ....compiled import in_threads, njit
-from ....filters import Gaussian
+from ....filters import Gaussian, Rangefinder
 from ....filters.exact import ExactPositionFilter
 from ..cells import check_plannable, noise_widths
 
@@ -53,17 +53,20 @@ class Truths:
         return mean, math.sqrt(weighed.var(ddof=1) / len(values) + spread / self.looked_at)
 
 
-def look_alike_truths(exact: ExactPositionFilter, count: int, rng: Generator) -> Truths:
+def look_alike_truths(
+    exact: ExactPositionFilter, count: int, rng: Generator, most: int = LOOKED_AT
+) -> Truths:
     """So many truths of a problem, most of them such as add much to the mean square of the error.
 
     Args:
         exact: The exact filter of the problem.
         count: How many.
         rng: Draws them.
+        most: Truths that are looked at.
     """
     problem = exact.problem
     pieces = sum(len(part.pieces.counts) for part in exact.parts)
-    looked_at = int(np.clip(LOOKS // pieces, count, LOOKED_AT))
+    looked_at = int(np.clip(LOOKS // pieces, count, most))
     states = problem.prior.sample(looked_at, rng)
     guess = expected_squares(exact, states)
     as_likely = AS_LIKELY if isinstance(problem.sensor.noise, Gaussian) else AS_LIKELY_OF_TAILS
@@ -84,9 +87,7 @@ def expected_squares(exact: ExactPositionFilter, states: Array) -> Array:
     """
     sensor = check_plannable(exact.problem)
     seen = np.flatnonzero(~sensor.blind)
-    noise, beams = sensor.noise, len(sensor.bearings)
-    stds = np.broadcast_to(noise.stds, beams) if isinstance(noise, Gaussian) else noise_widths(sensor)
-    stds = stds[seen]
+    stds = stds_of(sensor)[seen]
     ranges = np.ascontiguousarray(sensor.expected(states)[:, seen] / stds)
     ends = np.stack([sensor.min_range / stds, sensor.max_range / stds])
     found = np.zeros(len(states))
@@ -105,6 +106,12 @@ def expected_squares(exact: ExactPositionFilter, states: Array) -> Array:
         work = float(len(states) * len(every.counts))
         in_threads(_add_look_alikes, len(states), work, states, ranges, *pieces, ends, part.factor, found)
     return found
+
+
+def stds_of(sensor: Rangefinder) -> Array:
+    """Deviations of each beam's noise, m, (B,): of Gaussian noise that is as wide where it is another."""
+    noise, beams = sensor.noise, len(sensor.bearings)
+    return np.broadcast_to(noise.stds, beams) if isinstance(noise, Gaussian) else noise_widths(sensor)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
