@@ -45,7 +45,7 @@ def test_square_beams_in_a_rectangle() -> None:
     """
     problem = looking(make_problem(0.05), [0.0, 90.0, 180.0])
     for criterion, expected in (("trace", 2 * 0.05**2), ("det", 0.05**4), ("largest", 0.05**2)):
-        rough = RoughAccuracy.of(problem, criterion, np.random.default_rng(0))  # type: ignore[arg-type]
+        rough = RoughAccuracy.of(problem, criterion, 400, np.random.default_rng(0))  # type: ignore[arg-type]
         after = rough.beside([0])
         assert after[1] == pytest.approx(expected, rel=0.01)
         assert after[2] > 50 * after[1]
@@ -61,7 +61,7 @@ def test_sets_stand_in_the_order_of_the_exact_filter() -> None:
     """
     known = located(l_shape(6.0, 5.0, 3.0, 2.5), [0.0], 0.05)
     degrees = np.arange(0.0, 360.0, 15.0)
-    rough = RoughAccuracy.of(looking(known, degrees.tolist()), "trace", np.random.default_rng(1))
+    rough = RoughAccuracy.of(looking(known, degrees.tolist()), "trace", 400, np.random.default_rng(1))
     every = list(combinations(range(24), 3))
     values = np.array([rough.beside(each[:2])[each[2]] for each in every])
     assert degrees[list(every[int(values.argmin())])].tolist() == [135.0, 270.0, 315.0]

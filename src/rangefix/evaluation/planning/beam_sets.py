@@ -25,7 +25,8 @@ WORTH = 0.002  # of the criterion: a difference that does not matter
 PASSES = 3  # of exchange over all beams
 MOST_SETS = 2000  # of beams, in an exhaustive search
 FINAL_SETS = 10  # the best of them, which are compared by many truths
-STARTS, COMPARED = 24, 8  # sets that are bettered by a rough guess, and how many then by many truths
+STARTS, ROUGH_TRUTHS = 24, 400  # random sets, which are bettered by a rough guess at so many truths
+COMPARED, MORE_TRUTHS = 8, 1600  # the best on which they end; by so many they are bettered again
 MOST_POLISHED = 9  # exchanges by many truths, or as many as there are beams
 MOST_CHOICES = 2 + MOST_POLISHED  # with those between sets
 POLISHING, NEAR = 5, 8  # candidates of each beam that are tried over many truths, and how far about the best
@@ -99,25 +100,39 @@ class BeamSets:
         self.time.expect(2 + beams, max(MOST_CHOICES, 2 + beams))
         coarse = coarse_candidates(len(self.objective.candidates))
         places = np.unique(np.concatenate([coarse, self._square, chosen]))
-        rough, rng = self.objective.rough(places.tolist()), stream(self.objective.seed, "plan starts", 0)
-        starts = [np.searchsorted(places, chosen)]
-        starts += [rng.choice(len(places), beams, replace=False) for _ in range(STARTS)]
-        ends: dict[tuple[int, ...], float] = {}
-        for number, start in enumerate(starts):
-            self.tell(self.time.told(f"exchange from many sets: {number + 1} of {len(starts)}"))
-            found, value = rough.bettered(start.tolist(), WORTH)
-            ends[tuple(sorted(found))] = value
+        rng = stream(self.objective.seed, "plan starts", 0)
+        starts = [np.searchsorted(places, chosen).tolist()]
+        starts += [rng.choice(len(places), beams, replace=False).tolist() for _ in range(STARTS)]
+        ends = self._ends(starts, places, ROUGH_TRUTHS, "exchange from many sets")
+        ends = self._ends(ends[:COMPARED], places, MORE_TRUTHS, "exchange from the best of them")
         self.time.made()
         best = chosen
-        for number, end in enumerate(sorted(ends, key=lambda each: ends[each])[:COMPARED]):
-            text = f"comparing sets by many truths: {number + 1} of {min(COMPARED, len(ends))}"
+        for number, end in enumerate(ends):
+            text = f"comparing sets by many truths: {number + 1} of {len(ends)}"
             self.tell(self.time.told(text))
-            another = places[list(end)].tolist()
+            another = places[end].tolist()
             mean = self.objective.mean_after(another, least)
             if mean is not None and mean < least:
                 best, least = another, mean
         self.time.made()
         return best, least
+
+    def _ends(self, starts: list[list[int]], places: IntArray, truths: int, text: str) -> list[list[int]]:
+        """The different sets to which exchange leads from some by a rough guess, the best first.
+
+        Args:
+            starts: Sets of some candidates, by their places among these; so are those that are found.
+            places: Of these candidates among all.
+            truths: At which it is guessed.
+            text: What is being done, in words.
+        """
+        rough = self.objective.rough(places.tolist(), truths)
+        ends: dict[tuple[int, ...], float] = {}
+        for number, start in enumerate(starts):
+            self.tell(self.time.told(f"{text}: {number + 1} of {len(starts)}"))
+            found, value = rough.bettered(start, WORTH)
+            ends[tuple(sorted(found))] = value
+        return [list(end) for end in sorted(ends, key=lambda each: ends[each])]
 
     def _polished(self, chosen: list[int], least: float) -> list[int]:
         """Put another candidate in the place of each beam where that is better over many truths.

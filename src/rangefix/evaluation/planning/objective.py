@@ -183,10 +183,10 @@ class Objective:
         """What `mean_after` has found."""
         return {}
 
-    def rough(self, places: Sequence[int]) -> RoughAccuracy:
+    def rough(self, places: Sequence[int], truths: int) -> RoughAccuracy:
         """What some candidates tell roughly, many sets of them in a second; the heading is known."""
-        problem, rng = self.problem_with(places), stream(self.seed, "plan rough", 0)
-        return RoughAccuracy.of(problem, self.criterion, rng)
+        rng = stream(self.seed, f"plan rough {truths}", 0)
+        return RoughAccuracy.of(self.problem_with(places), self.criterion, truths, rng)
 
     def is_better(self, others: Sequence[int], other: int, instead: int, purpose: str) -> bool:
         """Whether one candidate is better beside others than another, on fresh truths."""

@@ -24,7 +24,7 @@ from ..expected_covariance import Criterion
 from .covariances import criterion_of
 from .look_alike_truths import stds_of
 
-ROUGH_TRUTHS, ROUGH_PLACES = 400, 1000
+PLACES = 1000  # of the lattice, about
 FARTHEST = 8.0  # deviations; places that differ by more in their readings are never mistaken for each other
 LOCAL = 5.0  # deviations of a truth within which another place is none elsewhere
 ALIKE = 0.5  # of the square by the truth's slopes: a place that differs by more is what small moves lead to
@@ -78,14 +78,14 @@ class RoughAccuracy:
     _known: dict[frozenset[int], Array] = field(default_factory=dict)
 
     @staticmethod
-    def of(problem: Problem, criterion: Criterion, rng: Generator) -> RoughAccuracy:
-        """For a problem at a known heading, whose beams are the candidates; `rng` draws the truths."""
+    def of(problem: Problem, criterion: Criterion, truths: int, rng: Generator) -> RoughAccuracy:
+        """For a problem at a known heading, whose beams are the candidates; `rng` draws so many truths."""
         sensor = check_plannable(problem)
-        stds, cells = stds_of(sensor), prior_cells(problem, ROUGH_PLACES)
-        states = problem.prior.sample(ROUGH_TRUTHS, rng)
-        truths, elsewhere = (Looks.at(places, problem, sensor, stds) for places in (states, cells.centres))
+        stds, cells = stds_of(sensor), prior_cells(problem, PLACES)
+        states = problem.prior.sample(truths, rng)
+        here, elsewhere = (Looks.at(places, problem, sensor, stds) for places in (states, cells.centres))
         precision = np.asarray(np.linalg.inv(problem.prior.covariance), dtype=float)
-        return RoughAccuracy(criterion, truths, elsewhere, 0.5 * cells.widths.max(axis=0), precision)
+        return RoughAccuracy(criterion, here, elsewhere, 0.5 * cells.widths.max(axis=0), precision)
 
     def beside(self, others: Sequence[int]) -> Array:
         """The criterion with each candidate as one more beam beside others, (D,)."""
