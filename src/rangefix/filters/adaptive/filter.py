@@ -149,15 +149,13 @@ class AdaptivePointMassFilter(BriefRepr):
         rests_on = belief.prior.rests_on if isinstance(belief.prior, Predicted) else 0
         density, motion = Before(target, before.log_integral, rests_on), self.problem.motion
         evidence = self._evidence(belief, before)
-        if (prior := predict_exactly(before.modes, density, motion, control)) is not None:
-            return replace(
-                belief,
-                prior=prior,
-                check=None,
-                measurements=belief.measurements[:0],
-                posterior=None,
-                log_evidence=evidence,
-            )
+        if np.isfinite(before.missed):
+            exactly = predict_exactly(before.modes, density, motion, control)
+            if exactly is not None:
+                known, inexact = belief.measurements[:0], replace(exactly, exact=None)
+                return AdaptiveBelief(
+                    exactly, inexact, known, None, evidence, belief.possible, belief.inherited
+                )
         modes = finer(before, told, self._accuracy, motion, control)
         prior = predict_modes(modes, density, motion, control)
         check = predict_modes(before.checks or before.modes, density, motion, control, prior)
@@ -267,7 +265,7 @@ class AdaptivePointMassFilter(BriefRepr):
             target = Target(sensor, prior.log_density, measurements)
             return target, target
         target = Target(sensor, prior.law, measurements, prior.cost)
-        if check is None:
+        if check is None or prior.exact is not None:
             return target, target
         return target, replace(target, log_prior=check.log_density, log_prior_cost=check.cost)
 
@@ -304,11 +302,16 @@ class AdaptivePointMassFilter(BriefRepr):
         found = refined(target, found, self._accuracy)
         if survey is None:
             return verified(target, other, found, self._accuracy)
-        again = self._search.completed(target, found, survey)  # finer lattices hold less
-        if len(again.modes) > len(found.modes):
-            again = refined(target, again, self._accuracy)
-        found = verified(target, other, again, self._accuracy)
-        return replace(found, missed=survey.missed(found))
+        try:
+            again = self._search.completed(target, found, survey)  # finer lattices hold less
+            if len(again.modes) > len(found.modes):
+                again = refined(target, again, self._accuracy)
+            again = verified(target, other, again, self._accuracy)
+            return replace(again, missed=survey.missed(again))
+        except TooManyCells:
+            if not isinstance(prior, Predicted):
+                raise
+            return replace(found, missed=np.inf)  # nothing tells any more what it misses
 
     def _from_open_prior(self, measurements: Array, ends: Ends) -> Quadrature:
         """Where measurements (U, B) leave a prior that goes on where the table ends."""

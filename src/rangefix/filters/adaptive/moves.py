@@ -45,7 +45,7 @@ LEAST_PROBABILITY = 1e-9  # of staying put, or of moving, that is followed
 DROPPED_SHARE = 1e-7  # of what moves, in points beside walls that hardly do
 DIRECTIONS, FEWER_DIRECTIONS = 32, 24  # in which walls stop steps of what stays; the same for what checks it
 DIRECTIONS_OF_POINTS = 48  # the same for a point, whose kernel is wider
-MOST_ASKED = 450.0  # rays at a state: moves without noise ask all before, up to this
+MOST_ASKED = 250.0  # rays at a state: moves without noise ask all before, up to this
 MOST_RESTED_ON = 4  # moves in a row after which Gaussians stand for what stays, lest each asks all before
 
 

@@ -11,7 +11,7 @@ from ...compiled import njit
 from ..base import EDGE_ON, ON_IT, TOUCHING
 
 MANY_PLACES = 32  # from so many on, beams of one bearing are taken together
-ROUNDING = 1e-5  # of lengths: more than rounding does to a distance along a wall that is nearly edge-on
+SIDE_ROUNDING = 1e-5  # of lengths: more than rounding does to a distance along a wall that is nearly edge-on
 BEAMS = 256  # at a time: side by side in the processor, and their work arrays in its nearest cache
 
 
@@ -123,7 +123,7 @@ def _is_apart(
         e1, e2, g1, g2: The middle direction, which need not be of length 1, and how far others are from it.
     """
     far_1, far_2 = abs(e1) + g1, abs(e2) + g2
-    rounding = ROUNDING * (abs(a1) + abs(a2) + abs(b1) + abs(b2) + h1 + h2)
+    rounding = SIDE_ROUNDING * (abs(a1) + abs(a2) + abs(b1) + abs(b2) + h1 + h2)
     across_a, off_a = a1 * e2 - a2 * e1, abs(a1) * g2 + abs(a2) * g1 + h1 * far_2 + h2 * far_1 + rounding
     across_b, off_b = b1 * e2 - b2 * e1, abs(b1) * g2 + abs(b2) * g1 + h1 * far_2 + h2 * far_1 + rounding
     if (across_a > off_a and across_b > off_b) or (across_a < -off_a and across_b < -off_b):
