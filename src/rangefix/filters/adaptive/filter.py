@@ -152,9 +152,9 @@ class AdaptivePointMassFilter(BriefRepr):
         if np.isfinite(before.missed):
             exactly = predict_exactly(before.modes, density, motion, control)
             if exactly is not None:
-                known, inexact = belief.measurements[:0], replace(exactly, exact=None)
+                known, inherited = belief.measurements[:0], belief.inherited
                 return AdaptiveBelief(
-                    exactly, inexact, known, None, evidence, belief.possible, belief.inherited
+                    exactly, exactly.inexact, known, None, evidence, belief.possible, inherited
                 )
         modes = finer(before, told, self._accuracy, motion, control)
         prior = predict_modes(modes, density, motion, control)

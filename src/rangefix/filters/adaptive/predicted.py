@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -189,6 +189,11 @@ class Predicted:
         """Its log density; that of a move without noise keeps no Gaussians."""
         return self.log_density if self.exact is None else self.exact.log_density
 
+    @cached_property
+    def inexact(self) -> Predicted:
+        """The same by its Gaussians."""
+        return replace(self, exact=None)
+
     @property
     def summed(self) -> list[Part]:
         """The parts whose Gaussians are its density."""
@@ -232,7 +237,7 @@ class Predicted:
         return 0 if self.stayed is None else self.stayed.before.rests_on + 1
 
     def draws(self, count: int) -> Draws:
-        """About so many draws from the density by one fixed seed, those that walls stop left out."""
+        """About so many draws from the density by one fixed seed, those where no step leads left out."""
         logs = np.concatenate([part.log_weights for part in self.parts])
         total = np.cumsum(np.exp(logs - logs.max()))
         rng = np.random.default_rng(0)
@@ -253,16 +258,21 @@ class Predicted:
             states.append(drawn)
             of.append(np.full(len(drawn), place))
         log_share = float(np.logaddexp.reduce(logs) - np.log(count))
-        drawn = self.space.wrap(np.concatenate(states))
-        return Draws(drawn, np.concatenate(of), np.full(len(drawn), log_share))
+        drawn, parts = self.space.wrap(np.concatenate(states)), np.concatenate(of)
+        log_mass = np.full(len(drawn), log_share)
+        if self.exact is not None:
+            log_mass += self.exact.log_density(drawn) - self.inexact.log_density(drawn)
+        possible = log_mass > -np.inf
+        return Draws(drawn[possible], parts[possible], log_mass[possible])
 
     @cached_property
     def deviations(self) -> Array:
         """Standard deviation of each component, (n,), from draws; next to none where walls stop all."""
-        states = self.draws(DRAWS_OF_DEVIATIONS).states
+        states, _, log_mass = self.draws(DRAWS_OF_DEVIATIONS)
         if not len(states):
             return np.full(self.space.size, np.sqrt(LEAST_VARIANCE))
-        _, covariance = self.space.moments(states, np.full(len(states), 1 / len(states)))
+        weights = np.exp(log_mass - log_mass.max())
+        _, covariance = self.space.moments(states, weights / weights.sum())
         return np.sqrt(np.maximum(np.diagonal(covariance), LEAST_VARIANCE))
 
     @property
