@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -157,7 +158,8 @@ def predict_exactly(
     free, space = motion if walls is None else walls.motion, modes[0].space
     if not isinstance(free, CanGoBack) or before.target.cost > MOST_ASKED:
         return None
-    if any(free.noise_covariance(mode.states, control).any() for mode in modes):
+    states = chain([modes[0].origin], (mode.states for mode in modes))  # one state tells of nearly all noise
+    if any(free.noise_covariance(each, control).any() for each in states):
         return None
     total = np.logaddexp.reduce([mode.log_integral for mode in modes])
     parts: list[Part] = []
