@@ -16,8 +16,12 @@ from rangefix.evaluation.isolation import undisturbed
 from rangefix.filters import (
     EachRun,
     Estimate,
+    Gaussian,
     GaussianPrior,
     Mixture,
+    Problem,
+    Rangefinder,
+    Stationary,
     Uniform,
     WithHeading,
     pose_space,
@@ -133,6 +137,33 @@ def test_what_an_estimator_sets_is_restored():
     assert states() == before
     alone = run(Experiment(make_problem(), {"ekf": builders["ekf"]}, runs=5), timing=False)
     assert alone.get("ekf").mean.tobytes() == results.get("ekf").mean.tobytes()
+
+
+def test_blas_has_one_thread_meanwhile():
+    def counts():
+        pools = threadpoolctl.ThreadpoolController().lib_controllers
+        return [pool.get_num_threads() for pool in pools if pool.user_api == "blas"]
+
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        assert set(counts()) == {2}
+        with undisturbed(make_problem()):
+            assert set(counts()) == {1}
+        assert set(counts()) == {2}
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # numba says which threading layers it passes over
+def test_threads_of_blas_change_no_bit():
+    """240 beams: Haswell kernels solve systems of a hundred rows otherwise on two threads than on one."""
+    space = position_space(heading=0.0)
+    sensor = Rangefinder(ROOM, np.deg2rad(np.arange(0.0, 360.0, 1.5)), Gaussian(0.05), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(ROOM, space, [1.5, 2.5], [2.5, 3.5]))
+    experiment = Experiment(problem, {"enkf": NamedEstimator("enkf")}, runs=4)
+    found = []
+    for threads in (1, 2):
+        with threadpoolctl.threadpool_limits(threads, user_api="blas"):
+            found.append(run(experiment, timing=False).get("enkf"))
+    for array in ("mean", "covariance", "log_evidence"):
+        assert getattr(found[0], array).tobytes() == getattr(found[1], array).tobytes()
 
 
 def test_arrays_are_restored_where_a_view_was_closed_with_its_base():

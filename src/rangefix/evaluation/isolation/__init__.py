@@ -17,7 +17,7 @@ from .process import (
     machine_memory_gb,
     memory_hint,
 )
-from .undisturbed import thread_pools, undisturbed
+from .undisturbed import blas_on_one_thread, thread_pools, undisturbed
 
 __all__ = [
     "IsolatedProcess",
@@ -30,6 +30,7 @@ __all__ = [
     "Watch",
     "begin_piece",
     "begin_stage",
+    "blas_on_one_thread",
     "counted_from",
     "deadline",
     "default_memory_gb",

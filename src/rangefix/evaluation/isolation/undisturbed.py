@@ -22,13 +22,14 @@ def undisturbed(trial: object) -> Iterator[None]:
     """Let nobody write into the arrays of a trial and its problem; restore what an estimator may have set.
 
     That is numpy's error state, the global random states, and how many threads numba and BLAS may take. Maps
-    are left out: ours hand out copies, or arrays that cannot be written to.
+    are left out: ours hand out copies, or arrays that cannot be written to. BLAS takes one thread meanwhile.
     """
     here, drawn = random.getstate(), np.random.get_state()  # noqa: NPY002
     threads, pools = _numba_threads(), [(pool, pool.get_num_threads()) for pool in thread_pools()]
     writeable: list[NDArray[Any]] = []
     with ExitStack() as stack:
         stack.enter_context(np.errstate())
+        stack.enter_context(blas_on_one_thread())
         stack.callback(random.setstate, here)
         stack.callback(np.random.set_state, drawn)
         _close(trial, writeable, set(), MAX_DEPTH)
@@ -44,6 +45,20 @@ def undisturbed(trial: object) -> Iterator[None]:
             if (now := _numba_threads()) is not None and threads != now:
                 numba = sys.modules["numba"]
                 numba.set_num_threads(threads or numba.config.NUMBA_NUM_THREADS)
+
+
+@contextmanager
+def blas_on_one_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: what it makes of matrices of a hundred rows has other last bits with two.
+
+    A library that is first loaded meanwhile is not held.
+    """
+    with ExitStack() as stack:
+        for pool in thread_pools():
+            if pool.user_api == "blas":
+                stack.callback(pool.set_num_threads, pool.get_num_threads())
+                pool.set_num_threads(1)
+        yield
 
 
 def _numba_threads() -> int | None:

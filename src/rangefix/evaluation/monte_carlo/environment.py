@@ -135,6 +135,8 @@ def _numba_processor() -> str:
 def _short_computation() -> str:
     """SHA-256 of what the libraries that we use make of fixed numbers, on one thread."""
     hashed = sha256()
+    for library in ("scipy.linalg", "scipy.special"):  # only what is loaded can be held to one thread
+        importlib.import_module(library)
     with importlib.import_module("threadpoolctl").threadpool_limits(1):
         for size in SIZES:
             for array in (*_of_matrices(size), *_of_numbers(size * size)):

@@ -11,6 +11,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ...filters import Motion, Prior, Rangefinder, Sensor, Uniform, sample_runs
 from ..experiment import Experiment
+from ..isolation import blas_on_one_thread
 from ..seeds import streams
 
 MAX_RANGES_PER_CAST = 1 << 20  # ranges cast at once
@@ -23,6 +24,7 @@ class Simulation(NamedTuple):
     measurement: Array
 
 
+@blas_on_one_thread()
 def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
     """Runs first to end - 1. A run's numbers do not depend on which others are asked for.
 
