@@ -181,6 +181,14 @@ class BeamSets:
                 best, bar = other, mean
         return best, bar if best != mine else least
 
+    def are_few(self, beams: int) -> bool:
+        """Whether all sets of so many take about as long as exchange among them, which may miss the best.
+
+        Never where sets can be compared over many truths: exchange begins with many of them there.
+        """
+        count = len(self.objective.candidates)
+        return comb(count - 1, beams - 1) <= (1 + PASSES) * beams and not self.objective.compares_sets
+
     def exhaustive(self, beams: int) -> list[int]:
         """The best of all sets of so many candidates.
 

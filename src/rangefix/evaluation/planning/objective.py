@@ -163,6 +163,11 @@ class Objective:
         covariance = np.mean(truths.weights[:, None, None] * covariances, axis=0)
         return Accuracy(covariance, value, error, count, truths.looked_at)
 
+    @property
+    def compares_sets(self) -> bool:
+        """Whether sets of beams can be compared over many truths: `mean_after` tells of them."""
+        return self.criterion != "information" and exact_filter(self.problem_with([0])) is not None
+
     def mean_after(self, chosen: Sequence[int], enough: float = np.inf) -> float | None:
         """The criterion after a set of candidates, over truths by which all sets are compared.
 

@@ -97,8 +97,8 @@ class Planner:
 
         Args:
             beams: How many.
-            method: greedy, one after the other; exchange, which then tries to better each in turn; or
-                exhaustive, all sets of candidates.
+            method: greedy, one after the other; exchange, which then tries to better each in turn, and tries
+                all sets where these are few; or exhaustive, all sets of candidates.
             adaptive: Whether each is chosen after the readings before it are known; then by itself.
             everywhere: Whether the objective is worked out for all candidates, for pictures.
 
@@ -113,12 +113,17 @@ class Planner:
             )
         if adaptive:
             return Plan(self.candidates, self.criterion, "adaptive", True, tuple(self._adaptive(beams)))
+        chosen = self._chosen(beams, method)
+        return Plan(self.candidates, self.criterion, method, False, tuple(self.steps_of(chosen, everywhere)))
+
+    def _chosen(self, beams: int, method: Method) -> list[int]:
+        """So many candidates, chosen before any is read."""
+        if method == "exhaustive" or (method == "exchange" and beams > 1 and self.sets.are_few(beams)):
+            return self.sets.exhaustive(beams)
         least, most = (beams, max(MOST_CHOICES, PASSES * beams)) if method == "exchange" else (0, 0)
         self._time.begin(beams - 1 + least, beams - 1 + most)
-        chosen = self.sets.exhaustive(beams) if method == "exhaustive" else self.sets.greedy(beams)
-        if method == "exchange" and beams > 1:
-            chosen = self.sets.exchanged(chosen)
-        return Plan(self.candidates, self.criterion, method, False, tuple(self.steps_of(chosen, everywhere)))
+        chosen = self.sets.greedy(beams)
+        return self.sets.exchanged(chosen) if method == "exchange" and beams > 1 else chosen
 
     def steps_of(self, chosen: Sequence[int], everywhere: bool = True) -> list[Step]:
         """What is expected after each of some candidates, in their order.
