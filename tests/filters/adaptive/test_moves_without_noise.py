@@ -166,3 +166,34 @@ def test_moves_with_noise_or_that_cannot_be_undone_are_blurred_as_before() -> No
     problem, _ = drive(np.array([1.5, 2.0, 0.5]), 1)
     one_way = Problem(SPACE, Confined(OneWay(SPACE), ROOM, SPACE), problem.sensor, problem.prior)
     assert followed(one_way, readings)[1][0].prior.exact is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 5])
+def test_noise_of_one_component_may_be_many_steps_wide(seed: int) -> None:
+    """A laser of 2 mm and a robot that slips sideways by 30 cm: as the Kalman filter has it, to 5 %.
+
+    The lattice before the move has steps of less than a millimetre, so the noise has hundreds along one line
+    and none across it. All is so narrow that ranges are linear.
+    """
+    rng, room = np.random.default_rng(seed), RectangularRoom(4.0, 6.0)
+    pose = np.array([rng.uniform(1, 3), rng.uniform(1, 5), rng.uniform(-3, 3)])
+    sensor = Rangefinder(room, np.arange(16) * np.pi / 8, Gaussian(0.002), pose_space())
+    prior = GaussianPrior(pose, 0.05**2 * np.eye(3), pose_space(), room)
+    motion, control = Odometry(pose_space(), floor=(0.0, 0.3, 0.0)), np.array([0.5, 0.0, 0.3])
+    one = AdaptivePointMassFilter(Problem(pose_space(), motion, sensor, prior))
+    after = one.predict(one.update(one.init(prior, rng), sensor.sample(pose, rng), rng), control, rng)
+    moved = motion.sample(pose[None], control, rng)[0]
+    found = one.update(after, sensor.sample(moved, rng), rng)
+    kalman = prior.covariance
+    for place in (pose, moved):
+        slopes = sensor.jacobian(place) / 0.002
+        kalman = np.linalg.inv(np.linalg.inv(kalman) + slopes.T @ slopes)
+        if place is pose:
+            turned = motion.jacobian(pose, control)
+            kalman = turned @ kalman @ turned.T + motion.noise_covariance(pose, control)
+            stds = np.sqrt(np.diagonal(one.estimate(after).covariance))
+            np.testing.assert_allclose(stds, np.sqrt(np.diagonal(kalman)), rtol=0.05)
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(one.estimate(found).covariance)), np.sqrt(np.diagonal(kalman)), rtol=0.05
+    )
+    assert one.error(found) < 0.05
