@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import Array
-from rangefix.filters import Confined, Gaussian, GaussianPrior, Problem, Rangefinder, pose_space
+from rangefix.filters import (
+    Confined,
+    Gaussian,
+    GaussianPrior,
+    Problem,
+    RandomWalk,
+    Rangefinder,
+    pose_space,
+    position_space,
+)
 from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
 from rangefix.filters.adaptive.filter import AdaptiveBelief
 from rangefix.filters.adaptive.lattice import Lattice, _keys
@@ -196,4 +205,31 @@ def test_noise_of_one_component_may_be_many_steps_wide(seed: int) -> None:
     np.testing.assert_allclose(
         np.sqrt(np.diagonal(one.estimate(found).covariance)), np.sqrt(np.diagonal(kalman)), rtol=0.05
     )
+    assert one.error(found) < 0.05
+
+
+@pytest.mark.parametrize("step", [-0.17, 0.17, 0.25])
+def test_what_most_beams_fit_is_not_taken_for_the_place(step: float) -> None:
+    """Noise of one component is 90 times as wide as what a few of 8 beams tell: as the Kalman filter has it.
+
+    The place before the move fits the other beams, and the few are off by far more than outliers may be.
+    """
+    rng, room, space = np.random.default_rng(3), RectangularRoom(4.0, 6.0), position_space(0.3)
+    sensor = Rangefinder(room, 0.1 + np.arange(8) * np.pi / 4, Gaussian(0.0026), space)
+    places = np.array([[2.660791, 1.474451], [2.660791, 1.474451 + step]])
+    motion, none = RandomWalk(space, (0.0, 0.1264)), np.zeros(0)
+    prior = GaussianPrior([2.92, 1.452], np.diag([0.276, 0.0835]) ** 2, space, room)
+    one = AdaptivePointMassFilter(Problem(space, motion, sensor, prior))
+    first, second = (sensor.sample(place, rng) for place in places)
+    found = one.update(one.predict(one.update(one.init(prior, rng), first, rng), none, rng), second, rng)
+    mean, kalman = np.asarray(prior.mean), np.asarray(prior.covariance)
+    for reading, noise, place in zip((first, second), (0.0, motion.stds**2), places, strict=True):
+        kalman = kalman + np.diag(noise * np.ones(2))
+        slopes, off = sensor.jacobian(place) / 0.0026, (reading - sensor.expected(place)) / 0.0026
+        after = np.linalg.inv(np.linalg.inv(kalman) + slopes.T @ slopes)
+        mean = mean + after @ slopes.T @ (off + slopes @ (place - mean))
+        kalman = after
+    stds = np.sqrt(np.diagonal(kalman))
+    assert (np.abs(one.estimate(found).mean - mean) < 0.1 * stds).all()
+    np.testing.assert_allclose(np.sqrt(np.diagonal(one.estimate(found).covariance)), stds, rtol=0.05)
     assert one.error(found) < 0.05
