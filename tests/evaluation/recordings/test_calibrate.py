@@ -171,6 +171,24 @@ def test_intervals_hold_what_recordings_were_simulated_with() -> None:
     assert min(held.values()) >= 15
 
 
+@pytest.mark.parametrize(("std", "wider"), [(0.005, 1.1), (0.02, 0.95)])
+def test_a_filters_poses_are_told_from_the_width_of_readings(
+    tmp_path: Path, std: float, wider: float
+) -> None:
+    """To 5 %, six standard errors, of 24 independent beams, where a filter's poses make it wider."""
+    law = LostBeams(Biased(BeamMixture(0.95, 0.03, 0.0, 0.02, std, 1.0, 8.0), 0.0), 0.02)
+    residuals = recording(300, law)
+    log = open_log(write_log(tmp_path / "log.npz", residuals))
+    found = calibrate(find_residuals(residuals.sensor.room, log, Choice(), start=residuals.poses[0]))
+    assert not found.residuals.from_truth
+    assert found.fitted.mixture.std > wider * std
+    assert found.std_at_best_poses == pytest.approx(std, rel=0.05)
+    assert f"hits scatter by {found.std_at_best_poses:.4g} m" in sensor_text(found, "a", "b")
+    told = calibrate(residuals)
+    assert told.std_at_best_poses == pytest.approx(std, rel=0.05)
+    assert "to fit best" not in sensor_text(told, "a", "b")
+
+
 def write_log(path: Path, residuals: Residuals) -> Path:
     """The recording as a file, with its poses as odometry."""
     poses = residuals.poses.copy()

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from rangefix.arrays import Array
-from rangefix.filters import Confined, Gaussian, GaussianPrior, Problem, Rangefinder, pose_space
+from rangefix.filters import (
+    Confined,
+    Gaussian,
+    GaussianPrior,
+    Problem,
+    RandomWalk,
+    Rangefinder,
+    pose_space,
+    position_space,
+)
 from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
 from rangefix.filters.adaptive.filter import AdaptiveBelief
 from rangefix.filters.adaptive.lattice import Lattice, _keys
@@ -166,3 +175,61 @@ def test_moves_with_noise_or_that_cannot_be_undone_are_blurred_as_before() -> No
     problem, _ = drive(np.array([1.5, 2.0, 0.5]), 1)
     one_way = Problem(SPACE, Confined(OneWay(SPACE), ROOM, SPACE), problem.sensor, problem.prior)
     assert followed(one_way, readings)[1][0].prior.exact is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 5])
+def test_noise_of_one_component_may_be_many_steps_wide(seed: int) -> None:
+    """A laser of 2 mm and a robot that slips sideways by 30 cm: as the Kalman filter has it, to 5 %.
+
+    The lattice before the move has steps of less than a millimetre, so the noise has hundreds along one line
+    and none across it. All is so narrow that ranges are linear.
+    """
+    rng, room = np.random.default_rng(seed), RectangularRoom(4.0, 6.0)
+    pose = np.array([rng.uniform(1, 3), rng.uniform(1, 5), rng.uniform(-3, 3)])
+    sensor = Rangefinder(room, np.arange(16) * np.pi / 8, Gaussian(0.002), pose_space())
+    prior = GaussianPrior(pose, 0.05**2 * np.eye(3), pose_space(), room)
+    motion, control = Odometry(pose_space(), floor=(0.0, 0.3, 0.0)), np.array([0.5, 0.0, 0.3])
+    one = AdaptivePointMassFilter(Problem(pose_space(), motion, sensor, prior))
+    after = one.predict(one.update(one.init(prior, rng), sensor.sample(pose, rng), rng), control, rng)
+    moved = motion.sample(pose[None], control, rng)[0]
+    found = one.update(after, sensor.sample(moved, rng), rng)
+    kalman = prior.covariance
+    for place in (pose, moved):
+        slopes = sensor.jacobian(place) / 0.002
+        kalman = np.linalg.inv(np.linalg.inv(kalman) + slopes.T @ slopes)
+        if place is pose:
+            turned = motion.jacobian(pose, control)
+            kalman = turned @ kalman @ turned.T + motion.noise_covariance(pose, control)
+            stds = np.sqrt(np.diagonal(one.estimate(after).covariance))
+            np.testing.assert_allclose(stds, np.sqrt(np.diagonal(kalman)), rtol=0.05)
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(one.estimate(found).covariance)), np.sqrt(np.diagonal(kalman)), rtol=0.05
+    )
+    assert one.error(found) < 0.05
+
+
+@pytest.mark.parametrize("step", [-0.17, 0.17, 0.25])
+def test_what_most_beams_fit_is_not_taken_for_the_place(step: float) -> None:
+    """Noise of one component is 90 times as wide as what a few of 8 beams tell: as the Kalman filter has it.
+
+    The place before the move fits the other beams, and the few are off by far more than outliers may be.
+    """
+    rng, room, space = np.random.default_rng(3), RectangularRoom(4.0, 6.0), position_space(0.3)
+    sensor = Rangefinder(room, 0.1 + np.arange(8) * np.pi / 4, Gaussian(0.0026), space)
+    places = np.array([[2.660791, 1.474451], [2.660791, 1.474451 + step]])
+    motion, none = RandomWalk(space, (0.0, 0.1264)), np.zeros(0)
+    prior = GaussianPrior([2.92, 1.452], np.diag([0.276, 0.0835]) ** 2, space, room)
+    one = AdaptivePointMassFilter(Problem(space, motion, sensor, prior))
+    first, second = (sensor.sample(place, rng) for place in places)
+    found = one.update(one.predict(one.update(one.init(prior, rng), first, rng), none, rng), second, rng)
+    mean, kalman = np.asarray(prior.mean), np.asarray(prior.covariance)
+    for reading, noise, place in zip((first, second), (0.0, motion.stds**2), places, strict=True):
+        kalman = kalman + np.diag(noise * np.ones(2))
+        slopes, off = sensor.jacobian(place) / 0.0026, (reading - sensor.expected(place)) / 0.0026
+        after = np.linalg.inv(np.linalg.inv(kalman) + slopes.T @ slopes)
+        mean = mean + after @ slopes.T @ (off + slopes @ (place - mean))
+        kalman = after
+    stds = np.sqrt(np.diagonal(kalman))
+    assert (np.abs(one.estimate(found).mean - mean) < 0.1 * stds).all()
+    np.testing.assert_allclose(np.sqrt(np.diagonal(one.estimate(found).covariance)), stds, rtol=0.05)
+    assert one.error(found) < 0.05

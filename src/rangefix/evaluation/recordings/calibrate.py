@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
 from ...filters import BeamMixture, Biased, Correlated, LostBeams, Rangefinder
-from .fit_noise import CorrelationCurve, correlation_curve, fit_correlation, fit_law, scores_of
+from .fit_noise import LARGEST_SCORE, CorrelationCurve, correlation_curve, fit_correlation, fit_law, scores_of
 from .frame_offset import frame_offset
 from .residuals import Residuals
 
@@ -105,6 +105,15 @@ class Calibration:
     def independent_beams(self) -> float:
         """How many independent beams a scan is worth."""
         return self.fitted.weight * len(self.residuals.beams)
+
+    @cached_property
+    def std_at_best_poses(self) -> float:
+        """Scatter of hits, m, where each scan is at the pose that fits it best, less what such a fit takes.
+
+        Of independent readings it is their standard deviation, wherever poses were off; errors that a scan
+        shares are not in it as far as they look like another pose. NaN where no scan has a reading to spare.
+        """
+        return std_at_best_poses(Arrays.of(self.residuals), self.fitted.law)
 
     @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -211,6 +220,24 @@ def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
         weigh(arrays, correlated, scores, 0),
         scans,
     )
+
+
+def std_at_best_poses(arrays: Arrays, law: LostBeams) -> float:
+    """Scatter of hits where the pose of each scan is moved to fit it best: see `Calibration`."""
+    biased = law.noise
+    assert isinstance(biased, Biased)
+    assert isinstance(biased.noise, BeamMixture)
+    with np.errstate(invalid="ignore"):  # of beams that did not return, or meet no wall
+        off = arrays.readings - arrays.expected - biased.bias
+        hits = np.abs(off) < LARGEST_SCORE * biased.noise.std
+    off = np.where(hits, off, 0.0)
+    slopes = np.where(hits[..., None], arrays.slopes, 0.0)
+    squares = spare = 0.0
+    for scan, (residual, moved) in enumerate(zip(off, slopes, strict=True)):
+        _, _, rank, _ = fit = np.linalg.lstsq(moved, residual, rcond=None)
+        squares += float(np.square(residual - moved @ fit[0]).sum())
+        spare += int(hits[scan].sum()) - int(rank)
+    return float(np.sqrt(squares / spare)) if spare > 0 else float("nan")
 
 
 def _memory(poses: Array, correlated: Correlated) -> int:

@@ -54,7 +54,9 @@ def quick_scores(
     return np.concatenate([_scores(few, few.expected(states[part]), logs[part]) for part in parts])
 
 
-def climb(target: Target, states: Array, mean: Array, precision: Array, steps: int = STEPS) -> Peaks:
+def climb(
+    target: Target, states: Array, mean: Array, precision: Array, steps: int = STEPS, trimmed: bool = True
+) -> Peaks:
     """Trimmed Gauss-Newton steps towards the target's modes.
 
     With many beams a few of them go ahead, and the best guesses follow with all.
@@ -65,31 +67,32 @@ def climb(target: Target, states: Array, mean: Array, precision: Array, steps: i
         mean: A Gaussian that stands for the prior near each guess: its mean, (n,) or (K, n),
         precision: and inverse covariance, (n, n) or (K, n, n).
         steps: How many at most; with none the guesses are taken as they are.
+        trimmed: Whether a step fits only the beams that fit well; else it fits all.
 
     Returns:
-        The best state met on each way, by score.
+        The best state met on each way, by score; of steps that fit all beams, the last one.
     """
     mean = np.broadcast_to(mean, states.shape)
     precision = np.broadcast_to(precision, (*states.shape, states.shape[1]))
     few = target.few(QUICK_BEAMS)
     if few is not target:
-        ahead = _steps(few, states, mean, precision, steps)
+        ahead = _steps(few, states, mean, precision, steps, trimmed)
         best = np.argsort(-ahead.score, kind="stable")[:MAX_GUESSES]
         states, mean, precision = ahead.states[best], mean[best], precision[best]
-    return _steps(target, states, mean, precision, steps)
+    return _steps(target, states, mean, precision, steps, trimmed)
 
 
-def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: int) -> Peaks:
+def _steps(target: Target, states: Array, mean: Array, precision: Array, steps: int, trimmed: bool) -> Peaks:
     space = target.sensor.space
-    best, left = _look(target, states, mean, precision)
+    best, left = _look(target, states, mean, precision, trimmed)
     for _ in range(steps):
         information, pull, _ = left
         move = np.linalg.solve(information, pull[..., None])[..., 0]
         if ((move * pull).sum(axis=-1) < LAST_STEP_SQUARED).mean() > SETTLED_SHARE:
             break
         states = space.wrap(states + move)
-        here, left = _look(target, states, mean, precision)
-        better = here.score > best.score
+        here, left = _look(target, states, mean, precision, trimmed)
+        better = here.score > best.score if trimmed else np.ones(len(states), np.bool_)
         masks = (better.reshape(-1, *[1] * (new.ndim - 1)) for new in here)
         best = Peaks(*map(np.where, masks, here, best))
     return best
@@ -119,7 +122,7 @@ def box_scores(target: Target, states: Array, precision: Array) -> Array:
 
 
 def _look(
-    target: Target, states: Array, mean: Array, precision: Array
+    target: Target, states: Array, mean: Array, precision: Array, trimmed: bool = True
 ) -> tuple[Peaks, tuple[Array, Array, Array]]:
     """What the target is at states, and what a step is made of: information (K, n, n) and pull (K, n).
 
@@ -136,7 +139,9 @@ def _look(
     scale = spread[:, beams] / np.sqrt(counts)
     with np.errstate(invalid="ignore"):
         deviates = np.where(usable, mean_reading - expected[:, beams], 0.0) / scale
-    used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable, states.shape[1])[:, None])
+    used = usable
+    if trimmed:
+        used = usable & (np.abs(deviates) <= _bars(np.abs(deviates), usable, states.shape[1])[:, None])
     slopes = np.where(used[..., None], slopes / scale[..., None], 0.0)
     information = np.swapaxes(slopes, 1, 2) @ slopes + precision
     back = sensor.space.difference(mean, states)

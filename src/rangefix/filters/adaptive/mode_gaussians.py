@@ -96,8 +96,12 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def conditional_stds(covariance: Array) -> Array:
-    """Standard deviation of each component, the others held, (n,)."""
-    inverse = np.linalg.inv(covariance + 1e-12 * np.eye(len(covariance)))
+    """Standard deviation of each component, the others held, (n,).
+
+    A singular one is made a little wider: by more than its largest entries lose digits.
+    """
+    least = 1e-12 * max(1.0, float(np.trace(covariance)))
+    inverse = np.linalg.inv(covariance + least * np.eye(len(covariance)))
     return np.asarray(1 / np.sqrt(np.diagonal(inverse)))
 
 

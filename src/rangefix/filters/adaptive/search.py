@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior, Problem
-from .gauss_newton import QUICK_BEAMS, STEPS, box_scores, climb, quick_scores
+from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, box_scores, climb, quick_scores
 from .modes import SEARCH_SHARE, with_lattices
 from .predicted import GUESS_BEAMS, Draws, Predicted
 from .quadrature import NOWHERE, Accuracy, Quadrature
@@ -137,6 +137,12 @@ class ModeSearch:
                 break
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
+            if target.perfect() - peaks.log_density.max() > UNEXPLAINED_NATS:
+                # what fits most beams may be far from what fits all: noise may be much wider than readings
+                # tell, along a line that few beams look
+                all_ = climb(rough, guesses, means, precisions, trimmed=False)
+                all_ = all_._replace(log_density=target.log_density(all_.states))
+                peaks = Peaks(*map(np.concatenate, zip(peaks, all_, strict=True)))
             found = with_lattices(target, peaks, self.accuracy, found)
         draws = prior.draws(self.draws_asked)
         survey = Survey(draws, likely, rough, *prior.means_and_precisions())
