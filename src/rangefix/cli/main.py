@@ -194,6 +194,8 @@ def explain(error: Exception) -> list[str] | None:
         lines = list(error.mistakes)
     elif isinstance(error, KeyError | ValueError | OSError):
         lines = [str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)]
+    elif isinstance(error, MemoryError):
+        lines = [f"there is not enough memory: {error}".rstrip(": ")]
     else:
         return None
     return [" ".join(line.split()) for line in lines]

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Json, doing, folder_or_picture, names_from, one_of, print_json, replacing
+from .app import (
+    PICTURES,
+    Json,
+    doing,
+    folder_or_picture,
+    names_from,
+    one_of,
+    print_json,
+    refuse_turns,
+    replacing,
+)
 from .map_options import Unit, Up, tell_odd
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
@@ -16,6 +26,7 @@ if TYPE_CHECKING:
     from ..evaluation.planning.plans import Plan
     from ..filters import Problem
 
+MOST_DIRECTIONS = 100_000
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
 CANDIDATES = "--candidates-deg"
 MEASURED = "beams"  # a word for it: those of the study
@@ -159,7 +170,8 @@ def read_directions(text: str, option: str, else_: str = "") -> Array:
     try:
         if ":" in text:
             low, high, step = map(float, text.split(":"))
-            degrees = low + step * np.arange(np.floor((high - low) / step * (1 + 1e-12)) + 1)
+            count = np.floor((high - low) / step * (1 + 1e-12)) + 1
+            degrees = low + step * np.arange(count if count <= MOST_DIRECTIONS else 0)
         else:
             degrees = np.array([float(part) for part in text.replace(",", " ").split()])
     except ZeroDivisionError:
@@ -168,8 +180,9 @@ def read_directions(text: str, option: str, else_: str = "") -> Array:
         raise ValueError(
             f"{option} needs numbers such as -90,0,90 or -90:90:15{else_}, got {text!r}"
         ) from None
-    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > 100_000:
-        raise ValueError(f"{option} {text}: name 1 to 100000 finite directions")
+    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > MOST_DIRECTIONS:
+        raise ValueError(f"{option} {text}: name 1 to {MOST_DIRECTIONS} finite directions")
+    refuse_turns(option, *degrees)
     if len(np.unique(np.round(degrees % 360, 9))) < len(degrees):
         raise ValueError(f"{option} {text}: a direction stands twice")
     return np.deg2rad(degrees)
