@@ -66,6 +66,42 @@ def test_a_second_position_has_a_spread_of_this_world(
     assert "--fuse-std-m must be from 1e-06 m to 1e+06 m" in said.err
 
 
+OTHER_KINDS = {
+    ("report", "r", "--out", "x.pdf"): "a page is written, and .pdf is no ending of it: .html, .htm",
+    (
+        "table",
+        "r",
+        "--out",
+        "x.xlsx",
+    ): "a table is written, and .xlsx is no ending of it: .tex, .md, .csv, .txt",
+    ("studies", "point", "--out", "x.JSON"): "a study is written, and .JSON is no ending of it: .toml",
+}
+
+
+@pytest.mark.parametrize("words", OTHER_KINDS, ids=" ".join)
+def test_no_file_is_called_as_one_of_another_kind(
+    rangefix: Callable[..., Said], tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    """A page in `x.pdf`, and Markdown in `x.xlsx`, were written without a word."""
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "manifest.json").write_text("{}")
+    said = rangefix(*words)
+    assert said == (2, "", f"rangefix: --out {words[-1]}: {OTHER_KINDS[words]}\n")
+    assert not (tmp_path / words[-1]).exists()
+
+
+def test_bounds_of_a_folder_without_results(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """It says which have some, as `report` does, and not that it is no file. A study's name stays one."""
+    (tmp_path / "results" / "mine").mkdir(parents=True)
+    (tmp_path / "results" / "mine" / "manifest.json").write_text("{}")
+    said = rangefix("bounds", "results")
+    assert said == (2, "", f"rangefix: results holds no results; there are {Path('results/mine')}\n")
+    (tmp_path / "point").mkdir()
+    assert rangefix("bounds", "point", "--only", "van-trees").err.startswith(
+        "rangefix: van-trees does not apply"
+    )
+
+
 def text_options() -> Iterator[tuple[str, str, bool]]:
     """Commands, their options that take one value, and whether these are paths."""
     for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]

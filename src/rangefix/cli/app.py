@@ -159,6 +159,23 @@ def folder_or_picture(text: str) -> Path:
     return _no_file(path, f"a folder or a picture ({', '.join(PICTURES)}) is expected")
 
 
+def refuse_other_kind(path: Path, what: str, *own: str) -> None:
+    """Refuse a name that ends as files of another kind do: their programs could not open what is written.
+
+    Args:
+        path: The file to be written.
+        what: What is written.
+        own: What names of such files end with.
+
+    Raises:
+        ValueError: If it is such a name.
+    """
+    if path.suffix.lower() in set(FILES) - set(own):
+        raise ValueError(
+            f"--out {path}: {what} is written, and {path.suffix} is no ending of it: {', '.join(own)}"
+        )
+
+
 def _no_file(path: Path, expected: str) -> Path:
     """The path, unless a file is there or in its way, or it ends as files do and no folder is there."""
     for place in (path, *path.parents):

@@ -18,6 +18,7 @@ from .app import (
     named,
     names_in,
     print_json,
+    refuse_other_kind,
     refuse_others,
     replacing,
     results_folder,
@@ -175,6 +176,8 @@ def table(
     from ..evaluation.comparison.table import SUFFIXES
     from ..evaluation.results import write_bytes
 
+    if out is not None:
+        refuse_other_kind(out, "a table", *SUFFIXES, ".txt")
     form = form or SUFFIXES.get(out.suffix.lower() if out else "", "markdown")
     with replacing(*([out] if out else []), kind=form):
         results = load(folder)
@@ -215,6 +218,8 @@ def report(
     from ..evaluation import write_comparison, write_report
     from ..evaluation.report.several import COMPARISON
 
+    if out is not None:
+        refuse_other_kind(out, "a page", ".html", ".htm")
     if len(folders) == 1 and out is None:
         path = write_report(folders[0])
     else:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import Json, as_typed, named, names_from, one_of, print_json, say, warn
+from .app import Json, as_typed, named, names_from, one_of, print_json, refuse_other_kind, say, warn
 from .map_options import Unit, Up, tell_odd
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def studies(
             for line in text.splitlines():
                 say(line)
         return
+    refuse_other_kind(out, "a study", ".toml")
     path = write_new(out, text)
     if as_json:
         print_json({"study": str(path)})
