@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,29 @@ def test_no_option_may_be_empty(rangefix: Callable[..., Said]) -> None:
         assert said == (2, "", f"rangefix: {option} '': it is empty: {mend}\n")
         found += 1
     assert found > 100
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="names are bytes on Linux alone")
+def test_names_that_are_no_utf8(rangefix: Callable[..., Said], tmp_path: Path) -> None:
+    """What cannot be written into the records of a study is refused, in words that say what to do."""
+    name = b"r\xe4s".decode("utf-8", "surrogateescape")
+    text = 'map = "room:4x6"\n[sensor]\nbearings_deg = [0.0]\nstd_m = 0.05\n[[estimators]]\nname = "ekf"\n'
+    for path in (f"{name}.toml", "s.toml"):
+        (tmp_path / path).write_text(text)
+    (tmp_path / f"{name}-plan.toml").write_text("width = 4\nlength = 6\n")
+    for words in (
+        ("run", "s.toml", "-n", "2", "--out", name),
+        ("run", f"{name}.toml", "-n", "2"),
+        ("validate", f"{name}.toml"),
+        ("run", "s.toml", "--map", f"{name}-plan.toml"),
+        ("new", f"{name}-new.toml"),
+    ):
+        said = rangefix(*words)
+        assert (said.code, said.out, said.err.count("\n")) == (2, "", 1), words
+        assert "r\\udce4s" in said.err
+        assert "holds a byte that is no UTF-8: rename it" in said.err
+    assert not [*tmp_path.glob("*-new*"), *tmp_path.glob("results")]
+    assert not (tmp_path / name).exists()
 
 
 def test_too_little_memory_is_one_line() -> None:

@@ -164,12 +164,12 @@ def write_new(path: Path, text: str) -> Path:
     Raises:
         ValueError: If there is such a file, or it cannot be written.
     """
-    made = False
+    made, content = False, text.encode("utf-8")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
+        with path.open("xb") as file:
             made = True
-            file.write(text)
+            file.write(content)
     except FileExistsError:
         raise ValueError(f"{path} is there already: choose another name, or remove it") from None
     except OSError as error:
