@@ -92,6 +92,7 @@ def test_moments_in_batches_equal_one_by_one() -> None:
         (("x1", "x2"), None, "exactly one"),
         (("x1", "x2", "heading"), 0.0, "exactly one"),
         (("x1", "x2"), np.inf, "must be finite"),
+        (("x1", "x2"), 90.0, "in radians, within ten turns, got 90: is it in degrees?"),
     ],
 )
 def test_bad_spaces_are_refused(names: tuple[str, ...], heading: float | None, match: str) -> None:
