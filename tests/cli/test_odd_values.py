@@ -54,21 +54,6 @@ def test_numbers_beyond_measure_are_refused(rangefix: Callable[..., Said], words
     assert ODD[words] in said.err
 
 
-def test_beams_beyond_ten_turns_are_of_the_file(rangefix: Callable[..., Said]) -> None:
-    """As of directions that were turned into degrees twice; in the unit of the file."""
-    np.savez(
-        "a.npz",
-        time_s=0.1 * np.arange(3),
-        ranges_m=np.ones((3, 2)),
-        bearings_deg=np.array([0.0, np.rad2deg(90.0)]),
-        odometry=np.tile([2.0, 3.0, 0.0], (3, 1)),
-    )
-    for words in ((*REPLAY, "--start", "2,3,0"), (*CALIBRATE, "--start", "2,3,0")):
-        said = rangefix(*words)
-        told = "a beam points to 5156.62 deg, more than ten turns round: is that in another unit?"
-        assert said == (2, "", f"rangefix: a.npz: {told}\n")
-
-
 @pytest.mark.parametrize("value", ["1e300", "1e-300"])
 def test_a_second_position_has_a_spread_of_this_world(
     rangefix: Callable[..., Said], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, value: str

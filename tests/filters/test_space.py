@@ -131,6 +131,6 @@ def test_a_problem_knows_one_heading() -> None:
     sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), north)
     assert Problem(position_space(0.0), Stationary(north), sensor, Uniform(room, north)).sensor is sensor
     with pytest.raises(
-        ValueError, match="the known heading is 1.5708 rad in the problem's space and 0 rad in"
+        ValueError, match=r"the known heading is 1\.5708 rad in the problem's space and 0 rad in"
     ):
         Problem(east, Stationary(east), sensor, Uniform(room, east))

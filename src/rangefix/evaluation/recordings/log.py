@@ -14,14 +14,14 @@ from typing import Protocol
 
 import numpy as np
 
-from ...arrays import TWO_PI, Array, IntArray, wrap
+from ...arrays import TEN_TURNS, TWO_PI, Array, IntArray, wrap
 
 MOST_BEAMS = 100_000
 FARTHEST_M = 1e7  # from the origin of a map: beyond that a place is a mistake of the file
 UNPLACED = "nothing says where the laser stands on the robot: it is taken to stand at its reference point"
 UNLIMITED_M = 100.0  # the longest range of a laser of which nobody says it
 LARGEST_M = 100.0  # of a laser from the robot's reference point
-LARGEST_DEG = 3600  # of an angle: further turns cost it its digits
+LARGEST_YAW_DEG = 3600  # of a laser on it: further turns cost it its digits
 
 
 class RecordingError(ValueError):
@@ -64,10 +64,6 @@ class LaserDescription:
             raise RecordingError(f"a scan needs 1 to {MOST_BEAMS} beams, got {bearings.size}")
         if not np.isfinite(bearings).all():
             raise RecordingError("the directions of the beams must be finite")
-        if abs(far := np.rad2deg(bearings[np.abs(bearings).argmax()])) > LARGEST_DEG * (1 + 1e-12):
-            raise RecordingError(
-                f"a beam points to {far:.6g} deg, more than ten turns round: is that in another unit?"
-            )
         if len(np.unique(np.round(bearings, 9))) < len(bearings):
             raise RecordingError(
                 "several beams point in the same direction: the increment between beams is zero, or too small"
@@ -83,12 +79,18 @@ class LaserDescription:
                 f"the laser must stand within {LARGEST_M:g} m of the robot's reference point, got "
                 f"{self.forward_m:g} m ahead, {self.left_m:g} m to the left"
             )
-        if abs(yaw := np.rad2deg(self.yaw_rad)) > LARGEST_DEG:
+        if abs(yaw := np.rad2deg(self.yaw_rad)) > LARGEST_YAW_DEG:
             raise RecordingError(
-                f"the laser must be turned by -{LARGEST_DEG} to {LARGEST_DEG} deg, got {yaw:g}"
+                f"the laser must be turned by -{LARGEST_YAW_DEG} to {LARGEST_YAW_DEG} deg, got {yaw:g}"
             )
         bearings.setflags(write=False)
         object.__setattr__(self, "bearings_rad", bearings)  # a copy that nobody can change
+
+    @property
+    def directions_rad(self) -> Array:
+        """The bearings as a sensor takes them, (B,): wrapped beyond ten turns, which is asked about."""
+        bearings = self.bearings_rad
+        return np.where(np.abs(bearings) > TEN_TURNS, wrap(bearings), bearings)
 
     @property
     def reach_m(self) -> float:
