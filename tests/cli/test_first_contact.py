@@ -257,7 +257,29 @@ def test_odometry_without_noise_is_told(rangefix: Callable[..., Said]) -> None:
     Path("noisy.toml").write_text(text + "floor_m = 0.01\n")
     words = "motion: odometry without noise: true ways follow it exactly (alphas, floor_m, floor_deg)"
     assert words in rangefix("run", "drive.toml").err
+    assert words in rangefix("validate", "drive.toml").err
     assert "without noise" not in rangefix("run", "noisy.toml").err
+
+
+@pytest.mark.parametrize("command", ["run", "validate"])
+def test_what_is_odd_about_a_study_is_asked(rangefix: Callable[..., Said], command: str) -> None:
+    """By `validate`, too: a room of millimetres, angles that may be in radians; two beams tell nothing."""
+    text = (
+        (STUDY + EKF)
+        .replace("width_m = 4.0", "width_m = 0.004")
+        .replace("length_m = 6.0", "length_m = 0.006")
+    )
+    Path("small.toml").write_text(text)
+    assert "0.004 x 0.006 m is no usual size of a building" in rangefix(command, "small.toml").err
+    beams = "bearings_deg = [326.3, 0.0, 33.7]"
+    assert beams in STUDY
+    radians = "bearings_deg = [0.0, 2.094, 4.189]\nmax_incidence_deg = 1.3"
+    Path("radians.toml").write_text((STUDY + EKF).replace(beams, radians))
+    said = rangefix(command, "radians.toml").err
+    assert "sensor: all 3 beams lie within 4.19 deg: are they in degrees?" in said
+    assert "sensor: beams are lost beyond 1.3 deg from a wall's normal: is that in degrees?" in said
+    Path("two.toml").write_text((STUDY + EKF).replace(beams, "bearings_deg = [0.0, 2.094]"))
+    assert "degrees?" not in rangefix(command, "two.toml").err + rangefix(command, "paper", "-n", "2").err
 
 
 def test_bare_command_shows_the_way(rangefix: Callable[..., Said]) -> None:

@@ -35,6 +35,13 @@ def test_a_plan_in_words_and_as_json(capsys: pytest.CaptureFixture[str], tmp_pat
     text = capsys.readouterr().out
     assert "1.336" in text
     assert "none" in text
+    assert "--truths has no effect on one beam" in text
+    assert call("plan", "paper", "--beams", "1", "--seed", "3", "--method", "greedy", *FEW[:2]) == 0
+    text = capsys.readouterr().out
+    assert "1.336" in text
+    assert "--method, --seed have no effect on one beam" in text
+    assert call("plan", "paper", "--beams", "1", *FEW[:2]) == 0
+    assert "no effect" not in capsys.readouterr().out
 
 
 def test_what_a_plan_may_have_missed_is_said(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,8 +9,19 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from rangefix.arrays import wrap
-from rangefix.filters import StateSpace, pose_space, position_space, velocity_space
+from rangefix.filters import (
+    Gaussian,
+    Problem,
+    Rangefinder,
+    StateSpace,
+    Stationary,
+    Uniform,
+    pose_space,
+    position_space,
+    velocity_space,
+)
 from rangefix.filters.space import is_definite
+from rangefix.maps import RectangularRoom
 
 POSE = pose_space()
 angles = st.floats(-50, 50)
@@ -92,6 +103,7 @@ def test_moments_in_batches_equal_one_by_one() -> None:
         (("x1", "x2"), None, "exactly one"),
         (("x1", "x2", "heading"), 0.0, "exactly one"),
         (("x1", "x2"), np.inf, "must be finite"),
+        (("x1", "x2"), 90.0, "in radians, within ten turns, got 90: is it in degrees?"),
     ],
 )
 def test_bad_spaces_are_refused(names: tuple[str, ...], heading: float | None, match: str) -> None:
@@ -111,3 +123,14 @@ def test_few_covariances_are_judged_like_many() -> None:
         assert 0 < many.sum() < 300
         assert [bool(is_definite(covariance)) for covariance in covariances] == many.tolist()
         assert is_definite(covariances[:2]).tolist() == many[:2].tolist()
+
+
+def test_a_problem_knows_one_heading() -> None:
+    """Its sensor's was taken, whatever the space said; states with other components are another matter."""
+    room, north, east = RectangularRoom(4.0, 6.0), position_space(0.0), position_space(0.5 * np.pi)
+    sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), north)
+    assert Problem(position_space(0.0), Stationary(north), sensor, Uniform(room, north)).sensor is sensor
+    with pytest.raises(
+        ValueError, match=r"the known heading is 1\.5708 rad in the problem's space and 0 rad in"
+    ):
+        Problem(east, Stationary(east), sensor, Uniform(room, east))

@@ -31,6 +31,8 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
+LARGEST_DEG = 3600  # of an angle that is typed
+PATHS = ("FILE", "DIR", "PATH", "LOG")  # as the help calls them
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 FILES = (  # what files end with, and hardly a folder
     *(*PICTURES, ".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".eps", ".ps"),
@@ -59,20 +61,41 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and 
 
 
 class Command(TyperCommand):
-    """A command that refuses an option given twice, of which typer would take the last."""
+    """A command that refuses an option given twice, of which typer would take the last, or given empty."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments.
 
         Raises:
-            typer.BadParameter: If an option that takes one value is given more than once.
+            typer.BadParameter: If an option that takes one value is given more than once, or one is empty,
+                as of a variable of a shell that is not set.
         """
-        given: list[Any] = self.make_parser(ctx).parse_args(args=[*args])[2]
+        parsed: Any = self.make_parser(ctx).parse_args(args=[*args])
+        values, _, given = parsed
         for option in given:
+            if option.param_type_name != "option":
+                continue
             several = option.multiple or option.nargs == -1
-            if option.param_type_name == "option" and not several and given.count(option) > 1:
+            if not several and given.count(option) > 1:
                 raise typer.BadParameter("given more than once: which one counts?", ctx=ctx, param=option)
+            texts = values[option.name] if option.multiple else [values[option.name]]
+            if any(isinstance(text, str) and not text.strip() for text in texts):
+                mend = "name a file or folder" if option.metavar in PATHS else "leave it out, or fill it in"
+                raise typer.BadParameter(f"it is empty: {mend}", ctx=ctx, param=option)
         return super().parse_args(ctx, args)
+
+
+def refuse_turns(name: str, *degrees: float) -> None:
+    """Refuse angles beyond ten turns, as studies do: they have lost their digits, or are no angles.
+
+    Raises:
+        ValueError: If there is one; NaN, too.
+    """
+    for angle in degrees:
+        if not abs(angle) <= LARGEST_DEG:
+            raise ValueError(
+                f"{name}: an angle must be from -{LARGEST_DEG} to {LARGEST_DEG} deg, got {angle:g}"
+            )
 
 
 def names_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
@@ -134,6 +157,23 @@ def folder_or_picture(text: str) -> Path:
     if path.suffix.lower() in PICTURES and not path.is_dir():
         return path
     return _no_file(path, f"a folder or a picture ({', '.join(PICTURES)}) is expected")
+
+
+def refuse_other_kind(path: Path, what: str, *own: str) -> None:
+    """Refuse a name that ends as files of another kind do: their programs could not open what is written.
+
+    Args:
+        path: The file to be written.
+        what: What is written.
+        own: What names of such files end with.
+
+    Raises:
+        ValueError: If it is such a name.
+    """
+    if path.suffix.lower() in set(FILES) - set(own):
+        raise ValueError(
+            f"--out {path}: {what} is written, and {path.suffix} is no ending of it: {', '.join(own)}"
+        )
 
 
 def _no_file(path: Path, expected: str) -> Path:

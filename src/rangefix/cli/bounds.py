@@ -19,11 +19,12 @@ from .app import (
     one_of,
     print_json,
     replacing,
+    results_folder,
     say,
     warn,
 )
 from .map_options import Unit, Up, tell_odd
-from .studies import Map, NoPlugins, read_study, studies_here
+from .studies import SHIPPED, Map, NoPlugins, read_study, studies_here
 
 if TYPE_CHECKING:
     from ..evaluation import Experiment, Study
@@ -162,6 +163,8 @@ def _study_and_folder(
     from ..evaluation import load, parse_study
 
     folder = Path(target)
+    if folder.is_dir() and target not in SHIPPED:
+        results_folder(target)  # says which folders hold some
     if not folder.is_dir() or not (folder / "manifest.json").exists():
         study = read_study(target, None, None, map_name, plugins, **map_keys)
         return study, Path("results") / study.name if out is None else out

@@ -192,8 +192,18 @@ def explain(error: Exception) -> list[str] | None:
     """Mistakes of the user, one line each; None for an error that is ours."""
     if hasattr(error, "mistakes"):  # a study file
         lines = list(error.mistakes)
+    elif isinstance(error, UnicodeEncodeError):
+        lines = [f"{_around(error.object, error.start)}: holds a byte that is no UTF-8: rename it"]
     elif isinstance(error, KeyError | ValueError | OSError):
         lines = [str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)]
+    elif isinstance(error, MemoryError):
+        lines = [f"there is not enough memory: {error}".rstrip(": ")]
     else:
         return None
     return [" ".join(line.split()) for line in lines]
+
+
+def _around(text: str, place: int) -> str:
+    """The word of a text, such as a path in quotation marks, that a place is in."""
+    before, after = re.split(r'["\n]', text[:place])[-1], re.split(r'["\n]', text[place:])[0]
+    return printable(before + after)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Command, Json, named, print_json, replacing, say
+from .app import PICTURES, Command, Json, named, print_json, refuse_turns, replacing, say
 from .map_options import AS_FILES_SAY, MapOptions, needs_height, takes_map_options
 
 if TYPE_CHECKING:
@@ -118,6 +118,8 @@ def ranges(
     }
     if wrong := [name for name, values in numbers.items() if not np.isfinite(values).all()]:
         raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
+    for name in ("--heading-deg", "--bearings-deg"):
+        refuse_turns(name, *numbers[name])
     room = map_options.opened_and_told(map_name)
     if not room.is_free(np.array(at)):
         raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")

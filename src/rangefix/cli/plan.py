@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Json, doing, folder_or_picture, names_from, one_of, print_json, replacing
+from .app import (
+    PICTURES,
+    Json,
+    doing,
+    folder_or_picture,
+    names_from,
+    one_of,
+    print_json,
+    refuse_turns,
+    replacing,
+)
 from .map_options import Unit, Up, tell_odd
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
@@ -16,9 +26,11 @@ if TYPE_CHECKING:
     from ..evaluation.planning.plans import Plan
     from ..filters import Problem
 
+MOST_DIRECTIONS = 100_000
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
 CANDIDATES = "--candidates-deg"
 MEASURED = "beams"  # a word for it: those of the study
+TRUTHS = 64
 RARE = 3.0  # events of a kind to be expected in so many draws, if it is to be met in 95 of 100 cases
 
 
@@ -71,9 +83,13 @@ def plan(
         ),
     ] = None,
     truths: Annotated[
-        int,
-        typer.Option(min=2, metavar="N", help="Truths over which is averaged from the second beam on."),
-    ] = 64,
+        int | None,
+        typer.Option(
+            min=2,
+            metavar="N",
+            help=f"Truths over which is averaged from the second beam on. Unless given: {TRUTHS}.",
+        ),
+    ] = None,
     seed: Seed = None,
     map_path: Map = None,
     unit: Unit = None,
@@ -95,6 +111,8 @@ def plan(
     criterion = one_of(criterion, criteria(), "criterion is called")
     if adaptive and method is not None:
         raise ValueError("--method has no effect with --adaptive, which chooses each beam by itself")
+    asked = {"--method": method, "--adaptive": adaptive or None, "--truths": truths, "--seed": seed}
+    useless = [name for name, value in asked.items() if value is not None] if beams == 1 else []
     method = one_of(method or "exchange", methods(), "method is called")
     given = read_study(study, None, seed, map_path, not no_plugins, unit=unit, up=up)
     world = given.world()
@@ -104,7 +122,7 @@ def plan(
     problem = world.assumed or world.truth
     tell_odd(problem.sensor.room)
     candidates = read_candidates(candidates_deg, problem)
-    planner = Planner(problem, candidates, criterion, truths, given.seed, doing)  # type: ignore[arg-type]
+    planner = Planner(problem, candidates, criterion, truths or TRUTHS, given.seed, doing)  # type: ignore[arg-type]
     if beams > len(candidates):
         raise ValueError(f"--beams {beams}: there are {len(candidates)} directions ({CANDIDATES})")
     pictures = _pictures(out)
@@ -117,7 +135,7 @@ def plan(
     if as_json:
         print_json(_document(given.name, found, seconds, problem) | {"figures": list(map(str, pictures))})
         return
-    _show(given.name, found, seconds, problem)
+    _show(given.name, found, seconds, problem, useless)
     for path in pictures:
         from .screen import console
 
@@ -159,7 +177,8 @@ def read_directions(text: str, option: str, else_: str = "") -> Array:
     try:
         if ":" in text:
             low, high, step = map(float, text.split(":"))
-            degrees = low + step * np.arange(np.floor((high - low) / step * (1 + 1e-12)) + 1)
+            count = np.floor((high - low) / step * (1 + 1e-12)) + 1
+            degrees = low + step * np.arange(count if count <= MOST_DIRECTIONS else 0)
         else:
             degrees = np.array([float(part) for part in text.replace(",", " ").split()])
     except ZeroDivisionError:
@@ -168,8 +187,9 @@ def read_directions(text: str, option: str, else_: str = "") -> Array:
         raise ValueError(
             f"{option} needs numbers such as -90,0,90 or -90:90:15{else_}, got {text!r}"
         ) from None
-    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > 100_000:
-        raise ValueError(f"{option} {text}: name 1 to 100000 finite directions")
+    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > MOST_DIRECTIONS:
+        raise ValueError(f"{option} {text}: name 1 to {MOST_DIRECTIONS} finite directions")
+    refuse_turns(option, *degrees)
     if len(np.unique(np.round(degrees % 360, 9))) < len(degrees):
         raise ValueError(f"{option} {text}: a direction stands twice")
     return np.deg2rad(degrees)
@@ -208,7 +228,7 @@ def _draw(found: Plan, problem: Problem, centres: Array, paths: list[Path]) -> N
     write_figure(lambda: draw_plan(found, floor), *paths)
 
 
-def _show(name: str, found: Plan, seconds: list[float], problem: Problem) -> None:
+def _show(name: str, found: Plan, seconds: list[float], problem: Problem, useless: list[str]) -> None:
     from .screen import console, new_table
 
     unit = {"trace": "m²", "det": "m⁴", "largest": "m²", "information": "nats, of this beam"}[found.criterion]
@@ -228,6 +248,9 @@ def _show(name: str, found: Plan, seconds: list[float], problem: Problem) -> Non
     screen.say(
         f"Expected before anything is measured, for a heading {heading}; {how}, of {directions} directions."
     )
+    if useless:
+        had = f"{', '.join(useless)} {'have' if len(useless) > 1 else 'has'}"
+        screen.say(f"{had} no effect on one beam: all directions are tried, and averaged over all readings.")
     if found.adaptive:
         screen.say("Times of updates are of as many beams, spread evenly.")
     last = found.steps[-1]

@@ -18,6 +18,7 @@ from .app import (
     named,
     names_in,
     print_json,
+    refuse_other_kind,
     refuse_others,
     replacing,
     results_folder,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 Folder = Annotated[Path, typer.Argument(parser=results_folder, metavar="DIR", help="Folder of results.")]
 
+MOST_DRAWS = 1_000_000  # some minutes
 OBJECTS = 100_000  # that are made before the collector of garbage looks again
 FIGURE_NAMES = (
     "map, claims (covariance), anees, efficiency, errors, runs, posterior, steps, ways, ranks, time"  # ours
@@ -174,6 +176,8 @@ def table(
     from ..evaluation.comparison.table import SUFFIXES
     from ..evaluation.results import write_bytes
 
+    if out is not None:
+        refuse_other_kind(out, "a table", *SUFFIXES, ".txt")
     form = form or SUFFIXES.get(out.suffix.lower() if out else "", "markdown")
     with replacing(*([out] if out else []), kind=form):
         results = load(folder)
@@ -214,6 +218,8 @@ def report(
     from ..evaluation import write_comparison, write_report
     from ..evaluation.report.several import COMPARISON
 
+    if out is not None:
+        refuse_other_kind(out, "a page", ".html", ".htm")
     if len(folders) == 1 and out is None:
         path = write_report(folders[0])
     else:
@@ -250,12 +256,14 @@ def compare(
     from ..evaluation import load
     from ..evaluation.comparison.compare import compare as compared
     from ..evaluation.comparison.compare import what_is_not_shared
+    from ..filters.models.noise import check_spread
 
     if fuse_std_m is not None:
         if b is not None:
             raise ValueError("--fuse-std-m goes with one folder")
         if not 0 < fuse_std_m < math.inf:
             raise ValueError(f"--fuse-std-m must be positive and finite, got {fuse_std_m:g}")
+        check_spread("--fuse-std-m", fuse_std_m)
         _fuse(a, fuse_std_m, as_json)
         return
     if b is None:
@@ -330,7 +338,9 @@ def paper(
         ),
     ] = None,
     as_json: Json = False,
-    draws: Annotated[int, typer.Option(min=20, metavar="N", help="Noise draws for the bands.")] = 1000,
+    draws: Annotated[
+        int, typer.Option(min=20, max=MOST_DRAWS, metavar="N", help="Noise draws for the bands.")
+    ] = 1000,
     seed: Annotated[
         int, typer.Option("--seed", "-s", min=0, metavar="N", help="Seed of the noise draws.")
     ] = 0,

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import ExitCode, Json, Stopped, as_typed, folder_to_write, named, names_from, print_json, warn
-from .map_options import Unit, Up, tell_odd
-from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study
+from .map_options import Unit, Up
+from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study, tell_odd_study
 
 if TYPE_CHECKING:
-    from ..evaluation import ClusterTls, Experiment
+    from ..evaluation import ClusterTls
 
-FOUND, DRAWINGS = ("mesh", "occupancy"), (".dxf", ".geojson")  # maps whose free space is found, not written
 WHERE_PANEL = "Where it runs"
 KEPT_PANEL = "What is kept"
 
@@ -149,9 +148,7 @@ def run(
         raise ValueError(f"--memory-gb must be above 0, got {memory_gb:g}")
     described = read_study(study, runs, seed, map_path, not no_plugins, unit=unit, up=up)
     experiment = described.experiment()
-    drawn = any(file.suffix.lower() in DRAWINGS for file in described.map.files(described.folder))
-    _tell_map(experiment, drawn or described.map.kind in FOUND)
-    _tell_odometry(experiment)
+    tell_odd_study(described, experiment)
     names = experiment.assumed_problem.space.names
     need_sound(gates, tuple(experiment.estimators), names, bool(described.beliefs), bounds)
     folder = Path("results") / described.name if out is None else out
@@ -221,34 +218,6 @@ def run(
         raise typer.Exit(ExitCode.GATE_FAILED)
     if any(row.ok < row.made for row in rows):
         raise typer.Exit(ExitCode.SOME_FAILED)
-
-
-def _tell_map(experiment: Experiment, whole: bool) -> None:
-    """What is odd about the map, and about the one that estimators are told, where that is another.
-
-    Of the whole map of a file, whose walls were found in it, what it is.
-    """
-    from ..maps.describe import describe
-
-    true, assumed = experiment.truth.sensor.room, experiment.assumed_problem.sensor.room
-    for what, room in {"map": true, "map that estimators assume": assumed}.items():
-        if what == "map" or assumed != true:
-            if whole:
-                warn(f"{what}: {describe(room)}")
-            tell_odd(room, what)
-
-
-def _tell_odometry(experiment: Experiment) -> None:
-    """That odometry is without noise, which it is unless a study says otherwise."""
-    from ..filters import Confined, Odometry
-
-    motions = {"motion": experiment.truth.motion, "assumed.motion": experiment.assumed_problem.motion}
-    for what, motion in motions.items():
-        free = motion.motion if isinstance(motion, Confined) else motion
-        noisy = not isinstance(free, Odometry) or any(free.alphas) or free.floors.any()
-        if not noisy and (what == "motion" or motion != motions["motion"]):
-            follow = "true ways follow it exactly" if what == "motion" else "estimators trust it blindly"
-            warn(f"{what}: odometry without noise: {follow} (alphas, floor_m, floor_deg)")
 
 
 def _tls(

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import Json, as_typed, named, names_from, one_of, print_json, say
-from .map_options import Unit, Up
+from .app import Json, as_typed, named, names_from, one_of, print_json, refuse_other_kind, say, warn
+from .map_options import Unit, Up, tell_odd
 
 if TYPE_CHECKING:
-    from ..evaluation import Study
+    from ..evaluation import Experiment, Study
 
 EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 SHIPPED = tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
+FOUND, DRAWINGS = ("mesh", "occupancy"), (".dxf", ".geojson")  # maps whose free space is found, not written
+FAN_BEAMS = 3  # whose directions tell their unit
 GIVEN_AS = {"runs": "--runs", "seed": "--seed", "map": "--map", "unit": "--unit", "up": "--up"}
 
 
@@ -107,6 +109,7 @@ def studies(
             for line in text.splitlines():
                 say(line)
         return
+    refuse_other_kind(out, "a study", ".toml")
     path = write_new(out, text)
     if as_json:
         print_json({"study": str(path)})
@@ -161,12 +164,12 @@ def write_new(path: Path, text: str) -> Path:
     Raises:
         ValueError: If there is such a file, or it cannot be written.
     """
-    made = False
+    made, content = False, text.encode("utf-8")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
+        with path.open("xb") as file:
             made = True
-            file.write(text)
+            file.write(content)
     except FileExistsError:
         raise ValueError(f"{path} is there already: choose another name, or remove it") from None
     except OSError as error:
@@ -192,8 +195,57 @@ def validate(
 
     told = outline(read_study(study, runs, seed, map_path, not no_plugins, unit=unit, up=up))
     check_memory(told.experiment)
+    tell_odd_study(told.study, told.experiment)
     if as_json:
         print_json(told.as_json())
         return
     for line in told.lines():
         say(line)
+
+
+def tell_odd_study(study: Study, experiment: Experiment) -> None:
+    """What is odd about a study that is sound, on standard error: a line for each question to its author."""
+    drawn = any(file.suffix.lower() in DRAWINGS for file in study.map.files(study.folder))
+    _tell_map(experiment, drawn or study.map.kind in FOUND)
+    _tell_angles(experiment)
+    _tell_odometry(experiment)
+
+
+def _tell_map(experiment: Experiment, whole: bool) -> None:
+    """What is odd about the map, and about the one that estimators are told, where that is another.
+
+    Of the whole map of a file, whose walls were found in it, what it is.
+    """
+    from ..maps.describe import describe
+
+    true, assumed = experiment.truth.sensor.room, experiment.assumed_problem.sensor.room
+    for what, room in {"map": true, "map that estimators assume": assumed}.items():
+        if what == "map" or assumed != true:
+            if whole:
+                warn(f"{what}: {describe(room)}")
+            tell_odd(room, what)
+
+
+def _tell_angles(experiment: Experiment) -> None:
+    """That angles are as small as if they were in radians."""
+    import numpy as np
+
+    sensor = experiment.truth.sensor
+    fan, graze = np.rad2deg(np.ptp(sensor.bearings)), np.rad2deg(sensor.max_incidence)
+    if len(sensor.bearings) >= FAN_BEAMS and fan <= 2 * np.pi:
+        warn(f"sensor: all {len(sensor.bearings)} beams lie within {fan:.3g} deg: are they in degrees?")
+    if graze <= np.pi / 2:
+        warn(f"sensor: beams are lost beyond {graze:.3g} deg from a wall's normal: is that in degrees?")
+
+
+def _tell_odometry(experiment: Experiment) -> None:
+    """That odometry is without noise, which it is unless a study says otherwise."""
+    from ..filters import Confined, Odometry
+
+    motions = {"motion": experiment.truth.motion, "assumed.motion": experiment.assumed_problem.motion}
+    for what, motion in motions.items():
+        free = motion.motion if isinstance(motion, Confined) else motion
+        noisy = not isinstance(free, Odometry) or any(free.alphas) or free.floors.any()
+        if not noisy and (what == "motion" or motion != motions["motion"]):
+            follow = "true ways follow it exactly" if what == "motion" else "estimators trust it blindly"
+            warn(f"{what}: odometry without noise: {follow} (alphas, floor_m, floor_deg)")

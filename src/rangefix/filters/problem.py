@@ -248,12 +248,24 @@ class Prior(Protocol):
 
 @dataclass(frozen=True)
 class Problem:
-    """All that an estimator may know: the space, the motion, the sensor with its map, and the prior."""
+    """All that an estimator may know: the space, the motion, the sensor with its map, and the prior.
+
+    Raises:
+        ValueError: If the sensor is told of another known heading.
+    """
 
     space: StateSpace
     motion: Motion
     sensor: Sensor
     prior: Prior
+
+    def __post_init__(self) -> None:
+        told = self.sensor.space
+        if told.names == self.space.names and told.heading != self.space.heading:
+            raise ValueError(
+                f"the known heading is {self.space.heading:g} rad in the problem's space and "
+                f"{told.heading:g} rad in the sensor's: which one counts?"
+            )
 
     def __repr__(self) -> str:
         return short_repr(self, ",\n    ")

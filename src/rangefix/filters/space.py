@@ -9,7 +9,7 @@ from math import isfinite
 
 import numpy as np
 
-from ..arrays import Array, BoolArray, read_only, wrap
+from ..arrays import TEN_TURNS, Array, BoolArray, read_only, wrap
 
 LEAST_RESULTANT = 0.01  # length of a mean resultant vector below which angles have no mean direction
 FEW_NUMBERS = 50  # in covariances: numpy takes longer to begin with so few than plain numbers take
@@ -41,6 +41,10 @@ class StateSpace:
             raise ValueError("the heading is either a component or known: give exactly one of the two")
         if self.heading is not None and not np.isfinite(self.heading):
             raise ValueError(f"the known heading must be finite, got {self.heading}")
+        if self.heading is not None and abs(self.heading) > TEN_TURNS:
+            raise ValueError(
+                f"the known heading is in radians, within ten turns, got {self.heading:g}: is it in degrees?"
+            )
 
     @property
     def size(self) -> int:

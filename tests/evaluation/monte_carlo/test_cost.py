@@ -30,6 +30,15 @@ def layout(made):
     return FolderLayout.of(made, *part_keys(made))
 
 
+def test_no_more_processes_than_the_machine_holds(tmp_path: Path):
+    """`--workers 100000` began so many, and took the machine along."""
+    with pytest.raises(ResultsError, match=r"100000 workers take about 3e\+04 GB of memory .* fewer workers"):
+        run(experiment(), tmp_path / "out", workers=100_000)
+    assert not (tmp_path / "out").exists()
+    several = min(100, int(cost.machine_memory_gb() / cost.PROCESS_GB))
+    assert run(experiment(runs=1), tmp_path / "out", workers=several).runs == 1  # in this process: one run
+
+
 @pytest.mark.parametrize(
     ("estimators", "changes", "words"),
     [

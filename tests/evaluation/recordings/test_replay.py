@@ -463,6 +463,9 @@ def test_what_plug_ins_claim_is_looked_at(
     [
         (["--log", "none.npz"], "no file none.npz"),
         (["--estimators", "kalman"], "no estimator 'kalman'"),
+        (["--estimators", "none.py:Mine"], "no estimator 'none.py:Mine': no file none.py"),
+        (["--estimators", "ekf,nowhere.mine:Mine"], "no module named 'nowhere'"),
+        (["--estimators", "numpy:nosuch"], "no estimator 'numpy:nosuch': numpy has no 'nosuch'"),
         (["--option", "ukf:alpha=1"], "write ESTIMATOR:NAME=VALUE"),
         (["--option", "ekf:wings=2"], "wings"),
         (["--start", "here"], "a start is x1,x2,heading"),

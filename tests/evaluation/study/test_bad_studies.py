@@ -30,6 +30,8 @@ name = "ekf"
 name = "particle"
 options = { particles = 200 }
 """
+BOX_OBJ = "v 0 0 0\nv 4 0 0\nv 4 6 0\nv 0 6 0\nv 0 0 2.5\nv 4 0 2.5\nv 4 6 2.5\nv 0 6 2.5\n"
+BOX_OBJ += "f 1 2 3 4\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
 BAD = [  # what is changed, into what, and what is said
     ("width_m = 4.0", "width_m = ", "6: not TOML: Invalid value"),
     ("width_m = 4.0", "width_m = 4.0\nwidth_m = 5.0", "7: not TOML: this key stands twice"),
@@ -54,6 +56,17 @@ BAD = [  # what is changed, into what, and what is said
         "at_m = [1.0, 1.0]",
         "at_m = [9.0, 1.0]",
         "12: truth.at_m: [9.0, 1.0] is inside a wall or outside the map",
+    ),
+    ("at_m = [", 'from = "prior"\nat_m = [', "12: truth.from: is for truths that are drawn: leave it out"),
+    (
+        "runs = 12",
+        "timeout_s = 0\nplugin_memory_gb = 1",
+        "2: plugin_memory_gb: has no effect with timeout_s = 0",
+    ),
+    (
+        'kind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0',
+        'kind = "floor-plan"\nouter_m = [[0, 0], [4, 0], [4, 6]]\nunit = "cm"',
+        "7: map.unit: has no effect on walls that are written here: it is for a file",
     ),
     (
         "particles = 200",
@@ -126,6 +139,27 @@ def test_all_mistakes_are_told_at_once(more: str) -> None:
     assert len(error.value.mistakes) == len(SEVERAL[more])
     for told in SEVERAL[more]:
         assert sum(told in line for line in error.value.mistakes) == 1, error.value.mistakes
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ("sensor_height_m = 9", "give another sensor_height_m, or up"),
+        ("reachable_from_m = [9, 9]", "reachable_from_m [9.0, 9.0] is "),
+        ("floor_height_m = 9", "no floor within 0.25 m of floor_height_m 9 m"),
+    ],
+)
+def test_a_map_that_cannot_be_made_names_keys_of_a_study(tmp_path: Path, keys: str, says: str) -> None:
+    """And not what Python calls its options: whoever gave `sensor_height` was told of an unknown key."""
+    (tmp_path / "floor_height.obj").write_text(BOX_OBJ)
+    text = STUDY.replace(
+        'kind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0', f'path = "floor_height.obj"\n{keys}'
+    )
+    with pytest.raises(StudyError) as error:
+        parse_study(text, source="study.toml", folder=tmp_path)
+    (line,) = error.value.mistakes
+    assert line.startswith(f"study.toml:5: map.path: {tmp_path / 'floor_height.obj'}: ")
+    assert says in line
 
 
 def test_keys_of_a_true_state_are_told_at_once() -> None:

@@ -43,6 +43,18 @@ DEEP = "[" * 5000 + "]" * 5000
             "sensor.resolution_deg: must be at most 360",
         ),
         (f"{GOOD}[state]\nheading_deg = -1e9\n", "state.heading_deg: must be at least -3600"),
+        (f"{GOOD}[prior]\nkind = 'gaussian'\nstd_m = 1e300\n", "prior.std_m: must be from 1e-20 to 1e+12"),
+        (f"{GOOD}[prior]\nkind = 'gaussian'\nstd_m = [1, 1e-300]\n", "prior.std_m[2]: must be from 1e-20"),
+        (f"{GOOD}{UNKNOWN}[prior]\nheading_std_deg = 1e9\n", "prior.heading_std_deg: must be at most 3600"),
+        (f"{GOOD}{ODOMETRY}steps = 2\nfloor_deg = 1e9\n", "motion.floor_deg: must be at most 3600"),
+        (f"{GOOD}{ODOMETRY}steps = 2\nalphas = [0, 1e300, 0, 0]\n", "motion.alphas[2]: must be from 1e-20"),
+        (f"plugin_memory_gb = 1e300\n{GOOD}", "plugin_memory_gb: must be at most 1e+06, got 1e+300"),
+        (
+            GOOD.replace(
+                "std_m = 0.05", "noise = { kind = 'range-proportional', std_m = 0.1, growth = 1e99 }"
+            ),
+            "sensor.noise.growth: must be from 1e-20 to 1e+12",
+        ),
         (GOOD.replace("4.0", "true"), "map.width_m: must be a number, got true"),
         (GOOD.replace("[0.0]", "[true]"), "sensor.bearings_deg[1]: must be a number, got true"),
         (f"{GOOD}options = {{ iterations = 2024-01-01 }}\n", "iterations: must be a number, got 2024-01-01"),

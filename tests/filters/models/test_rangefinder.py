@@ -227,6 +227,7 @@ def test_matched_maximum_range_is_consistent_and_ignoring_it_is_not() -> None:
     [
         ({"bearings": []}, "at least one beam"),
         ({"bearings": [np.nan]}, "bearings must be finite"),
+        ({"bearings": [0.0, -326.3]}, "in radians, within ten turns, got -326.3: are they in degrees?"),
         ({"noise": Gaussian([0.1, 0.1])}, "the noise is for 2 beams, the rangefinder has 1"),
         ({"noise": Gaussian([0.1, 0.1]), "bearings": [0.0, 1.0, 2.0]}, "the noise does not fit 3 beams"),
         ({"max_range": 0.0}, "maximum range must be positive"),

@@ -19,7 +19,8 @@ def read_contestants(given: list[str], options: list[str] | None) -> list[Contes
         options: ESTIMATOR:NAME=VALUE each.
 
     Raises:
-        ValueError: If a name is not known, stands twice, or an option is none of its estimator's.
+        ValueError: If a name is not known, stands twice, or is that of a plug-in which is not there, or an
+            option is none of its estimator's.
     """
     for name in given:
         if not is_claimed(name):
@@ -37,10 +38,15 @@ def read_contestants(given: list[str], options: list[str] | None) -> list[Contes
         if is_claimed(name):
             raise ValueError(f"--option {text!r}: {name} ran elsewhere: it takes no options")
         own[name].append(rest)
-    return [
-        Contestant(name, read_options(texts, inspect_estimator(name), ours=name in BUILT_IN) if texts else {})
-        for name, texts in own.items()
-    ]
+    contestants = []
+    for name, texts in own.items():
+        theirs = name not in BUILT_IN and not is_claimed(name)
+        found = inspect_estimator(name) if theirs or texts else None
+        if found is not None and found.missing:
+            raise ValueError(found.fault)
+        read = read_options(texts, found, ours=not theirs) if found is not None and texts else {}
+        contestants.append(Contestant(name, read))
+    return contestants
 
 
 def refuse_options(contestants: list[Contestant], problem: Problem) -> None:

@@ -7,15 +7,18 @@ import numpy as np
 from ...arrays import Array
 from ...evaluation.recordings.setting import Start
 from ...filters import RangeMap, pose_space
+from ...filters.models.noise import LARGEST_SPREAD, LEAST_SPREAD
+from ..app import LARGEST_DEG, refuse_turns
 
 STD_M, STD_DEG = 0.2, 6.0  # of a start, unless given
+LEAST_STD_DEG = 1e-6
 
 
 def read_start(text: str, std_m: float | None, std_deg: float | None) -> Start:
     """The start as it is written, with how sure it is: deviations in m and deg; None = as is usual.
 
     Raises:
-        ValueError: If it is no start, a deviation is not positive, or has no effect.
+        ValueError: If it is no start, a deviation is not positive or of no use, or has no effect.
     """
     for name, value, unit in (("--start-std-m", std_m, "m"), ("--start-std-deg", std_deg, "deg")):
         if value is None:
@@ -24,6 +27,9 @@ def read_start(text: str, std_m: float | None, std_deg: float | None) -> Start:
             raise ValueError(f"{name} has no effect on a start anywhere on the map (--start global)")
         if not 0 < value < np.inf:
             raise ValueError(f"{name} must be positive, got {value:g} {unit}")
+        low, high = (LEAST_SPREAD, LARGEST_SPREAD) if unit == "m" else (LEAST_STD_DEG, LARGEST_DEG)
+        if not low <= value <= high:
+            raise ValueError(f"{name} must be from {low:g} to {high:g} {unit}, got {value:g}")
     stds = STD_M if std_m is None else std_m, float(np.deg2rad(STD_DEG if std_deg is None else std_deg))
     if text in ("truth", "odometry"):
         return Start(None, *stds)
@@ -48,6 +54,7 @@ def read_pose(text: str, others: str = "") -> Array:
     pose: Array = np.array([x1, x2, np.deg2rad(heading)])
     if not np.isfinite(pose).all():
         raise ValueError(f"a start must be finite, got {text!r}")
+    refuse_turns("--start", heading)
     return pose
 
 

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from ...arrays import Array
+from ...filters.models.noise import check_spread
 from ..consistency.scores import is_positive
 from ..consistency.summarise import summarise
 from ..results import Results
@@ -54,10 +55,11 @@ def fuse_estimates(results: Results, second_std: float) -> list[Fusion]:
         second_std: Standard deviation of the second position along each axis, m: R = second_std^2 I.
 
     Raises:
-        ValueError: If it is not positive, or the state has no position.
+        ValueError: If it is not positive or of no use as a spread, or the state has no position.
     """
     if not 0 < second_std < np.inf:
         raise ValueError(f"the second position needs a positive standard deviation in m, got {second_std:g}")
+    check_spread("the second position's standard deviation", second_std)
     rows = summarise(results)
     last = max(row.step for row in rows)
     truths = {(row.estimator, row.beams): row.G for row in rows if row.step == last}

@@ -81,6 +81,11 @@ def check_memory(
     """
     from ...filters.memory import MemoryNeed  # brings the filters
 
+    if workers > 1 and workers * PROCESS_GB > machine_memory_gb():
+        raise ResultsError(
+            f"{workers} workers take about {_gb(1e9 * workers * PROCESS_GB)} of memory beside their arrays, "
+            f"more than the {_gb(1e9 * machine_memory_gb())} of the machine: take fewer workers"
+        )
     limit = (machine_memory_gb() / 2 if limit_gb is None else limit_gb) * 1e9
     if not limit > 0:
         raise ValueError(f"the limit of memory must be positive, got {limit_gb} GB")

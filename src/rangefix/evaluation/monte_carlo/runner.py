@@ -265,6 +265,7 @@ def _work_all(
                     report(label, end - first, len(saved["failed"]))
     if not tasks:
         return
+    workers = min(workers, sum(task.end - task.first for task in tasks))  # more would have nothing to do
     elsewhere = "on the cluster" if client is not None else ""
     if client is None and workers > 1:
         elsewhere = f"on {workers} workers"

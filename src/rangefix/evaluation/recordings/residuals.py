@@ -85,7 +85,7 @@ def sensor_of(laser: LaserDescription, places: IntArray, room: RangeMap, noise: 
     """The rangefinder of a recording in a map, with some of its beams."""
     return Rangefinder(
         room,
-        laser.bearings_rad[places],
+        laser.directions_rad[places],
         noise,
         pose_space(),
         max_range=laser.reach_m,

@@ -141,7 +141,7 @@ def problem_of(
     noise = wide_noise(longest, room) if assumptions.noise is None else assumptions.noise
     sensor = Rangefinder(
         room,
-        laser.bearings_rad[beams],
+        laser.directions_rad[beams],
         noise_of_beams(noise, beams, len(laser.bearings_rad)),
         space,
         max_range=longest,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +16,7 @@ from ...filters import Problem, RangeMap
 from .check_estimators import STAND_IN, check_estimators
 from .mistakes import Mistakes
 from .schema import StudySections
+from .sections.base import Section
 from .sections.drives import Drive
 
 T = TypeVar("T")
@@ -57,6 +59,9 @@ def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     start = _start(study, room, assumed or truth, mistakes) if room else None
     if mistakes.sound("sensor") and mistakes.sound("beam_sets"):
         _check_beam_sets(study.beam_sets or [], len(study.sensor.bearings), mistakes)
+    if study.timeout_s == 0 and study.plugin_memory_gb is not None:
+        text = "has no effect with timeout_s = 0: estimators have no processes of their own then"
+        mistakes.add(("plugin_memory_gb",), text)
     check_estimators(study.estimators, assumed or truth, study.folder, mistakes)
     if truth is None:
         return None
@@ -77,8 +82,15 @@ def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map"
     except FileNotFoundError:
         mistakes.add(where, f"no file {study.folder / files[0]}" if files else "no such file")
     except Exception as error:  # readers of foreign files raise what they like
-        mistakes.add(where, one_line(error))
+        mistakes.add(where, _as_keys(one_line(error), study.map))
     return None
+
+
+def _as_keys(text: str, section: Section) -> str:
+    """What is wrong with a map, with what Python calls its options as a study has them."""
+    for key in (key for key in type(section).model_fields if key.endswith("_m") and key.count("_") > 1):
+        text = re.sub(rf"(?<![\w/.-]){key[:-2]}(?![\w.])", key, text)
+    return text
 
 
 def _problem(

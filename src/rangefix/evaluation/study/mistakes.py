@@ -33,6 +33,7 @@ FORMS = {  # what pydantic calls a mistake -> what we say
     "string_pattern_mismatch": "names a folder: no slashes, and not dots alone",
     "float_type": "must be a number",
     "int_type": "must be a whole number",
+    "string_unicode": "holds a byte that is no UTF-8: rename it",
     "string_type": "must be a text in quotation marks",
     "list_type": "must be a list",
     "bool_type": "must be true or false",

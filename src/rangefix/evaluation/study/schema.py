@@ -51,7 +51,7 @@ class StudySections(Section):
         default=None, ge=0, description="longest that a trial may take; 0: any time"
     )
     plugin_memory_gb: float | None = Field(
-        default=None, gt=0, description="memory that the process of a plug-in may take"
+        default=None, gt=0, le=1e6, description="memory that the process of a plug-in may take"
     )
     map: AnyMap = Field(description="write a table [map]")
     sensor: SensorSection = Field(description="write a table [sensor]")

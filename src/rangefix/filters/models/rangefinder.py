@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
+from ...arrays import TEN_TURNS, TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
 from ..mount import CENTRED, Mount
 from ..problem import Caster, IsConvex, Noise, RangeMap, caster_for
 from ..space import StateSpace
@@ -66,8 +66,8 @@ class Rangefinder:
         mount: Where it stands on the robot whose pose is the state, and how it is turned there.
 
     Raises:
-        ValueError: If there is no beam, a bearing is not finite, the noise is for another number of beams,
-            every beam is blind, or a limit is out of bounds.
+        ValueError: If there is no beam, a bearing is not finite or beyond ten turns, the noise is for another
+            number of beams, every beam is blind, or a limit is out of bounds.
     """
 
     room: RangeMap
@@ -87,6 +87,8 @@ class Rangefinder:
             raise ValueError("a rangefinder needs at least one beam: bearings of shape (B,), B >= 1")
         if not np.isfinite(bearings).all():
             raise ValueError(f"bearings must be finite, got {self.bearings}")
+        if abs(far := bearings[np.abs(bearings).argmax()]) > TEN_TURNS:
+            raise ValueError(f"bearings are in radians, within ten turns, got {far:g}: are they in degrees?")
         if not 0 <= self.blind_sector < TWO_PI:
             raise ValueError(f"the blind sector must be in [0, 2 pi) rad, got {self.blind_sector}")
         if not self.max_range > 0:

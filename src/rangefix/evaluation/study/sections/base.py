@@ -9,14 +9,25 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Union, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
 from ....extensions import extensions
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+LEAST_NUMBER, LARGEST_NUMBER = 1e-20, 1e12  # the squares of others, and what filters make of them, are none
+
+
+def _of_use(value: float) -> float:
+    if value and not LEAST_NUMBER <= value <= LARGEST_NUMBER:
+        raise ValueError(f"must be from {LEAST_NUMBER:g} to {LARGEST_NUMBER:g}, got {value:g}")
+    return value
+
+
+AboveZero = Annotated[float, Field(gt=0)]  # of keys that have limits of their own
+Positive = Annotated[AboveZero, AfterValidator(_of_use)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_use)]
+Turns = Field(le=3600)  # deg, of a spread: as of an angle
 Angle = Annotated[float, Field(ge=-3600, le=3600)]  # deg; further turns cost it its digits
 Size = Annotated[float, Field(gt=0, le=1e6)]  # of what stands on the ground, m
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]

@@ -62,6 +62,9 @@ class FloorPlanMap(MapSection):
     def _one_way(self) -> FloorPlanMap:
         if self.path is None and self.outer_m is None:
             raise Misfit("outer_m", f"is missing ({CORNERS}; or the path of a floor plan file)")
+        own = ("unit", "layers", "reachable_from_m")
+        if self.path is None and (useless := [key for key in own if getattr(self, key) is not None]):
+            raise Misfit(useless[0], "has no effect on walls that are written here: it is for a file")
         if self.path is not None and (twice := self.model_fields_set & {"outer_m", "holes_m", "walls_m"}):
             raise Misfit(min(twice), "stands in the file that path names: leave one of them out")
         return self

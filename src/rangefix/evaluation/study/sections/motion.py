@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from ....arrays import Array
 from ....filters import Confined, Motion, Odometry, RangeMap, StateSpace
 from ....filters.models.motion import ConstantVelocity, RandomWalk, Stationary
-from .base import Misfit, NotNegative, Point, Positive, Section, WithExtensions, refuse
+from .base import AboveZero, Misfit, NotNegative, Point, Positive, Section, Turns, WithExtensions, refuse
 from .drives import Drive, count_steps, random_drive, waypoint_drive
 
 MOST_STEPS = 100_000
@@ -79,7 +79,7 @@ class RandomWalkMotion(WalledMotion):
     std_m: NotNegative | Annotated[list[NotNegative], Field(min_length=2, max_length=2)] = Field(
         description="standard deviation of a step along x1 and x2, for example std_m = 0.1"
     )
-    heading_std_deg: NotNegative = 0.0
+    heading_std_deg: Annotated[NotNegative, Turns] = 0.0
     velocity_std_m_per_s: NotNegative = 0.0
 
     def free(self, space: StateSpace) -> RandomWalk:
@@ -134,14 +134,14 @@ class OdometryMotion(WalledMotion):
     floor_m: NotNegative | Annotated[list[NotNegative], Field(min_length=2, max_length=2)] = Field(
         default=0.0, description="noise of every step, forward and right, for example floor_m = 0.01"
     )
-    floor_deg: NotNegative = Field(default=0.0, description="noise of every step's turn")
+    floor_deg: Annotated[NotNegative, Turns] = Field(default=0.0, description="noise of every step's turn")
     waypoints_m: Annotated[list[Point], Field(min_length=2)] | None = Field(
         default=None, description="points to pass, for example [[1, 1], [3, 1], [3, 5]]"
     )
     steps: StepCount | None = Field(
         default=None, description="moves, a measurement after each, for example steps = 50"
     )
-    step_m: Positive = Field(default=0.3, description="longest step")
+    step_m: AboveZero = Field(default=0.3, description="longest step")
     turn_deg: Annotated[float, Field(gt=0, le=180)] = Field(
         default=45.0, description="largest turn in a step"
     )

@@ -52,6 +52,8 @@ class TruthSection(Section):
 
     @model_validator(mode="after")
     def _one_way(self) -> TruthSection:
+        if self.at_m is not None and "draw" in self.model_fields_set:
+            raise Misfit("from", "is for truths that are drawn: leave it out, or at_m")
         if self.at_m is None and (self.heading_deg is not None or self.velocity_m_per_s is not None):
             raise ValueError("a true heading or velocity needs a place: give at_m too")
         return self
