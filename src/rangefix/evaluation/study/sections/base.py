@@ -27,7 +27,8 @@ def _of_use(value: float) -> float:
 AboveZero = Annotated[float, Field(gt=0)]  # of keys that have limits of their own
 Positive = Annotated[AboveZero, AfterValidator(_of_use)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_use)]
-Turns = Field(le=3600)  # deg, of a spread: as of an angle
+AngleSpread = Annotated[float, Field(ge=0, le=3600), AfterValidator(_of_use)]  # deg
+PositiveAngleSpread = Annotated[float, Field(gt=0, le=3600), AfterValidator(_of_use)]
 Angle = Annotated[float, Field(ge=-3600, le=3600)]  # deg; further turns cost it its digits
 Size = Annotated[float, Field(gt=0, le=1e6)]  # of what stands on the ground, m
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]

@@ -10,7 +10,17 @@ from pydantic import Field, model_validator
 from ....arrays import Array
 from ....filters import Confined, Motion, Odometry, RangeMap, StateSpace
 from ....filters.models.motion import ConstantVelocity, RandomWalk, Stationary
-from .base import AboveZero, Misfit, NotNegative, Point, Positive, Section, Turns, WithExtensions, refuse
+from .base import (
+    AboveZero,
+    AngleSpread,
+    Misfit,
+    NotNegative,
+    Point,
+    Positive,
+    Section,
+    WithExtensions,
+    refuse,
+)
 from .drives import Drive, count_steps, random_drive, waypoint_drive
 
 MOST_STEPS = 100_000
@@ -79,7 +89,7 @@ class RandomWalkMotion(WalledMotion):
     std_m: NotNegative | Annotated[list[NotNegative], Field(min_length=2, max_length=2)] = Field(
         description="standard deviation of a step along x1 and x2, for example std_m = 0.1"
     )
-    heading_std_deg: Annotated[NotNegative, Turns] = 0.0
+    heading_std_deg: AngleSpread = 0.0
     velocity_std_m_per_s: NotNegative = 0.0
 
     def free(self, space: StateSpace) -> RandomWalk:
@@ -134,7 +144,7 @@ class OdometryMotion(WalledMotion):
     floor_m: NotNegative | Annotated[list[NotNegative], Field(min_length=2, max_length=2)] = Field(
         default=0.0, description="noise of every step, forward and right, for example floor_m = 0.01"
     )
-    floor_deg: Annotated[NotNegative, Turns] = Field(default=0.0, description="noise of every step's turn")
+    floor_deg: AngleSpread = Field(default=0.0, description="noise of every step's turn")
     waypoints_m: Annotated[list[Point], Field(min_length=2)] | None = Field(
         default=None, description="points to pass, for example [[1, 1], [3, 1], [3, 5]]"
     )

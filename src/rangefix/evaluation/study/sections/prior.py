@@ -22,7 +22,7 @@ from ....filters import (
 from ....filters.models.product_prior import WithHeading, WithVelocity
 from ....filters.problem import SpacedPrior
 from ....raster import Raster
-from .base import AboveZero, Angle, Misfit, Point, Positive, Section, Turns, misfits_of, refuse
+from .base import AboveZero, Angle, Misfit, Point, Positive, PositiveAngleSpread, Section, misfits_of, refuse
 
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 MOST_CELLS = 20_000_000  # to look for the place of a box
@@ -37,7 +37,7 @@ class PriorSection(Section):
         description="mean of the heading, with heading_std_deg; or the ends of the arc that it lies in, "
         "clockwise, for example heading_deg = [350, 10]; without it any heading",
     )
-    heading_std_deg: Annotated[Positive, Turns] | None = Field(
+    heading_std_deg: PositiveAngleSpread | None = Field(
         default=None, description="standard deviation of the heading about heading_deg"
     )
     velocity_m_per_s: Point | None = Field(default=None, description="mean velocity along x1 and x2")
