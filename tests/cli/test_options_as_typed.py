@@ -25,6 +25,7 @@ MISTAKES = {
     "the axis that points up",
     "map a.geojson": "give --unit m if they are",
     "map a.toml --layer A": "a.toml: --layer has no effect on it: it is for drawings",
+    "run two_modes --map a.toml --unit mm": "a.toml: --unit has no effect on it: it is for drawings",
     "ranges room:4x6 --at 1 1 -b 0 --unit mm": "--unit has no effect on room:4x6",
     "map ''": "the name of the map is empty",
     "map-accuracy paper --step-m 0": "--step-m must be positive and finite, got 0",

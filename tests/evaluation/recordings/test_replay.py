@@ -477,6 +477,7 @@ def test_what_plug_ins_claim_is_looked_at(
         (["--scan-topic", "/scan"], "--scan-topic has no effect on drive.npz: it is for a bag"),
         (["--odometry-topic", "tf"], "--odometry-topic has no effect on drive.npz"),
         (["--base-frame", "base"], "--base-frame has no effect on drive.npz"),
+        (["--no-motion-correction"], "--no-motion-correction has no effect on drive.npz: its scans take no"),
         (["--memory-gb", "0"], "--memory-gb must be positive, got 0"),
         (["--estimators", "ukf", "-O", "ukf:alpha=abc"], "--option alpha must be a number, got 'abc'"),
         (["--estimators", "ukf", "-O", "ukf:alpha=true"], "--option alpha must be a number, got true"),

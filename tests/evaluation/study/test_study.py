@@ -206,6 +206,28 @@ def test_the_mesh_study_says_how_to_give_the_mesh():
         load_study("mesh", map_path="nothing.ply")
 
 
+@pytest.mark.parametrize("name", study_names())
+def test_a_missing_map_is_all_that_is_told_of_a_sound_study(name):
+    """Options of estimators are judged in the study's state space; `heading_cell` of two_modes was not."""
+    with pytest.raises(StudyError) as refused:
+        load_study(name, map_path="nothing.toml")
+    assert len(refused.value.mistakes) == 1
+
+
+def test_options_are_judged_without_a_map_where_velocities_are_estimated(tmp_path):
+    (tmp_path / "study.toml").write_text(
+        'map = "nothing.toml"\nstate = { velocities = true, heading_deg = 0 }\n'
+        "sensor = { bearings_deg = [0], std_m = 0.05 }\nprior = { velocity_std_m_per_s = 0.3 }\n"
+        'motion = { kind = "constant-velocity", steps = 3, step_s = 0.5, intensity_m2_per_s3 = 0.01 }\n'
+        '[[estimators]]\nname = "ekf"\n[[estimators]]\nname = "particle"\noptions = { particles = 0 }\n'
+    )
+    with pytest.raises(StudyError) as refused:
+        load_study(tmp_path / "study.toml")
+    first, second = refused.value.mistakes
+    assert "no file" in first
+    assert "estimators[2].options: particle: particles must be" in second
+
+
 FLAT = """
 outer = [[0, 0], [8, 0], [8, 7], [0, 7]]
 walls = [[4, 0, 4, 3]]

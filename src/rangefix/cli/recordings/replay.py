@@ -182,6 +182,8 @@ def replay(
     room = map_options.opened_and_told(map_name)
     choice = Choice(beams, least_move_m, float(np.deg2rad(least_turn_deg)), motion_correction)
     recording = open_log(log, told.options)
+    if not motion_correction and not recording.sensor.seconds_per_beam:
+        raise ValueError(f"--no-motion-correction has no effect on {log}: its scans take no time")
     told.check_beams(len(choice.places(recording.sensor)), len(recording.sensor.bearings_rad))
     refuse_without_bag(recording, log, scan_topic, odometry_topic, base_frame)
     doing(f"reading {log}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -62,7 +62,8 @@ def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     if study.timeout_s == 0 and study.plugin_memory_gb is not None:
         text = "has no effect with timeout_s = 0: estimators have no processes of their own then"
         mistakes.add(("plugin_memory_gb",), text)
-    check_estimators(study.estimators, assumed or truth, study.folder, mistakes)
+    space = study.state.build() if mistakes.sound("state") else None
+    check_estimators(study.estimators, assumed or truth, study.folder, mistakes, space)
     if truth is None:
         return None
     return World(truth, assumed, drive, study.motion.controls(drive), start)
@@ -82,14 +83,18 @@ def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map"
     except FileNotFoundError:
         mistakes.add(where, f"no file {study.folder / files[0]}" if files else "no such file")
     except Exception as error:  # readers of foreign files raise what they like
-        mistakes.add(where, _as_keys(one_line(error), study.map))
+        mistakes.add(where, _as_keys(one_line(error), study.map, mistakes.typed))
     return None
 
 
-def _as_keys(text: str, section: Section) -> str:
-    """What is wrong with a map, with what Python calls its options as a study has them."""
+def _as_keys(text: str, section: Section, typed: Mapping[tuple[str | int, ...], str]) -> str:
+    """What is wrong with a map, with what Python calls its options as a study or a command has them."""
     for key in (key for key in type(section).model_fields if key.endswith("_m") and key.count("_") > 1):
         text = re.sub(rf"(?<![\w/.-]){key[:-2]}(?![\w.])", key, text)
+    for key in ("unit", "up"):
+        option = typed.get(("map", key), "")
+        if option.startswith("--"):
+            text = re.sub(rf"\b{key}(?=[\w, ]* has no effect on it)", option.split()[0], text)
     return text
 
 

@@ -11,7 +11,18 @@ import numpy as np
 
 from ...arrays import Array, BoolArray
 from ...errors import one_line
-from ...filters import Gaussian, Problem, Rangefinder, Stationary, Uniform, build, position_space
+from ...filters import (
+    Gaussian,
+    GaussianPrior,
+    Prior,
+    Problem,
+    Rangefinder,
+    StateSpace,
+    Stationary,
+    Uniform,
+    build,
+    position_space,
+)
 from ...filters.problem import Hits
 from ...filters.registry import BUILT_IN, file_of, resolve
 from ...maps import RectangularRoom
@@ -67,9 +78,21 @@ class RoomWithoutWalls:
 
 
 def check_estimators(
-    entries: list[EstimatorSection], problem: Problem | None, folder: Path, mistakes: Mistakes
+    entries: list[EstimatorSection],
+    problem: Problem | None,
+    folder: Path,
+    mistakes: Mistakes,
+    space: StateSpace | None = None,
 ) -> None:
-    """Note what is wrong with the estimators of a study; of a plug-in, only whether there is such a file."""
+    """Note what is wrong with the estimators of a study; of a plug-in, only whether there is such a file.
+
+    Args:
+        entries: The estimators.
+        problem: What they are told; None where it cannot be built.
+        folder: That of the study.
+        mistakes: Where what is wrong is noted.
+        space: The state space; None where it cannot be built either.
+    """
     from ...filters.memory import memory_needed  # brings the filters, which a refused study need not wait for
 
     labels: set[str] = set()
@@ -95,7 +118,7 @@ def check_estimators(
                 entry, variants, plugin, at, mistakes
             )
             if fits and (problem is None or _cells_fit(variants, problem, at, mistakes)):
-                there = problem or _stand_in()
+                there = problem or _stand_in(space or position_space())
                 for variant in variants:
                     try:
                         need = memory_needed(variant.name, there, variant.options, 1)
@@ -156,11 +179,14 @@ def _from_here(name: str, folder: Path) -> str:
     return name if file is None or file.name == "__init__.py" else f"{file}:{name.rpartition(':')[2]}"
 
 
-def _stand_in() -> Problem:
+def _stand_in(space: StateSpace) -> Problem:
     """A small problem, to check options on where the study's own cannot be built."""
-    space, room = position_space(), RoomWithoutWalls()
+    room = RoomWithoutWalls()
     sensor = Rangefinder(room, np.zeros(1), Gaussian(1.0), space)
-    return Problem(space, Stationary(space), sensor, Uniform(room, space))
+    prior: Prior = GaussianPrior(np.full(space.size, 0.5), np.eye(space.size), space)
+    if set(space.names) <= {"x1", "x2", "heading"}:
+        prior = Uniform(room, space)
+    return Problem(space, Stationary(space), sensor, prior)
 
 
 def _options_fit(
