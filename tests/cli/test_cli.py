@@ -617,14 +617,20 @@ def test_help_is_quick() -> None:
     [
         ("", "True 1"),
         ("os.environ['OPENBLAS_NUM_THREADS'] = '2'", "True 2"),
+        ("os.environ['OMP_NUM_THREADS'] = '2'", "True None"),
         ("import numpy", "False None"),
     ],
 )
-def test_a_process_that_shows_results_is_brief(before: str, expected: str) -> None:
-    """It has no threads that wait, unless asked for, and collects garbage seldom; others are let alone."""
+def test_a_process_of_a_command_is_brief(before: str, expected: str) -> None:
+    """BLAS has no threads that wait, unless asked for, and what shows results collects garbage seldom.
+
+    Processes that others have begun are let alone.
+    """
     told = "gc.get_threshold()[0] == 100_000, os.environ.get('OPENBLAS_NUM_THREADS')"
-    program = f"import gc, os; {before}\nfrom rangefix.cli import results; results._be_brief(); print({told})"
-    unset = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    program = f"import gc, os; {before}\nfrom rangefix.cli.main import spare_blas\n"
+    program += f"from rangefix.cli.results import _be_brief\nspare_blas(); _be_brief(); print({told})"
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+    unset = {name: value for name, value in os.environ.items() if name not in names}
     said = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=unset
     )

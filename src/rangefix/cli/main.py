@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import re
 import sys
 import traceback
@@ -61,6 +62,7 @@ for group, commands in GROUPS.items():
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run a command and end the process with its exit code; mistakes of the user are one line each."""
     arguments, interrupt = sys.argv[1:] if arguments is None else arguments, Interrupt()
+    spare_blas()
     atexit.register(gc.freeze)  # what is left goes with the process: nobody need look for garbage in it
     try:
         if current_thread() is main_thread():
@@ -88,6 +90,16 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             warn(line)
         code = ExitCode.BAD_INPUT
     sys.exit(code if isinstance(code, int) else ExitCode.FINE)
+
+
+def spare_blas() -> None:
+    """Let BLAS begin with one thread, unless it has begun, or a user says how many.
+
+    More wait at the processor's full speed for work that arrays of our size hardly give them, and make other
+    last bits of it. Loops of ours have threads of their own.
+    """
+    if "numpy" not in sys.modules and "OMP_NUM_THREADS" not in os.environ:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @dataclass

@@ -50,12 +50,10 @@ def _complete_figures(begun: str) -> list[str]:
 def _be_brief() -> None:
     """Spare a process that only shows results what pays in long ones; no effect where others have begun it.
 
-    The collector of garbage looks at all objects again and again, and figures are made of many that stay; the
-    threads of BLAS, of numpy and of scipy, wait a while for work that arrays of this size never give them.
+    The collector of garbage looks at all objects again and again, and figures are made of many that stay.
     """
     if "numpy" not in sys.modules:
         gc.set_threshold(OBJECTS)
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _unfinished(*folders: Path) -> list[Results]:
