@@ -242,6 +242,7 @@ def _show(name: str, found: Plan, seconds: list[float], problem: Problem, useles
     screen = console()
     screen.print(table)
     how = "each chosen after the readings before it" if found.adaptive else f"by {found.method}"
+    how += " search" if found.method == "exhaustive" else ""
     known = _known_heading(problem)
     heading = "that is estimated" if known is None else f"that is known to be {known:g} deg"
     directions = len(found.candidates)

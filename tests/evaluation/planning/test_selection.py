@@ -112,6 +112,8 @@ def test_exchange_tries_all_sets_where_these_are_few_and_it_begins_with_one() ->
     assert not Planner(unknown, np.deg2rad(np.arange(12) * 30.0)).sets.are_few(2)
     assert not Planner(known, bearings).sets.are_few(2)
     assert Planner(known, bearings, criterion="information").sets.are_few(2)
+    found = Planner(known, np.deg2rad([0.0, 40.0, 90.0]), criterion="information", truths=4).plan(2)
+    assert found.method == "exhaustive"  # which the command tells
 
 
 def rms_of_pairs(problem: Problem) -> dict[tuple[int, int], float]:

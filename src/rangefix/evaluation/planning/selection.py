@@ -113,12 +113,14 @@ class Planner:
             )
         if adaptive:
             return Plan(self.candidates, self.criterion, "adaptive", True, tuple(self._adaptive(beams)))
+        if method == "exchange" and beams > 1 and self.sets.are_few(beams):
+            method = "exhaustive"
         chosen = self._chosen(beams, method)
         return Plan(self.candidates, self.criterion, method, False, tuple(self.steps_of(chosen, everywhere)))
 
     def _chosen(self, beams: int, method: Method) -> list[int]:
         """So many candidates, chosen before any is read."""
-        if method == "exhaustive" or (method == "exchange" and beams > 1 and self.sets.are_few(beams)):
+        if method == "exhaustive":
             return self.sets.exhaustive(beams)
         least, most = (beams, max(MOST_CHOICES, PASSES * beams)) if method == "exchange" else (0, 0)
         self._time.begin(beams - 1 + least, beams - 1 + most)
