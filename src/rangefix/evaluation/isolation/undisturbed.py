@@ -25,7 +25,8 @@ def undisturbed(trial: object) -> Iterator[None]:
     are left out: ours hand out copies, or arrays that cannot be written to. BLAS takes one thread meanwhile.
     """
     here, drawn = random.getstate(), np.random.get_state()  # noqa: NPY002
-    threads, pools = _numba_threads(), [(pool, pool.get_num_threads()) for pool in thread_pools()]
+    others = [pool for pool in thread_pools() if pool.user_api != "blas"]  # BLAS is restored where it is held
+    threads, pools = _numba_threads(), [(pool, pool.get_num_threads()) for pool in others]
     writeable: list[NDArray[Any]] = []
     with ExitStack() as stack:
         stack.enter_context(np.errstate())

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
+from ..isolation import blas_on_one_thread
 
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "scipy", "filterpy", "open3d", "numba")
@@ -137,7 +138,7 @@ def _short_computation() -> str:
     hashed = sha256()
     for library in ("scipy.linalg", "scipy.special"):  # only what is loaded can be held to one thread
         importlib.import_module(library)
-    with importlib.import_module("threadpoolctl").threadpool_limits(1):
+    with blas_on_one_thread():
         for size in SIZES:
             for array in (*_of_matrices(size), *_of_numbers(size * size)):
                 hashed.update(np.ascontiguousarray(array).tobytes())

@@ -82,7 +82,7 @@ def check_estimators(
     problem: Problem | None,
     folder: Path,
     mistakes: Mistakes,
-    space: StateSpace | None = None,
+    space: StateSpace | None,
 ) -> None:
     """Note what is wrong with the estimators of a study; of a plug-in, only whether there is such a file.
 
