@@ -126,7 +126,7 @@ def test_few_covariances_are_judged_like_many() -> None:
 
 
 def test_a_problem_knows_one_heading() -> None:
-    """Its sensor's was taken, whatever the space said; states with other components are another matter."""
+    """Its sensor's was taken, whatever the space said."""
     room, north, east = RectangularRoom(4.0, 6.0), position_space(0.0), position_space(0.5 * np.pi)
     sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), north)
     assert Problem(position_space(0.0), Stationary(north), sensor, Uniform(room, north)).sensor is sensor
@@ -134,3 +134,11 @@ def test_a_problem_knows_one_heading() -> None:
         ValueError, match=r"the known heading is 1\.5708 rad in the problem's space and 0 rad in"
     ):
         Problem(east, Stationary(east), sensor, Uniform(room, east))
+
+
+def test_a_problem_and_its_sensor_have_the_same_components() -> None:
+    """Otherwise an estimator meets readings' derivatives of another length, deep inside."""
+    room, known, unknown = RectangularRoom(4.0, 6.0), position_space(), pose_space()
+    sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), known)
+    with pytest.raises(ValueError, match="x1, x2, heading in the problem's space and x1, x2 in the"):
+        Problem(unknown, Stationary(unknown), sensor, Uniform(room, unknown))

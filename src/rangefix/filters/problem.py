@@ -251,7 +251,7 @@ class Problem:
     """All that an estimator may know: the space, the motion, the sensor with its map, and the prior.
 
     Raises:
-        ValueError: If the sensor is told of another known heading.
+        ValueError: If the sensor is told of other components or of another known heading.
     """
 
     space: StateSpace
@@ -261,6 +261,11 @@ class Problem:
 
     def __post_init__(self) -> None:
         told = self.sensor.space
+        if told.names != self.space.names:
+            raise ValueError(
+                f"the components are {', '.join(self.space.names)} in the problem's space and "
+                f"{', '.join(told.names)} in the sensor's: give both the same space"
+            )
         if told.names == self.space.names and told.heading != self.space.heading:
             raise ValueError(
                 f"the known heading is {self.space.heading:g} rad in the problem's space and "

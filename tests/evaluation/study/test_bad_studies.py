@@ -125,6 +125,9 @@ SEVERAL = {  # what is added to the study -> what is said, line by line
         "estimators[3].options.a_deg: must be a number of degrees",
         "estimators[3].options.b_deg: must be a number of degrees",
     ),
+    DRIVE + "steps = 3\nconfined = false\ntries = 5\n": (
+        "motion.tries: has no effect with confined = false",
+    ),
     DRIVE + "waypoints_m = [[1, 1], [1, 1], [2, 2], [2, 2]]\n": (
         "motion: waypoint 2 is where the one before it is; waypoint 4 is where",
     ),

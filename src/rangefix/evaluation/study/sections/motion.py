@@ -71,6 +71,12 @@ class WalledMotion(MotionSection):
     confined: bool = Field(default=True, description="whether steps into or through walls are drawn again")
     tries: MoreThanNone = Field(default=10, description="most draws for a step; then the object stays")
 
+    @model_validator(mode="after")
+    def _tries_count(self) -> WalledMotion:
+        if "tries" in self.model_fields_set and not self.confined:
+            raise Misfit("tries", "has no effect with confined = false: no step is drawn again then")
+        return self
+
     def build(self, room: RangeMap, space: StateSpace) -> Motion:
         """The motion in a map."""
         free = self.free(space)
