@@ -118,7 +118,6 @@ def calibrate(
                 "independent_beams": found.independent_beams,
                 "offset": None if found.offset is None else _offset(found.offset),
                 "fitted": fitted.figures(),
-                "std_at_best_poses_m": found.std_at_best_poses,
                 "intervals": found.intervals,
                 "places": [{"share": p.share, "length_m": p.length} for p in fitted.correlated.places],
                 "files": [str(file) for file in files],
@@ -155,10 +154,9 @@ def _tell(found: Calibration) -> None:
     say(f"{scans} scans of {beams} beams, at {'true poses' if residuals.from_truth else 'poses of a filter'}")
     if not residuals.from_truth:
         say(
-            "A filter's poses err, which makes hits scatter by more and errors look alike, and they follow "
-            "what readings err by together."
+            "A filter's poses err, so each scan is moved to the pose that fits it best. Errors of the map "
+            "that look like another pose are not seen: a scan may be worth less than is said."
         )
-        say(f"Where each scan is moved to fit best, hits scatter by {found.std_at_best_poses:.4g} m.")
     for name, text in WORDS.items():
         low, high = found.intervals[name]
         say(f"  {text:<52} {fitted.figures()[name]:8.4g}   [{low:.4g}, {high:.4g}]")

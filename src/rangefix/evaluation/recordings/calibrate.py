@@ -8,15 +8,28 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray
-from ...filters import BeamMixture, Biased, Correlated, LostBeams, Rangefinder
-from .fit_noise import LARGEST_SCORE, CorrelationCurve, correlation_curve, fit_correlation, fit_law, scores_of
+from ...filters import BeamMixture, Correlated, LostBeams, Rangefinder
+from ...filters.models.wrapped_noise import reading_bias
+from .fit_noise import (
+    STEP_M,
+    VALUES_AT_ONCE,
+    CorrelationCurve,
+    ScanFits,
+    correlation_curve,
+    distances,
+    fit_at_best_poses,
+    fit_correlation,
+    fit_law,
+    hits_of,
+    scores_of,
+)
 from .frame_offset import frame_offset
 from .residuals import Residuals
 
 BLOCKS = 10  # of consecutive scans, and of places on walls, left out one at a time for intervals
 LEAST_SCANS = 20
 ODD_STD_M = 0.5  # beyond it readings and map do not belong together
-STEP_M = 1e-4  # of numerical derivatives by a range
+ROUNDS = 2  # in which scans are moved to their best poses: from a law that is too wide, then from theirs
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
 STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with BLOCKS - 1 degrees of freedom
 
@@ -45,15 +58,12 @@ class Fitted:
     @property
     def mixture(self) -> BeamMixture:
         """How readings that return scatter."""
-        biased = self.law.noise
-        assert isinstance(biased, Biased)
-        assert isinstance(biased.noise, BeamMixture)
-        return biased.noise
+        return hits_of(self.law)
 
     @property
     def bias(self) -> float:
         """By how much readings of walls are too long, m."""
-        return self.law.noise.bias if isinstance(self.law.noise, Biased) else 0.0
+        return reading_bias(self.law)
 
     def figures(self) -> dict[str, float]:
         """What was fitted, by name; lengths in metres."""
@@ -79,7 +89,9 @@ class Calibration:
     """The noise of a recording on a map, with intervals.
 
     Attributes:
-        residuals: What it was fitted to.
+        residuals: Readings, and the poses where they were taken.
+        expected: Ranges of the map that it was fitted to, (T, B), m: at these poses or, where a filter
+            followed them, of hits at the pose that fits each scan best.
         fitted: To all of them.
         leaving_out: To all but a block of consecutive scans, for each block.
         leaving_out_places: To all but the readings of a block of places, for each block.
@@ -88,6 +100,7 @@ class Calibration:
     """
 
     residuals: Residuals
+    expected: Array
     fitted: Fitted
     leaving_out: tuple[Fitted, ...]
     leaving_out_places: tuple[Fitted, ...]
@@ -105,15 +118,6 @@ class Calibration:
     def independent_beams(self) -> float:
         """How many independent beams a scan is worth."""
         return self.fitted.weight * len(self.residuals.beams)
-
-    @cached_property
-    def std_at_best_poses(self) -> float:
-        """Scatter of hits, m, where each scan is at the pose that fits it best, less what such a fit takes.
-
-        Of independent readings it is their standard deviation, wherever poses were off; errors that a scan
-        shares are not in it as far as they look like another pose. NaN where no scan has a reading to spare.
-        """
-        return std_at_best_poses(Arrays.of(self.residuals), self.fitted.law)
 
     @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -147,6 +151,8 @@ def calibrate(residuals: Residuals) -> Calibration:
     if scans < LEAST_SCANS:
         raise ValueError(f"{scans} scans are too few to fit noise to: {LEAST_SCANS} at least")
     arrays = Arrays.of(residuals)
+    if not residuals.from_truth:
+        arrays = arrays.at_best_poses()
     fitted = fit_noise(arrays, residuals.from_truth)
     blocks = np.array_split(np.arange(scans), BLOCKS)
     others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
@@ -154,7 +160,7 @@ def calibrate(residuals: Residuals) -> Calibration:
         fit_noise(arrays.unmeasured(block), residuals.from_truth) for block in blocks_of_places(arrays.ends)
     )
     offset = frame_offset(residuals, fitted.law) if residuals.from_truth else None
-    return Calibration(residuals, fitted, others, elsewhere, offset)
+    return Calibration(residuals, arrays.expected, fitted, others, elsewhere, offset)
 
 
 @dataclass(frozen=True)
@@ -184,6 +190,16 @@ class Arrays:
         ends = sensor.ends(sensor.mount.laser_poses(sensor.space.poses(poses)), expected)
         return cls(sensor, poses, residuals.readings, expected, ends, slopes)
 
+    def at_best_poses(self) -> Arrays:
+        """The same with hits where they are seen from the pose that fits each scan best, to first order."""
+        found = self
+        for _ in range(ROUNDS):
+            law = fit_law(found.readings, found.expected, found.sensor.max_range)
+            fits = ScanFits.of(law, found.readings, found.expected, found.slopes)
+            moved = (found.slopes @ fits.moves[..., None])[..., 0]
+            found = replace(found, expected=found.expected + moved)
+        return found
+
     def without(self, block: IntArray) -> Arrays:
         """The same without some scans."""
         parts = (self.poses, self.readings, self.expected, self.ends, self.slopes)
@@ -205,11 +221,23 @@ def blocks_of_places(ends: Array) -> list[BoolArray]:
 
 
 def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
-    """Fit the noise of readings to residuals, and how much a reading is worth."""
+    """Fit the noise of readings to residuals, and how much a reading is worth.
+
+    Args:
+        arrays: Residuals at true poses, or at the best poses of scans.
+        from_truth: Which of the two.
+    """
     law = fit_law(arrays.readings, arrays.expected, arrays.sensor.max_range)
-    scores = scores_of(law, arrays.readings, arrays.expected)
-    curve = correlation_curve(scores, arrays.ends)
-    correlated = fit_correlation(curve, law)
+    if from_truth:
+        scores = scores_of(law, arrays.readings, arrays.expected)
+        curve = correlation_curve(scores, arrays.ends)
+        correlated = fit_correlation(curve, law)
+    else:
+        fits = ScanFits.of(law, arrays.readings, arrays.expected, arrays.slopes)
+        correlated, curve = fit_at_best_poses(law, fits, arrays.ends)
+        assert isinstance(correlated.noise, LostBeams)
+        law = correlated.noise
+        scores = scores_of(law, arrays.readings, arrays.expected)
     scans = _memory(arrays.poses, correlated)
     weigh = _weight_of_scores if from_truth else _weight_of_model
     return Fitted(
@@ -220,24 +248,6 @@ def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
         weigh(arrays, correlated, scores, 0),
         scans,
     )
-
-
-def std_at_best_poses(arrays: Arrays, law: LostBeams) -> float:
-    """Scatter of hits where the pose of each scan is moved to fit it best: see `Calibration`."""
-    biased = law.noise
-    assert isinstance(biased, Biased)
-    assert isinstance(biased.noise, BeamMixture)
-    with np.errstate(invalid="ignore"):  # of beams that did not return, or meet no wall
-        off = arrays.readings - arrays.expected - biased.bias
-        hits = np.abs(off) < LARGEST_SCORE * biased.noise.std
-    off = np.where(hits, off, 0.0)
-    slopes = np.where(hits[..., None], arrays.slopes, 0.0)
-    squares = spare = 0.0
-    for scan, (residual, moved) in enumerate(zip(off, slopes, strict=True)):
-        _, _, rank, _ = fit = np.linalg.lstsq(moved, residual, rcond=None)
-        squares += float(np.square(residual - moved @ fit[0]).sum())
-        spare += int(hits[scan].sum()) - int(rank)
-    return float(np.sqrt(squares / spare)) if spare > 0 else float("nan")
 
 
 def _memory(poses: Array, correlated: Correlated) -> int:
@@ -287,14 +297,16 @@ def _weight_of_model(arrays: Arrays, correlated: Correlated, scores: Array, scan
     information = square * np.einsum("tbi,tbj->ij", slopes, slopes)
     spread = np.zeros_like(information)
     alone = correlated.white * np.eye(slopes.shape[1]) + correlated.scan
+    at_once = max(1, VALUES_AT_ONCE // slopes.shape[1] ** 2)
     for lag in range(min(scans, len(slopes) - 1) + 1):
         share = (1 - lag / (scans + 1)) * square
-        for first in range(len(slopes) - lag):
-            one, two = arrays.ends[first], arrays.ends[first + lag]
-            distance = np.hypot(*(one[:, None] - two[None]).transpose(2, 0, 1))
+        for first in range(0, len(slopes) - lag, at_once):
+            one = slice(first, min(first + at_once, len(slopes) - lag))
+            two = slice(one.start + lag, one.stop + lag)
+            distance = distances(arrays.ends[one], arrays.ends[two])
             shared = sum((place.share * np.exp(-distance / place.length) for place in correlated.places), 0.0)
             shared = shared + (alone if lag == 0 else 0.0)
-            cross = share * slopes[first].T @ shared @ slopes[first + lag]
+            cross = share * np.einsum("tbi,tbj->ij", slopes[one], shared @ slopes[two])
             spread += cross if lag == 0 else cross + cross.T
     return _share(information, spread)
 

@@ -3,26 +3,40 @@
 First the law of each reading by itself, by maximum likelihood of a beam mixture (Thrun, Burgard and Fox,
 2005, section 6.3); then the correlation of its normal scores, as shares that fall with the distance of the
 places that beams meet, within a scan and from scan to scan, by least squares with non-negative shares.
+
+Poses that were estimated err, by an error that all beams of a scan share. So each scan is moved to the pose
+that fits it best, which leaves (I - H) e of errors e, with H the projection on the derivatives of the ranges
+by the pose; and shares are fitted to what that leaves of them: moments of quadratic forms that poses do not
+enter (Rao, 1971, "Estimation of variance and covariance components").
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, IntArray
 from ...filters import BeamMixture, Biased, Correlated, LostBeams, PlaceError
 from ...filters.models.normal_scores import normal_scores
+from ...filters.models.wrapped_noise import reading_bias
 
 FULL_REACH = 0.95  # of the maximum range, up to which a wall should return a beam
 LENGTHS_M = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0)  # that correlation may fall over
 EDGES_M = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
+MIDDLES_M = 0.5 * (np.array(EDGES_M[1:]) + EDGES_M[:-1])
 LAGS = (0, 1, 2, 5, 10, 20, 50)  # scans between the pairs that are compared
 MOST_PAIRS = 400_000  # for each lag
 LARGEST_SCORE = 3.0  # beyond which readings are of something else
 FIRST_STEPS = (0.5, 0.5, 0.3, 0.3, 0.5)  # of the search for a law; from 0 it would begin with 0.00025
+LEAST_PAIRS = 30  # that a mean is taken over
+SCANS_COMPARED = 20, 200  # for each lag, at least and at most
+VALUES_AT_ONCE = 2_000_000  # of covariances of scans
+STEP_M = 1e-4  # of numerical derivatives by a range
+FARTHEST = (0.3, 0.3, 0.2)  # m, m, rad: about so far may a scan be from where a filter has it
+FLAT = 1e-10  # of the greatest: information about a pose below which a scan tells nothing of it
 NO_SHARE = 0.02  # of a variance, below which a part is left out
 
 
@@ -91,6 +105,14 @@ def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams
     return LostBeams(law(found.x), lost)
 
 
+def hits_of(law: LostBeams) -> BeamMixture:
+    """How readings that return scatter by a law that was fitted."""
+    biased = law.noise
+    assert isinstance(biased, Biased)
+    assert isinstance(biased.noise, BeamMixture)
+    return biased.noise
+
+
 def scores_of(law: LostBeams, readings: Array, expected: Array) -> Array:
     """Normal scores of the readings of walls, (T, B); NaN where there is none, or it is of something else."""
     usable = np.isfinite(readings) & np.isfinite(expected)
@@ -116,9 +138,8 @@ def correlation_curve(scores: Array, ends: Array, seed: int = 0) -> CorrelationC
         np.add.at(sums[across], place[good], product[good])
         np.add.at(counts[across], place[good], 1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        means = np.where(counts >= 30, sums / counts, np.nan) / np.nanvar(scores)
-    edges = np.array(EDGES_M)
-    return CorrelationCurve(0.5 * (edges[1:] + edges[:-1]), means[0], means[1], counts)
+        means = np.where(counts >= LEAST_PAIRS, sums / counts, np.nan) / np.nanvar(scores)
+    return CorrelationCurve(MIDDLES_M, means[0], means[1], counts)
 
 
 def fit_correlation(curve: CorrelationCurve, law: LostBeams) -> Correlated:
@@ -131,15 +152,147 @@ def fit_correlation(curve: CorrelationCurve, law: LostBeams) -> Correlated:
     used: BoolArray = np.isfinite(seen)
     weights = np.sqrt(np.sqrt(curve.pairs.ravel()[used]))
     best: tuple[float, Array, tuple[float, float]] | None = None
-    for place, short in enumerate(LENGTHS_M):
-        for long in LENGTHS_M[place + 1 :]:
-            columns = np.column_stack([np.exp(-distance / short), np.exp(-distance / long), same_scan])[used]
-            shares, rest = nnls(columns * weights[:, None], seen[used] * weights)
-            if best is None or rest < best[0]:
-                best = rest, shares, (short, long)
+    for short, long in combinations(LENGTHS_M, 2):
+        columns = np.column_stack([np.exp(-distance / short), np.exp(-distance / long), same_scan])[used]
+        shares, rest = nnls(columns * weights[:, None], seen[used] * weights)
+        if best is None or rest < best[0]:
+            best = rest, shares, (short, long)
     assert best is not None
-    shares = best[1] / max(1.0, best[1].sum())
-    parts = zip(shares[:2], best[2], strict=True)
+    return _correlated(law, best[1] / max(1.0, best[1].sum()), best[2])
+
+
+def _correlated(law: LostBeams, shares: Array, lengths: tuple[float, float]) -> Correlated:
+    """A law with errors of the map of two lengths, and one of each scan: three shares, the small left out."""
+    parts = zip(shares[:2], lengths, strict=True)
     places = tuple(PlaceError(float(share), length) for share, length in parts if share > NO_SHARE)
-    scan = float(shares[2]) if shares[2] > NO_SHARE else 0.0
-    return Correlated(law, scan=scan, places=places)
+    return Correlated(law, scan=float(shares[2]) if shares[2] > NO_SHARE else 0.0, places=places)
+
+
+@dataclass(frozen=True)
+class ScanFits:
+    """Scans, each at the pose that fits it best by least squares of normal scores, to first order.
+
+    Attributes:
+        used: Which readings have a score, (T, B).
+        left: Their scores there, (T, B); 0 for other readings.
+        slopes: Derivatives of the scores by the pose, (T, B, n); 0 for other readings.
+        inverse: Of the products of slopes, (T, n, n); 0 along what a scan tells nothing of.
+        moves: From where scans were taken to be to these poses, (T, n).
+    """
+
+    used: BoolArray
+    left: Array
+    slopes: Array
+    inverse: Array
+    moves: Array
+
+    @classmethod
+    def of(cls, law: LostBeams, readings: Array, expected: Array, slopes: Array) -> ScanFits:
+        """Fits of readings (T, B), from poses with ranges (T, B) and derivatives of these (T, B, n)."""
+        scores = scores_of(law, readings, expected)
+        used = np.isfinite(scores)
+        read, ranges = readings[used], expected[used]
+        change = np.zeros(readings.shape)
+        change[used] = normal_scores(law, read, ranges + STEP_M) - normal_scores(law, read, ranges - STEP_M)
+        slopes = np.where(used[..., None], slopes, 0.0) * (change / (2 * STEP_M))[..., None]
+        scores, across = np.where(used, scores, 0.0), np.swapaxes(slopes, 1, 2)
+        information = across @ slopes
+        inverse = np.asarray(np.linalg.pinv(information, rcond=FLAT, hermitian=True), dtype=float)
+        pull = across @ scores[..., None]
+        left = scores - (slopes @ (inverse @ pull))[..., 0]
+        moves = np.linalg.solve(information + np.diag(1 / np.square(FARTHEST)), -pull)[..., 0]
+        return cls(used, left, slopes, inverse, np.asarray(moves, dtype=float))
+
+    def leave(self, one: IntArray, two: IntArray, covariances: Array) -> Array:
+        """What fits leave of covariances of errors between scans one and two, (t,), (t, K, B, B)."""
+        pairs = self.used[one][:, :, None] & self.used[two][:, None]
+        found = np.where(pairs[:, None], covariances, 0.0)
+        for scans in (one, two):  # of rows, then of columns: turned each time
+            slopes, inverse = self.slopes[scans][:, None], self.inverse[scans][:, None]
+            taken = slopes @ (inverse @ (np.swapaxes(slopes, -1, -2) @ found))
+            found = np.swapaxes(found - taken, -1, -2)
+        return found
+
+
+def fit_at_best_poses(law: LostBeams, fits: ScanFits, ends: Array) -> tuple[Correlated, CorrelationCurve]:
+    """Shares of the variance as in `fit_correlation`, by what fits of poses leave of such errors.
+
+    An error that is like another pose of the robot throughout is not seen, whatever its share.
+
+    Args:
+        law: Of each reading by itself, at the best poses.
+        fits: The scans there.
+        ends: Where beams meet walls, (T, B, 2), m.
+
+    Returns:
+        The law, as wide as errors are before fits take their part of them, with the errors that readings
+        share; and what these were fitted to, with what fits take put back by the fitted shares.
+    """
+    from scipy.optimize import nnls
+
+    seen, parts, pairs = _moments(fits, ends)
+    used = pairs >= LEAST_PAIRS
+    weights = np.sqrt(np.sqrt(pairs[used]))
+    means, columns = seen[used] / pairs[used], parts[used] / pairs[used][:, None]
+    best: tuple[float, Array, tuple[int, int]] | None = None
+    for short, long in combinations(range(len(LENGTHS_M)), 2):
+        chosen = columns[:, [short, long, -2, -1]]
+        found, rest = nnls(chosen * weights[:, None], means * weights)
+        if best is None or rest < best[0]:
+            best = rest, found, (short, long)
+    assert best is not None
+    _, variances, (short, long) = best
+    total, left = float(variances.sum()), float(np.square(fits.left[fits.used]).mean())
+    if not (total > 0 and left > 0):  # readings without any noise
+        none = np.zeros(len(MIDDLES_M))
+        return Correlated(law), CorrelationCurve(MIDDLES_M, none, none, pairs[:, 1:])
+    shares, lengths = variances[:3] / total, (LENGTHS_M[short], LENGTHS_M[long])
+    model = shares[:2] @ np.exp(-MIDDLES_M / np.array(lengths)[:, None]) + np.outer([shares[2], 0.0], 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rests = (seen - parts[..., [short, long, -2, -1]] @ variances) / pairs / total
+    within, across = np.where(used, rests, np.nan)[:, 1:] + model
+    hits = hits_of(law)
+    wider = replace(hits, std=hits.std * float(np.sqrt(total / left)))
+    law = replace(law, noise=Biased(wider, reading_bias(law)))
+    return _correlated(law, shares, lengths), CorrelationCurve(MIDDLES_M, within, across, pairs[:, 1:])
+
+
+def distances(one: Array, two: Array) -> Array:
+    """Between ends of beams of scans, (t, B, 2), (t, B, 2) -> (t, B, B) m; inf where a beam has no end."""
+    with np.errstate(invalid="ignore"):
+        away = np.hypot(*np.moveaxis(one[:, :, None] - two[:, None], -1, 0))
+    return np.where(np.isnan(away), np.inf, away)
+
+
+def _moments(fits: ScanFits, ends: Array) -> tuple[Array, Array, Array]:
+    """Sums over pairs of beams of one scan and of two, (2, 1 + D): a beam with itself, then by distance.
+
+    Returns:
+        Of products of what fits leave, (2, 1 + D); of what they would leave of errors of variance one, errors
+        of the map of each of LENGTHS_M, then one of a scan, then a reading's own, (2, 1 + D, L + 2); and how
+        many pairs these are, (2, 1 + D).
+    """
+    scans, beams = fits.used.shape
+    bins, kinds = len(EDGES_M), len(LENGTHS_M) + 2
+    seen, pairs, parts = np.zeros((2, bins)), np.zeros((2, bins)), np.zeros((2, bins, kinds))
+    most = int(np.clip(MOST_PAIRS // beams**2, *SCANS_COMPARED))
+    at_once = max(1, VALUES_AT_ONCE // (beams**2 * kinds))
+    for lag in (lag for lag in LAGS if lag < scans):
+        compared = np.unique(np.linspace(0, scans - lag - 1, min(most, scans - lag)).astype(np.int64))
+        for one in np.array_split(compared, -(-len(compared) // at_once)):
+            two, across = one + lag, int(lag > 0)
+            good = fits.used[one][:, :, None] & fits.used[two][:, None]
+            distance = np.where(good, distances(ends[one], ends[two]), np.inf)
+            place = np.digitize(distance, EDGES_M)
+            errors = [np.exp(-distance / length) for length in LENGTHS_M]
+            if lag == 0:
+                place[:, range(beams), range(beams)] = 0
+                errors += [np.ones_like(distance), np.broadcast_to(np.eye(beams), distance.shape)]
+            good &= place < bins
+            where, products = place[good], fits.left[one][:, :, None] * fits.left[two][:, None]
+            left = fits.leave(one, two, np.stack(errors, axis=1))
+            seen[across] += np.bincount(where, products[good], bins)
+            pairs[across] += np.bincount(where, minlength=bins)
+            for kind in range(left.shape[1]):
+                parts[across, :, kind] += np.bincount(where, left[:, kind][good], bins)
+    return seen, parts, pairs

@@ -7,6 +7,10 @@ import numpy as np
 from .calibrate import Calibration
 
 DIGITS = 6
+AT_BEST_POSES = [
+    "# Those err, so each scan was moved to the pose that fits it best. Errors of the map that look like",
+    "# another pose are not seen: a scan may be worth less than is said.",
+]
 
 
 def sensor_text(calibration: Calibration, map_name: str, log_name: str) -> str:
@@ -22,7 +26,6 @@ def sensor_text(calibration: Calibration, map_name: str, log_name: str) -> str:
     fitted, sensor = calibration.fitted, calibration.residuals.sensor
     scans, beams = calibration.residuals.readings.shape
     poses = "the given true poses" if calibration.residuals.from_truth else "poses that a filter followed"
-    width = f"hits scatter by {calibration.std_at_best_poses:.4g} m"
     lines = [
         *(
             f"# {text}"
@@ -31,11 +34,7 @@ def sensor_text(calibration: Calibration, map_name: str, log_name: str) -> str:
         ),
         f"# Fitted by rangefix calibrate to {scans} scans of {_plain(log_name)}",
         f"# on the map {_plain(map_name)}, at {poses}.",
-        *(
-            []
-            if calibration.residuals.from_truth
-            else [f"# Those err, too: where each scan is moved to fit best, {width}."]
-        ),
+        *([] if calibration.residuals.from_truth else AT_BEST_POSES),
         f"# A scan of {beams} beams is worth {calibration.independent_beams:.1f} independent ones.",
         "# Intervals of 95 %:",
         *(

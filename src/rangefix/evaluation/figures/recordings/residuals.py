@@ -25,15 +25,15 @@ def draw_residuals(calibration: Calibration) -> Figure:
 
 
 def _draw_law(axes: Axes, calibration: Calibration) -> None:
-    fitted, residuals = calibration.fitted, calibration.residuals
-    expected, readings = residuals.expected, residuals.readings
+    fitted, expected, readings = calibration.fitted, calibration.expected, calibration.residuals.readings
     good = np.isfinite(readings) & np.isfinite(expected)
     found = readings[good] - expected[good]
     low, high = (fitted.bias + side * REACH * fitted.mixture.std for side in (-1, 1))
     edges = np.linspace(low, high, BINS)
     counts, _ = np.histogram(found, edges)
     density = counts / (len(found) * np.diff(edges))
-    axes.stairs(density, edges, color=TRUE, label="residuals")
+    where = "" if calibration.residuals.from_truth else ", scans at their best poses"
+    axes.stairs(density, edges, color=TRUE, label=f"residuals{where}")
     places = np.linspace(low, high, CURVE_POINTS)
     middle = float(np.median(expected[good]))
     model = np.exp(fitted.law.noise.log_density(middle + places, np.full(CURVE_POINTS, middle)))
