@@ -136,9 +136,13 @@ def test_a_problem_knows_one_heading() -> None:
         Problem(east, Stationary(east), sensor, Uniform(room, east))
 
 
-def test_a_problem_and_its_sensor_have_the_same_components() -> None:
-    """Otherwise an estimator meets readings' derivatives of another length, deep inside."""
+def test_a_heading_is_known_to_a_problem_and_its_sensor_or_to_neither() -> None:
+    """Otherwise an estimator meets derivatives of another length, deep inside."""
     room, known, unknown = RectangularRoom(4.0, 6.0), position_space(), pose_space()
-    sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), known)
-    with pytest.raises(ValueError, match="x1, x2, heading in the problem's space and x1, x2 in the"):
-        Problem(unknown, Stationary(unknown), sensor, Uniform(room, unknown))
+    for space, other, says in (
+        (unknown, known, "known in the sensor's space and estimated in the problem's"),
+        (known, unknown, "known in the problem's space and estimated in the sensor's"),
+    ):
+        sensor = Rangefinder(room, np.zeros(1), Gaussian(0.05), other)
+        with pytest.raises(ValueError, match=says):
+            Problem(space, Stationary(space), sensor, Uniform(room, space))

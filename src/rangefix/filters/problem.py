@@ -251,7 +251,7 @@ class Problem:
     """All that an estimator may know: the space, the motion, the sensor with its map, and the prior.
 
     Raises:
-        ValueError: If the sensor is told of other components or of another known heading.
+        ValueError: If the sensor knows the heading and the problem does not, or the other way round, or another.
     """
 
     space: StateSpace
@@ -261,10 +261,11 @@ class Problem:
 
     def __post_init__(self) -> None:
         told = self.sensor.space
-        if told.names != self.space.names:
+        if (told.heading is None) != (self.space.heading is None):
+            knows, does_not = ("sensor", "problem") if self.space.heading is None else ("problem", "sensor")
             raise ValueError(
-                f"the components are {', '.join(self.space.names)} in the problem's space and "
-                f"{', '.join(told.names)} in the sensor's: give both the same space"
+                f"the heading is known in the {knows}'s space and estimated in the {does_not}'s: "
+                "give both the same space"
             )
         if told.names == self.space.names and told.heading != self.space.heading:
             raise ValueError(

@@ -161,9 +161,8 @@ def test_refusals() -> None:
         Planner(problem, EVEN).plan(14)
     with pytest.raises(ValueError, match="choose by exchange"):
         Planner(problem, np.linspace(-1, 1, 300)).plan(3, "exhaustive")
-    moving = replace(problem, space=velocity_space(), sensor=replace(sensor, space=velocity_space()))
     with pytest.raises(ValueError, match="x1, x2 and heading, not for"):
-        Planner(moving, EVEN)
+        Planner(replace(problem, space=velocity_space()), EVEN)
     own = replace(
         problem, sensor=replace(sensor, noise=Gaussian(np.linspace(0.01, 0.1, len(sensor.bearings))))
     )
