@@ -251,7 +251,7 @@ class Problem:
     """All that an estimator may know: the space, the motion, the sensor with its map, and the prior.
 
     Raises:
-        ValueError: If the sensor knows the heading and the problem does not, or the other way round, or another.
+        ValueError: If the heading is known to the sensor alone, or to all but it, or another to it.
     """
 
     space: StateSpace
