@@ -13,7 +13,18 @@ from rangefix.arrays import Array
 from rangefix.evaluation import load_study
 from rangefix.evaluation.planning import accuracy_map as module
 from rangefix.evaluation.planning.accuracy_map import AccuracyMap, accuracy_map
-from rangefix.filters import BeamMixture, Gaussian, Rangefinder, build, sweep
+from rangefix.filters import (
+    BeamMixture,
+    Biased,
+    Gaussian,
+    LostBeams,
+    Quantised,
+    Rangefinder,
+    StudentT,
+    build,
+    sweep,
+)
+from rangefix.filters.models.noise import CumulativeNoise
 from rangefix.maps import FloorPlan, RectangularRoom
 
 from ..bounds.problems import located
@@ -167,3 +178,32 @@ def test_a_room_longer_than_a_mixture_reaches() -> None:
         row, column = np.abs(found.x2 - 5.0).argmin(), np.abs(found.x1 - 3.0).argmin()
         near[place] = np.diagonal(found.covariance[row, column])
     np.testing.assert_allclose(near[0], near[1], rtol=0.02)
+
+
+@pytest.mark.parametrize("std", [0.05, 0.01, 0.002])
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+def test_rounding_in_closed_form(std: float, lost: float) -> None:
+    """Readings of a wall met squarely, rounded to 5 cm: a variance of std^2 + step^2 / 12 for any std.
+
+    That is what a flat prior leaves on average over the places in a step: a Gaussian and an even law in sum.
+    The width of noise is known to 3 %. A beam that is lost in a fifth of the scans tells four fifths.
+    """
+    step, problem = 0.05, located(RectangularRoom(4.0, 6.0), [0.0, 90.0])
+    noise = LostBeams(Quantised(Gaussian(std), step), lost) if lost else Quantised(Gaussian(std), step)
+    sensor = replace(problem.sensor, noise=noise)  # type: ignore[type-var]
+    found = accuracy_map(problem, sensor, 0.5)
+    expected = np.sqrt(2 * (std**2 + step**2 / 12) / (1 - lost))
+    np.testing.assert_allclose(found.position_std, expected, rtol=0.03)
+
+
+@pytest.mark.parametrize("bias", [-0.3, 0.05, 0.1, 1.0])
+@pytest.mark.parametrize("noise", [Gaussian(0.05), Gaussian(0.01), StudentT(0.02, 3.0)])
+def test_a_bias_that_is_known_costs_nothing(noise: CumulativeNoise, bias: float) -> None:
+    """Readings less the bias are those without one."""
+    problem = located(two_arms(SHORTER), [0.0, 180.0])
+    plain, biased = (
+        accuracy_map(problem, replace(problem.sensor, noise=law), 0.5)  # type: ignore[type-var]
+        for law in (noise, Biased(noise, bias))
+    )
+    np.testing.assert_allclose(biased.covariance, plain.covariance, rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(biased.mistaken, plain.mistaken, rtol=0.02, atol=1e-6)

@@ -18,9 +18,12 @@ from rangefix.evaluation.planning.expected_covariance import (
     expected_covariance,
 )
 from rangefix.evaluation.planning.one_beam import noise_width
+from rangefix.evaluation.planning.reading_table import probabilities
 from rangefix.filters import (
     BeamMixture,
+    Biased,
     Gaussian,
+    LostBeams,
     Mount,
     Noise,
     Problem,
@@ -31,6 +34,7 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
+from rangefix.filters.models.noise import CumulativeNoise
 from rangefix.maps import FloorPlan, RectangularRoom
 
 from ..bounds.problems import l_shape, located
@@ -200,6 +204,44 @@ def test_the_width_of_any_noise() -> None:
     assert noise_width(Gaussian(0.05), 0.0, 6.0) == pytest.approx(0.05, rel=0.05)
     assert noise_width(RangeProportional(0.03, 0.02), 1.0, 6.0) == pytest.approx(0.06, rel=0.05)
     assert noise_width(NOISES[4], 1.0, 6.0) == pytest.approx(0.08, rel=0.1)
+
+
+@pytest.mark.parametrize("bias", [-0.3, 0.05, 0.1, 1.0])
+@pytest.mark.parametrize("noise", [Gaussian(0.05), StudentT(0.02, 3.0), Quantised(Gaussian(0.04), 0.1)])
+def test_a_bias_that_is_known_costs_nothing(noise: CumulativeNoise, bias: float) -> None:
+    """Readings less the bias are those without one: the width, E[P] and the information are the same.
+
+    Also where few ranges are expected, nearer together than the bias is long.
+    """
+    biased: Noise = Biased(noise, bias)
+    if isinstance(noise, Quantised):  # a bias of whole steps, before rounding as in a study
+        biased, bias = Quantised(Biased(noise.noise, 3 * noise.step), noise.step), 3 * noise.step
+    assert noise_width(biased, 1.0, 6.0) == pytest.approx(noise_width(noise, 1.0, 6.0), rel=1e-9)
+    problem = located(RectangularRoom(4.0, 6.0), [33.7, 90.0])
+    whole = prior_cells(problem)
+    corner = Cells.of(
+        whole.space, whole.centres, 1.0 * (whole.centres < [1.2, 1.1]).all(axis=1), whole.widths
+    )
+    for cells in (whole, corner.heavy()):
+        plain, shifted = (
+            expected_covariance(cells, replace(problem.sensor, noise=law))  # type: ignore[type-var]
+            for law in (noise, biased)
+        )
+        np.testing.assert_allclose(shifted.covariance, plain.covariance, rtol=2e-3, atol=1e-6)
+        np.testing.assert_allclose(shifted.information, plain.information, rtol=2e-3)
+
+
+def test_rounded_readings_of_beams_that_are_lost_now_and_then() -> None:
+    """They are multiples of the step, too: each as probable as without losses, times the share kept."""
+    rounded, share, expected = Quantised(Gaussian(0.02), 0.1), 0.2, np.array([[1.0], [1.03], [1.049]])
+    sensor = located(RectangularRoom(4.0, 6.0), [33.7]).sensor
+    assert isinstance(sensor, Rangefinder)
+    kept, some = (
+        probabilities(sensor, noise, noise_width(rounded, 1.0, 1.2), (1.0, 1.2), expected)
+        for noise in (rounded, LostBeams(rounded, share))
+    )
+    np.testing.assert_allclose(some[:, -1], share, rtol=1e-6)
+    np.testing.assert_allclose(some[:, :-1], (1 - share) * kept, rtol=1e-6, atol=1e-9)
 
 
 def brute(cells: Cells, ranges: Array, std: float, nodes: int) -> float:

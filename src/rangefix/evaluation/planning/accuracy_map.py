@@ -15,6 +15,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ...filters import Problem, Rangefinder
 from ...filters.models.noise_of_beams import noise_of_beams
+from ...filters.models.wrapped_noise import before_rounding, law_and_weight, reading_step
 from ...filters.problem import Noise
 from ...raster import Raster
 from .cells import beams_alike
@@ -26,6 +27,7 @@ RAYS_AT_ONCE = 2_000_000
 MOST_PLACES = 20_000_000  # of the box of the map, walls included
 RANGES = 400  # at which the information of a reading is worked out
 MOST_JUDGED = 60_000  # places for which look-alikes are sought
+PROBES = 33  # ranges at which the width of noise is looked for
 NUDGE = 0.02  # of the noise, by which ranges are moved for it
 
 
@@ -150,6 +152,23 @@ def _information(sensor: Rangefinder, reach: float) -> list[tuple[Array, Array]]
 
 
 def _fisher(sensor: Rangefinder, noise: Noise, reach: float) -> tuple[Array, Array]:
+    """Information of a reading about each range: Fisher's, and less where readings are rounded.
+
+    Fisher's information of rounded readings is none in the middle of a step and much at its ends, while the
+    posterior is as wide as the step. So rounding counts as an error of its own that is even over a step: the
+    information before it is multiplied by s^2 / (s^2 + step^2 / 12), s the width of the noise.
+    """
+    told, step = before_rounding(noise), reading_step(noise)
+    at, information = _unrounded(sensor, told, reach)
+    if step:
+        probed = np.linspace(0.0, reach, PROBES)
+        widths = np.interp(at, probed, [noise_width(told, place, place) for place in probed])
+        rounding = step**2 / 12 / law_and_weight(noise)[1]
+        information = information * widths**2 / (widths**2 + rounding)
+    return at, information
+
+
+def _unrounded(sensor: Rangefinder, noise: Noise, reach: float) -> tuple[Array, Array]:
     """Sum over readings of (d p / d range)^2 / p, by central differences; readings near each range only."""
     width = noise_width(noise, 0.0, reach)
     at = np.linspace(0.0, reach, RANGES)

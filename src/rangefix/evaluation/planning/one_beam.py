@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Array
+from ...filters.models.wrapped_noise import reading_bias
 from ...filters.problem import Noise
 
 PROBES = 33  # expected ranges at which the width is looked for
@@ -17,7 +18,8 @@ def noise_width(noise: Noise, low: float, high: float) -> float:
     """The standard deviation that a Gaussian of the same width at half its height would have, m.
 
     Where it differs from range to range it is the one that a tenth of the ranges fall short of: just before a
-    wall, short readings of a beam mixture have no room and no width.
+    wall, short readings of a beam mixture have no room and no width. A bias widens nothing: the peak is
+    looked for about the reading of a wall, which is its range and the bias.
 
     Args:
         noise: Of one beam.
@@ -27,15 +29,15 @@ def noise_width(noise: Noise, low: float, high: float) -> float:
     Raises:
         ValueError: If there is none.
     """
-    expected = np.linspace(low, high, PROBES)[:, None]
+    expected, bias = np.linspace(low, high, PROBES)[:, None], reading_bias(noise)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        peak = np.asarray(noise.log_density(expected, expected))
+        peak = np.asarray(noise.log_density(expected + bias, expected))
         readable = expected[peak > -np.inf]
         if len(readable):
             expected = np.linspace(readable[0], readable[-1], PROBES)[:, None]
-            peak = np.asarray(noise.log_density(expected, expected))
-        ahead = np.asarray(noise.log_density(expected + LADDER, expected))
-        behind = np.asarray(noise.log_density(expected - LADDER, expected))
+            peak = np.asarray(noise.log_density(expected + bias, expected))
+        ahead = np.asarray(noise.log_density(expected + bias + LADDER, expected))
+        behind = np.asarray(noise.log_density(expected + bias - LADDER, expected))
     top = np.maximum(peak, np.maximum(ahead, behind).max(axis=1, keepdims=True) - np.log(2))
     half = np.maximum(ahead, behind) < top - np.log(2)
     widths: Array = LADDER[half.argmax(axis=1)]

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import Rangefinder
-from ...filters.models.beam_noise import Quantised
 from ...filters.models.noise import log_below
 from ...filters.models.rangefinder import LIMIT_ROUNDING
+from ...filters.models.wrapped_noise import reading_bias, reading_step
 from ...filters.problem import Noise
 from .one_beam import noise_width
 
@@ -139,7 +139,8 @@ def probabilities(
     """Probabilities of all readings, (R, readings), for expected ranges (R, 1); rows sum to one."""
     limit = sensor.min_range * (1 - 10 * LIMIT_ROUNDING)  # a step at the limit is read
     least = limit if sensor.min_range else -np.inf
-    start, end = max(ends[0] - CORE * width, least), min(ends[1] + CORE * width, sensor.max_range)
+    low, high = np.array(ends) + reading_bias(noise)  # about which readings stand, not about the ranges
+    start, end = max(float(low) - CORE * width, least), min(float(high) + CORE * width, sensor.max_range)
     core, edges = np.empty((len(expected), 0)), (start, start)
     if end > start:
         places, step = _places(noise, width, start, end)
@@ -161,8 +162,8 @@ def probabilities(
 
 def _places(noise: Noise, width: float, start: float, end: float) -> tuple[Array, float]:
     """Readings that stand evenly, m, and how far apart; those of a noise with steps are multiples."""
-    if isinstance(noise, Quantised):
-        step = noise.step * max(1.0, np.floor(width / BINS_PER_WIDTH / noise.step))
+    if pitch := reading_step(noise):
+        step = pitch * max(1.0, np.floor(width / BINS_PER_WIDTH / pitch))
         places = step * np.arange(np.ceil(start / step - 1e-9), np.floor(end / step + 1e-9) + 1)
         if len(places):
             return np.asarray(places, dtype=float), float(step)

@@ -211,7 +211,8 @@ def recorded(
 ) -> Iterator[Believed]:
     """What an estimator that ran elsewhere believed at the times of scans; ends with the first unsound one.
 
-    Scans at whose time it has no pose are passed over. Its log evidence is not known: NaN.
+    Scans at whose time it has no pose are passed over. A pose is compared with the truth at its own time, and
+    once only where it is the nearest to several scans. Its log evidence is not known: NaN.
 
     Args:
         claimed: Its poses, with covariances.
@@ -223,13 +224,13 @@ def recorded(
     """
     lookout = None if lost is None else Lookout(problem, Watch(lost), random_stream(seed, LOOKOUT, 0))
     for step in steps:
-        true = truth(step)
         found = claimed.at(step.time_s)
+        true = truth(step if found is None else replace(step, time_s=found[0]))
         if found is None:
             if lookout is not None:
                 lookout.move(step)
             continue
-        mean, covariance = found
+        _, mean, covariance = found
         fit = residuals(problem, mean, step.measurement)
         believed = Believed(step, mean, covariance, np.nan, true, fit, 0.0)
         if lookout is not None and not believed.fault:

@@ -19,7 +19,8 @@ from numpy.random import Generator
 from ...arrays import Array, IntArray, keep_copies
 from ..problem import Noise, Sensor
 from .noise import CumulativeNoise
-from .normal_scores import normal_scores, readings_at
+from .noise_of_beams import noise_of_beams
+from .normal_scores import normal_scores, readings_at, spread_of_rounded
 from .wrapped_noise import WrapsNoise, law_and_weight
 
 WAVES = 256  # of a random field; its fourth moment is off by 1 / (2 WAVES) of a Gaussian's
@@ -143,7 +144,8 @@ class Correlated:
         """What readings of one scan weigh together beyond what each weighs by itself; nats.
 
         -1/2 log |R| - 1/2 z' (R^-1 - I) z for the normal scores z of the finite readings and their
-        correlation R. Beams end where they were read to end, which keeps R the same at all states.
+        correlation R. Beams end where they were read to end, which keeps R the same at all states. Rounding
+        is an error of each reading by itself, which makes its score wider and R less.
 
         Args:
             reading: Of one scan, (B,), m.
@@ -156,15 +158,21 @@ class Correlated:
         read = np.flatnonzero(np.isfinite(reading))
         if not read.size:
             return np.zeros(np.shape(expected)[:-1])
-        root = self._root(read, reading, bearings)
-        scores = normal_scores(self.noise, reading[read], np.asarray(expected)[..., read])
+        noise = noise_of_beams(self.noise, read, len(reading)) if len(read) < len(reading) else self.noise
+        spread = spread_of_rounded(noise, reading[read])
+        root = self._root(read, reading, bearings, spread)
+        scores = normal_scores(noise, reading[read], np.asarray(expected)[..., read])
+        scores = scores if spread is None else scores / spread
         white = scores @ np.linalg.inv(root).T
         return np.asarray(0.5 * ((scores**2).sum(-1) - (white**2).sum(-1)) - np.log(np.diagonal(root)).sum())
 
-    def _root(self, read: IntArray, reading: Array, bearings: Array) -> Array:
+    def _root(self, read: IntArray, reading: Array, bearings: Array, spread: Array | None) -> Array:
         """Lower Cholesky factor of the correlation of the beams that were read, (K, K)."""
         ends = reading[read, None] * np.column_stack([np.sin(bearings[read]), np.cos(bearings[read])])
-        return np.asarray(np.linalg.cholesky(self.correlation(read, ends) + NUGGET * np.eye(len(read))))
+        correlation = self.correlation(read, ends)
+        if spread is not None:
+            correlation = (correlation + np.diag(spread**2 - 1)) / spread[:, None] / spread
+        return np.asarray(np.linalg.cholesky(correlation + NUGGET * np.eye(len(read))))
 
     def sample_scans(self, expected: Array, ends: Array, rng: Generator) -> Array:
         """Consecutive scans of one drive, drawn together.

@@ -8,7 +8,8 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray
 from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian, RangeProportional
-from .wrapped_noise import Biased, LostBeams, reading_spread
+from .noise_of_beams import noise_of_beams
+from .wrapped_noise import Biased, LostBeams, reading_bias, reading_spread, reading_step
 
 LARGEST_SCORE = 37.0  # beyond it a normal number's probability has no digits
 FIRST_REACH = 4.0  # deviations, within which a reading is looked for first
@@ -44,6 +45,19 @@ def normal_scores(noise: CumulativeNoise, reading: Array, expected: Array) -> Ar
     return np.asarray(np.clip(scores, -LARGEST_SCORE, LARGEST_SCORE))
 
 
+def spread_of_rounded(noise: CumulativeNoise, reading: Array) -> Array | None:
+    """Standard deviations of the scores of rounded readings (K,); None where readings are not rounded.
+
+    They are those of readings before rounding and an error that is even over a step, of w^2 / 12 for a step
+    that is w scores wide about the reading.
+    """
+    if not (step := reading_step(noise)):
+        return None
+    wall = reading - reading_bias(noise)
+    low, high = (normal_scores(noise, reading + side * step, wall) for side in (-0.5, 0.5))
+    return np.asarray(np.sqrt(1 + (high - low) ** 2 / 12))
+
+
 def readings_at(noise: CumulativeNoise, scores: Array, expected: Array, rng: Generator) -> Array:
     """The readings that have these normal scores, m; `rng` loses beams and nothing else. inf = no return."""
     expected = np.asarray(expected, dtype=float)
@@ -61,6 +75,15 @@ def readings_at(noise: CumulativeNoise, scores: Array, expected: Array, rng: Gen
 
 def _by_halving(noise: CumulativeNoise, scores: Array, expected: Array) -> Array:
     """Where the probability of lower readings is that of lower scores; inf where none is so probable."""
+    beams = expected.shape[-1]
+    if beams > 1 and noise_of_beams(noise, 0, beams) is not noise:  # of each beam by itself
+        each = [
+            _by_halving(
+                noise_of_beams(noise, beam, beams), scores[..., beam, None], expected[..., beam, None]
+            )
+            for beam in range(beams)
+        ]
+        return np.concatenate(each, axis=-1)
     lower = scores < 0  # of the two tails, the one that has digits
     readings = np.empty(expected.shape)
     for side in (lower, ~lower):

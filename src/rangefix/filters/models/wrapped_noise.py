@@ -204,6 +204,16 @@ def reading_step(noise: Noise) -> float:
     return reading_step(noise.noise) if isinstance(noise, WrapsNoise) else 0.0
 
 
+def before_rounding(noise: Noise) -> Noise:
+    """The same noise without the steps that readings are rounded to."""
+    if isinstance(noise, Quantised):
+        return noise.noise
+    if not (isinstance(noise, WrapsNoise) and is_dataclass(noise)):
+        return noise
+    inner = before_rounding(noise.noise)
+    return noise if inner is noise.noise else replace(noise, noise=inner)
+
+
 def reading_spread(noise: Noise, expected: Array) -> Array:
     """How far readings scatter, m: their standard deviation, or 1.7 scales where heavy tails have none.
 

@@ -29,8 +29,11 @@ class ClaimedPoses(NamedTuple):
     means: Array
     covariances: Array
 
-    def at(self, time_s: float) -> tuple[Array, Array] | None:
-        """The pose and covariance nearest to a time, (3,) and (3, 3); None if none is within 0.05 s."""
+    def at(self, time_s: float) -> tuple[float, Array, Array] | None:
+        """The pose nearest to a time: its own time, s, itself (3,) and its covariance (3, 3).
+
+        None if none is within 0.05 s.
+        """
         if not len(self.times):
             return None
         place = int(np.searchsorted(self.times, time_s))
@@ -38,7 +41,7 @@ class ClaimedPoses(NamedTuple):
         best = min(near, key=lambda each: abs(float(self.times[each]) - time_s))
         if abs(float(self.times[best]) - time_s) > NEAR_S:
             return None
-        return self.means[best], self.covariances[best]
+        return float(self.times[best]), self.means[best], self.covariances[best]
 
 
 def is_claimed(name: str) -> bool:
