@@ -31,7 +31,6 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
-LARGEST_DEG = 3600  # of an angle that is typed
 PATHS = ("FILE", "DIR", "PATH", "LOG")  # as the help calls them
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 FILES = (  # what files end with, and hardly a folder
@@ -91,11 +90,12 @@ def refuse_turns(name: str, *degrees: float) -> None:
     Raises:
         ValueError: If there is one; NaN, too.
     """
+    from ..arrays import TEN_TURNS_DEG  # with numpy, which --help need not wait for
+
     for angle in degrees:
-        if not abs(angle) <= LARGEST_DEG:
-            raise ValueError(
-                f"{name}: an angle must be from -{LARGEST_DEG} to {LARGEST_DEG} deg, got {angle:g}"
-            )
+        if not abs(angle) <= TEN_TURNS_DEG:
+            limits = f"from -{TEN_TURNS_DEG} to {TEN_TURNS_DEG} deg"
+            raise ValueError(f"{name}: an angle must be {limits}, got {angle:g}")
 
 
 def names_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
