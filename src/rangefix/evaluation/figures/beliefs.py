@@ -15,13 +15,12 @@ from ...arrays import Array
 from ..results import Picture, Results, Scene
 from .data import FigureData
 from .errors import ellipse
-from .layout import small
+from .layout import MAX_BESIDE, small
 from .room import BEAM, draw_density, draw_truth, draw_walls
 from .sheet import Sheet
 from .style import CLAIMED, label_positions, symbol
 from .ticks import FittingLocator, even_numbers
 
-MAX_BESIDE = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
 SMALL, ENLARGED = 0.12, 0.4  # of the shorter side of a room: a belief that is shown enlarged, and how large
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a map
