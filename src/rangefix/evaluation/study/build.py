@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -176,7 +176,7 @@ def _start(study: StudySections, room: RangeMap, told: Problem | None, mistakes:
     return start
 
 
-def _box(lower: Any, upper: Any) -> str:
+def _box(lower: Array, upper: Array) -> str:
     return " x ".join(f"{low:g} to {high:g}" for low, high in zip(lower, upper, strict=True)) + " m"
 
 
