@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand
 
 from ..errors import CLEARED, printable, suggestion
 
+Name = TypeVar("Name", bound=str)
 HELP = """How far an indoor position estimate can be trusted: what estimators claim against what is true."""
 EPILOG = """Examples:
 
@@ -147,6 +148,18 @@ def folder_to_write(text: str) -> Path:
     return _no_file(named(text), "a folder is expected")
 
 
+def out_folder(help_text: str, panel: str | None = None) -> Any:
+    """The option `--out` of a command that writes a folder, with its help and the panel where that stands."""
+    return typer.Option(
+        "--out", "-o", parser=folder_to_write, metavar="DIR", help=help_text, rich_help_panel=panel
+    )
+
+
+def out_file(help_text: str) -> Any:
+    """The same of a command that writes a file."""
+    return typer.Option("--out", "-o", parser=named, metavar="FILE", help=help_text)
+
+
 def folder_or_picture(text: str) -> Path:
     """A picture to draw, or a folder as in `folder_to_write`.
 
@@ -270,8 +283,8 @@ def names_in(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str,
     return tuple(part.strip() for text in given for part in text.split(","))
 
 
-def one_of(name: str, known: Iterable[str], what: str) -> str:
-    """A name that is known.
+def one_of(name: str, known: Iterable[Name], what: str) -> Name:
+    """The one of the known names that was given.
 
     Raises:
         ValueError: If it is not, with what was meant.
@@ -279,7 +292,7 @@ def one_of(name: str, known: Iterable[str], what: str) -> str:
     names = list(known)
     if name not in names:
         raise ValueError(f"no {what} {name!r}; {suggestion(name, names)}")
-    return name
+    return names[names.index(name)]
 
 
 class ExitCode(IntEnum):
