@@ -180,7 +180,8 @@ def test_the_command_line_loads_nothing_heavy() -> None:
 def test_results_are_shown_without_what_makes_them() -> None:
     """Importing evaluation and the tables of the terminal leaves scipy and numba for those who need them."""
     code = (
-        "import sys, rangefix.evaluation, rangefix.evaluation.drawing, rangefix.cli.tables\n"
+        "import sys, rangefix.evaluation, rangefix.evaluation.drawing\n"
+        "import rangefix.cli.tables.study, rangefix.cli.tables.remarks, rangefix.cli.tables.comparisons\n"
         "print(sorted({'scipy.special', 'scipy.stats', 'numpy.f2py', 'numba'} & sys.modules.keys()))"
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -16,7 +16,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 Scalar = TypeVar("Scalar", bound=np.generic)
 TWO_PI = 2.0 * math.pi
-TEN_TURNS = 20.0 * math.pi * (1.0 + 1e-12)  # rad: what is beyond is in degrees, or has lost its digits
+TEN_TURNS_DEG = 3600  # angles beyond have lost their digits
+TEN_TURNS = 20.0 * math.pi * (1.0 + 1e-12)  # rad: what is beyond may be in degrees, too
 LOG_TWO_PI = math.log(TWO_PI)
 LARGEST = 2**63 - 1  # whole number that arrays can count
 LONGEST_SHOWN = 8  # numbers of an array

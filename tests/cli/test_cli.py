@@ -20,7 +20,7 @@ from rangefix.cli import main
 from rangefix.cli.app import app, doing
 from rangefix.cli.main import overview
 from rangefix.cli.maps import gather_bearings
-from rangefix.cli.tables import _smaller_cells
+from rangefix.cli.tables.remarks import _smaller_cells
 from rangefix.evaluation import load
 from rangefix.evaluation.monte_carlo import backends
 from rangefix.evaluation.report.worst import repeat_command

@@ -15,8 +15,10 @@ from pathlib import Path
 import pytest
 
 import rangefix as package
-from rangefix.cli import main, tables
+from rangefix.cli import main
 from rangefix.cli.screen import console
+from rangefix.cli.tables.remarks import failures
+from rangefix.cli.tables.study import comparison
 from rangefix.errors import printable
 from rangefix.evaluation import Experiment, NamedEstimator, load, run, summarise, to_csv
 from rangefix.evaluation.comparison.worst_runs import worst_runs, worst_runs_csv
@@ -218,8 +220,8 @@ def test_hostile_results_reach_no_terminal(
     results = load(hostile)
     screen = console()
     with screen.capture() as taken:
-        screen.print(*tables.comparison(summarise(results), HOSTILE))
-        for line in tables.failures(results):
+        screen.print(*comparison(summarise(results), HOSTILE))
+        for line in failures(results):
             screen.say(line)
     assert is_harmless(taken.get())
     assert re.search(r"raises, all beams: 3 error; .*: x\\x1b\[31m", taken.get())

@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand
 
 from ..errors import CLEARED, printable, suggestion
 
+Name = TypeVar("Name", bound=str)
 HELP = """How far an indoor position estimate can be trusted: what estimators claim against what is true."""
 EPILOG = """Examples:
 
@@ -31,7 +32,6 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
-LARGEST_DEG = 3600  # of an angle that is typed
 PATHS = ("FILE", "DIR", "PATH", "LOG")  # as the help calls them
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 FILES = (  # what files end with, and hardly a folder
@@ -91,11 +91,12 @@ def refuse_turns(name: str, *degrees: float) -> None:
     Raises:
         ValueError: If there is one; NaN, too.
     """
+    from ..arrays import TEN_TURNS_DEG  # with numpy, which --help need not wait for
+
     for angle in degrees:
-        if not abs(angle) <= LARGEST_DEG:
-            raise ValueError(
-                f"{name}: an angle must be from -{LARGEST_DEG} to {LARGEST_DEG} deg, got {angle:g}"
-            )
+        if not abs(angle) <= TEN_TURNS_DEG:
+            limits = f"from -{TEN_TURNS_DEG} to {TEN_TURNS_DEG} deg"
+            raise ValueError(f"{name}: an angle must be {limits}, got {angle:g}")
 
 
 def names_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
@@ -145,6 +146,18 @@ def folder_to_write(text: str) -> Path:
         typer.BadParameter: If its name is empty or that of a file.
     """
     return _no_file(named(text), "a folder is expected")
+
+
+def out_folder(help_text: str, panel: str | None = None) -> Any:
+    """The option `--out` of a command that writes a folder, with its help and the panel where that stands."""
+    return typer.Option(
+        "--out", "-o", parser=folder_to_write, metavar="DIR", help=help_text, rich_help_panel=panel
+    )
+
+
+def out_file(help_text: str) -> Any:
+    """The same of a command that writes a file."""
+    return typer.Option("--out", "-o", parser=named, metavar="FILE", help=help_text)
 
 
 def folder_or_picture(text: str) -> Path:
@@ -270,8 +283,8 @@ def names_in(given: list[str] | None, usual: tuple[str, ...] = ()) -> tuple[str,
     return tuple(part.strip() for text in given for part in text.split(","))
 
 
-def one_of(name: str, known: Iterable[str], what: str) -> str:
-    """A name that is known.
+def one_of(name: str, known: Iterable[Name], what: str) -> Name:
+    """The one of the known names that was given.
 
     Raises:
         ValueError: If it is not, with what was meant.
@@ -279,7 +292,7 @@ def one_of(name: str, known: Iterable[str], what: str) -> str:
     names = list(known)
     if name not in names:
         raise ValueError(f"no {what} {name!r}; {suggestion(name, names)}")
-    return name
+    return names[names.index(name)]
 
 
 class ExitCode(IntEnum):

@@ -132,7 +132,7 @@ def bounds(
         )
     elif len(refused) < len(rows) or not asked:
         from .screen import console
-        from .tables import bounds as table
+        from .tables.bounds import bounds as table
 
         screen = console()
         screen.print(

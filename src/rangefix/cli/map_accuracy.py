@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import Json, folder_to_write, print_json, replacing
+from .app import Json, out_folder, print_json, replacing
 from .map_options import Unit, Up, tell_odd
 from .plan import read_directions
 from .studies import Map, NoPlugins, StudyFile, read_study
+
+if TYPE_CHECKING:
+    from ..arrays import Array
+    from ..evaluation.planning.accuracy_map import AccuracyMap
+    from ..filters import Rangefinder
 
 SCHEMA = 1
 
@@ -33,16 +38,7 @@ def map_accuracy(
     map_path: Map = None,
     unit: Unit = None,
     up: Up = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            parser=folder_to_write,
-            metavar="DIR",
-            help="Folder for the picture and the grid of numbers.",
-        ),
-    ] = None,
+    out: Annotated[Path | None, out_folder("Folder for the picture and the grid of numbers.")] = None,
     no_plugins: NoPlugins = False,
     as_json: Json = False,
 ) -> None:
@@ -64,52 +60,81 @@ def map_accuracy(
     files = [] if out is None else [out / "accuracy.png", out / "accuracy.npz"]
     with replacing(*files):
         found = accuracy_map(problem, sensor, step_m)
-        std, (worst, direction) = found.position_std, found.worst()
+        std = found.position_std
         known = np.isfinite(std)
         if not known.any():
             raise ValueError(f"no place in free space is met at steps of {step_m:g} m: take smaller ones")
         if files:
-            from ..evaluation.figures.files import write_figure
-            from ..evaluation.figures.planning.accuracy import draw_accuracy
-            from ..evaluation.results.npz import write_npz
-
-            write_figure(lambda: draw_accuracy(found, np.asarray(sensor.room.segments)), files[0])
-            write_npz(
-                files[1],
-                {
-                    "schema": np.array(SCHEMA),
-                    "x1_m": found.x1,
-                    "x2_m": found.x2,
-                    "position_std_m": std,
-                    "worst_std_m": worst,
-                    "worst_direction_rad": direction,
-                    "covariance_m2": found.covariance,
-                    "mistaken_share": found.mistaken,
-                    "beams_seen": found.beams_seen.astype(np.int32),
-                    "bearings_rad": found.bearings,
-                    "heading_rad": np.array(found.heading),
-                },
-            )
+            _write(found, sensor, *files)
     shares = (0.05, 0.5, 0.95, 1.0)
-    figures = [[float(np.quantile(values[known], share)) for share in shares] for values in (std, worst)]
+    figures = [
+        [float(np.quantile(values[known], share)) for share in shares] for values in (std, found.worst()[0])
+    ]
     mistaken = found.mistaken[known]
-    judged = bool(np.isfinite(mistaken).any())
     if as_json:
-        names = ("q05", "median", "q95", "max")
-        rows = [dict(zip(names, row, strict=True)) for row in figures]
-        document = {
-            "places": int(known.sum()),
-            "step_m": step_m,
-            "beams": len(found.bearings),
-            "what": "information from range gradients: local, no bound near jumps",
-            "position_std_m": rows[0],
-            "worst_std_m": rows[1],
-            "mistaken_share": float(mistaken.mean()) if judged else None,
-            "mistaken_share_what": "of scans that fit the most similar place elsewhere better: an estimate",
-            "files": [str(path) for path in files],
-        }
-        print_json(document)
-        return
+        print_json(_document(found, step_m, figures, mistaken) | {"files": [str(path) for path in files]})
+    else:
+        _show(found, figures, mistaken, files)
+
+
+def _write(found: AccuracyMap, sensor: Rangefinder, picture: Path, grid: Path) -> None:
+    import numpy as np
+
+    from ..evaluation.figures.files import write_figure
+    from ..evaluation.figures.planning.accuracy import draw_accuracy
+    from ..evaluation.results.npz import write_npz
+
+    write_figure(lambda: draw_accuracy(found, np.asarray(sensor.room.segments)), picture)
+    worst, direction = found.worst()
+    write_npz(
+        grid,
+        {
+            "schema": np.array(SCHEMA),
+            "x1_m": found.x1,
+            "x2_m": found.x2,
+            "position_std_m": found.position_std,
+            "worst_std_m": worst,
+            "worst_direction_rad": direction,
+            "covariance_m2": found.covariance,
+            "mistaken_share": found.mistaken,
+            "beams_seen": found.beams_seen.astype(np.int32),
+            "bearings_rad": found.bearings,
+            "heading_rad": np.array(found.heading),
+        },
+    )
+
+
+def _document(
+    found: AccuracyMap, step_m: float, figures: list[list[float]], mistaken: Array
+) -> dict[str, Any]:
+    """What was found, for programs.
+
+    Args:
+        found: The accuracy of the places.
+        step_m: From one to the next, m.
+        figures: Quantiles of the deviations of the position, and of those in the worst direction, m.
+        mistaken: Of the places that are met, how often each is mistaken; NaN where that is not judged.
+    """
+    import numpy as np
+
+    names = ("q05", "median", "q95", "max")
+    rows = [dict(zip(names, row, strict=True)) for row in figures]
+    return {
+        "places": len(mistaken),
+        "step_m": step_m,
+        "beams": len(found.bearings),
+        "what": "information from range gradients: local, no bound near jumps",
+        "position_std_m": rows[0],
+        "worst_std_m": rows[1],
+        "mistaken_share": float(mistaken.mean()) if np.isfinite(mistaken).any() else None,
+        "mistaken_share_what": "of scans that fit the most similar place elsewhere better: an estimate",
+    }
+
+
+def _show(found: AccuracyMap, figures: list[list[float]], mistaken: Array, files: list[Path]) -> None:
+    """The same for people."""
+    import numpy as np
+
     from ..evaluation.consistency.formatting import format_percent
     from .screen import console, new_table
 
@@ -119,10 +144,10 @@ def map_accuracy(
     screen = console()
     screen.print(table)
     screen.say(
-        f"{int(known.sum())} places, {len(found.bearings)} beams at heading {np.rad2deg(found.heading):.6g} "
+        f"{len(mistaken)} places, {len(found.bearings)} beams at heading {np.rad2deg(found.heading):.6g} "
         "deg. Information from gradients of the ranges: local, and no bound near jumps."
     )
-    if judged:
+    if np.isfinite(mistaken).any():
         screen.say(
             f"Mistaken for the most similar place elsewhere: {format_percent(mistaken.mean())} of scans on "
             f"average, {format_percent(mistaken.max())} at the worst place. An estimate from pairs of "

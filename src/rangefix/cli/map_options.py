@@ -115,14 +115,12 @@ class MapOptions:
 
 def as_options(text: str) -> str:
     """What is wrong with a map, with options as they are typed, and not as Python or a study calls them."""
+    from ..maps.readers.open_map import with_options_called
+
     typed = _options_typed()
-    short = "|".join(typed)
-    text = re.sub(
-        rf"(?:(?:{short})(?:, )?)+(?= has no effect on it)", lambda match: _typed(match[0].split(", ")), text
-    )
+    text = with_options_called(text, typed)
     text = re.sub(r"\b(unit|up) = '(\w+)'", r"--\1 \2", text)
-    long = "|".join(name for name in typed if "_" in name)
-    return re.sub(rf"(?<![\w/.-])({long})(?![\w.])(?: =)?", lambda match: typed[match[1]], text)
+    return re.sub(rf"({'|'.join(typed.values())}) = ", r"\1 ", text)
 
 
 def _options_typed() -> dict[str, str]:

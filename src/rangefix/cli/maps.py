@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Command, Json, named, print_json, refuse_turns, replacing, say
+from .app import PICTURES, Command, Json, out_file, print_json, refuse_turns, replacing, say
 from .map_options import AS_FILES_SAY, MapOptions, needs_height, takes_map_options
 
 if TYPE_CHECKING:
+    from ..filters import RangeMap
     from ..maps.describe import Description
 
 USUAL_HEIGHT = 0.9  # m, as in a study
@@ -33,10 +34,7 @@ MapName = Annotated[str, typer.Argument(metavar="MAP", help="A map file, or a ro
 def map(
     map_name: MapName,
     map_options: MapOptions = AS_FILES_SAY,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", parser=named, metavar="FILE", help="Draw it: a .png, .svg or .pdf file."),
-    ] = None,
+    out: Annotated[Path | None, out_file("Draw it: a .png, .svg or .pdf file.")] = None,
     as_json: Json = False,
 ) -> None:
     """What a map is, before a study is written: size, free area, rooms, walls, and what was assumed."""
@@ -81,7 +79,7 @@ def map(
         say(text)
 
 
-def _draw(found: Description, room: Any, title: str, out: Path) -> None:
+def _draw(found: Description, room: RangeMap, title: str, out: Path) -> None:
     import numpy as np
 
     from ..evaluation.figures.files import write_figure

@@ -23,8 +23,10 @@ from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
 if TYPE_CHECKING:
     from ..arrays import Array
+    from ..evaluation.planning.expected_covariance import Criterion
     from ..evaluation.planning.plans import Plan
-    from ..filters import Problem
+    from ..evaluation.planning.selection import Method
+    from ..filters import Problem, Rangefinder
 
 MOST_DIRECTIONS = 100_000
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
@@ -34,14 +36,14 @@ TRUTHS = 64
 RARE = 3.0  # events of a kind to be expected in so many draws, if it is to be met in 95 of 100 cases
 
 
-def criteria() -> tuple[str, ...]:
+def criteria() -> tuple[Criterion, ...]:
     """Names of what may be made least."""
     from ..evaluation.planning.expected_covariance import CRITERIA
 
     return CRITERIA
 
 
-def methods() -> tuple[str, ...]:
+def methods() -> tuple[Method, ...]:
     """Names of ways to choose beams."""
     from ..evaluation.planning.selection import METHODS
 
@@ -108,12 +110,12 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Which beams to measure: the expected accuracy of a position before anything is measured."""
-    criterion = one_of(criterion, criteria(), "criterion is called")
+    least = one_of(criterion, criteria(), "criterion is called")
     if adaptive and method is not None:
         raise ValueError("--method has no effect with --adaptive, which chooses each beam by itself")
     asked = {"--method": method, "--adaptive": adaptive or None, "--truths": truths, "--seed": seed}
     useless = [name for name, value in asked.items() if value is not None] if beams == 1 else []
-    method = one_of(method or "exchange", methods(), "method is called")
+    way = one_of(method or "exchange", methods(), "method is called")
     given = read_study(study, None, seed, map_path, not no_plugins, unit=unit, up=up)
     world = given.world()
 
@@ -122,12 +124,12 @@ def plan(
     problem = world.assumed or world.truth
     tell_odd(problem.sensor.room)
     candidates = read_candidates(candidates_deg, problem)
-    planner = Planner(problem, candidates, criterion, truths or TRUTHS, given.seed, doing)  # type: ignore[arg-type]
+    planner = Planner(problem, candidates, least, truths or TRUTHS, given.seed, doing)
     if beams > len(candidates):
         raise ValueError(f"--beams {beams}: there are {len(candidates)} directions ({CANDIDATES})")
     pictures = _pictures(out)
     with replacing(*pictures):
-        found = planner.plan(beams, method, adaptive, everywhere=out is not None)  # type: ignore[arg-type]
+        found = planner.plan(beams, way, adaptive, everywhere=out is not None)
         doing("")
         seconds = _times(problem, planner.sensor, found, given.seed)
         if pictures:
@@ -195,7 +197,7 @@ def read_directions(text: str, option: str, else_: str = "") -> Array:
     return np.deg2rad(degrees)
 
 
-def _times(problem: Problem, sensor: Any, found: Plan, seed: int) -> list[float]:
+def _times(problem: Problem, sensor: Rangefinder, found: Plan, seed: int) -> list[float]:
     """Seconds of an update with the first 1, 2, ... beams; of an adaptive plan, with even ones instead."""
     import numpy as np
 

@@ -14,9 +14,9 @@ import typer
 from .app import (
     ExitCode,
     Json,
-    folder_to_write,
-    named,
     names_in,
+    out_file,
+    out_folder,
     print_json,
     refuse_other_kind,
     refuse_others,
@@ -160,12 +160,7 @@ def table(
             help="latex, markdown or csv; what the name of the file ends with unless given, else markdown.",
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", parser=named, metavar="FILE", help="The file to write; printed unless given."
-        ),
-    ] = None,
+    out: Annotated[Path | None, out_file("The file to write; printed unless given.")] = None,
     as_json: Json = False,
 ) -> None:
     """Print the comparison of a study as a table for a paper: LaTeX, Markdown or CSV."""
@@ -201,13 +196,7 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            parser=named,
-            metavar="FILE",
-            help="The page; DIR/report.html unless given, or comparison.html for several folders.",
-        ),
+        out_file("The page; DIR/report.html unless given, or comparison.html for several folders."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -275,7 +264,7 @@ def compare(
         print_json({"a": str(a), "b": str(b)} | comparison.to_json())
     else:
         from .screen import console
-        from .tables import differences, preamble
+        from .tables.comparisons import differences, preamble
 
         screen = console()
         for line in preamble(comparison, str(a), str(b)):
@@ -295,7 +284,7 @@ def _compare_estimators(folder: Path, as_json: bool) -> None:
         say(f"{results.estimators[0]} is alone in {folder}: there is no other estimator to compare it with")
     elif pairs or not results.interruption:
         from .screen import console
-        from .tables import accuracy, accuracy_in_words
+        from .tables.comparisons import accuracy, accuracy_in_words
 
         screen = console()
         screen.print(accuracy(pairs))
@@ -314,7 +303,7 @@ def _fuse(a: Path, std: float, as_json: bool) -> None:
         print_json({"folder": str(a), "fusions": [vars(each) | {"price": each.price} for each in found]})
         return
     from .screen import console
-    from .tables import fusions
+    from .tables.comparisons import fusions
 
     screen = console()
     screen.print(fusions(found))
@@ -325,16 +314,7 @@ def _fuse(a: Path, std: float, as_json: bool) -> None:
 
 
 def paper(
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            parser=folder_to_write,
-            metavar="DIR",
-            help="Folder for the table, the posteriors and figures.",
-        ),
-    ] = None,
+    out: Annotated[Path | None, out_folder("Folder for the table, the posteriors and figures.")] = None,
     as_json: Json = False,
     draws: Annotated[
         int, typer.Option(min=20, max=MOST_DRAWS, metavar="N", help="Noise draws for the bands.")
@@ -359,7 +339,7 @@ def paper(
         print_json(solved.to_json())
         return
     from .screen import console
-    from .tables import table1, table1_notes
+    from .tables.paper import table1, table1_notes
 
     screen = console()
     screen.print(table1(solved))

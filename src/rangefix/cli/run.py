@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import ExitCode, Json, Stopped, as_typed, folder_to_write, named, names_from, print_json, warn
+from .app import ExitCode, Json, Stopped, as_typed, named, names_from, out_folder, print_json, warn
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study, tell_odd_study
 
 if TYPE_CHECKING:
-    from ..evaluation import ClusterTls
+    from ..evaluation import ClusterTls, Results, Row, Study
+    from ..evaluation.consistency.gates import GateLine
 
 WHERE_PANEL = "Where it runs"
 KEPT_PANEL = "What is kept"
@@ -31,15 +33,7 @@ def run(
     runs: Runs = None,
     seed: Seed = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            parser=folder_to_write,
-            metavar="DIR",
-            help="Folder of results; results/STUDY unless given.",
-            rich_help_panel=KEPT_PANEL,
-        ),
+        Path | None, out_folder("Folder of results; results/STUDY unless given.", KEPT_PANEL)
     ] = None,
     workers: Annotated[
         int | None,
@@ -136,7 +130,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Compare estimators by Monte Carlo: what they claim against what is true."""
-    from ..evaluation import check_gates, decide, parse_gates, summarise
+    from ..evaluation import check_gates, parse_gates, summarise
     from ..evaluation import run as run_study
     from ..evaluation.consistency.gates import need_sound
 
@@ -184,40 +178,50 @@ def run(
     rows = summarise(results)
     lines = check_gates(gates, rows)
     if as_json:
-        print_json(
-            {
-                "study": described.name,
-                "runs": results.runs,
-                "seed": results.manifest.get("seed"),
-                "folder": str(folder),
-                "rows": [row.flat() | {"verdict": decide(row).words} for row in rows],
-                "gates": [
-                    {"gate": line.gate.text, "passed": line.passed, "text": line.text} for line in lines
-                ],
-            }
-        )
+        print_json(_document(described, results, rows, lines, folder))
     else:
-        from .screen import console
-        from .tables import beliefs, comparison, failures, remarks, verdicts
-
-        screen = console()
-        title = f"{described.title or described.name}: {results.runs} runs"
-        for table in comparison(rows, title, screen.width):
-            screen.print(table)
-        if (sampled := beliefs(rows)) is not None:
-            screen.print(sampled)
-        told = remarks(rows, results.manifest.get("estimators"))
-        for text in (*verdicts(rows), *told, *failures(results)):
-            screen.say(text)
-        for line in lines:
-            screen.say(line.text)
-        screen.say(f"Results: {folder}   Figures: {as_typed('rangefix', 'plot', folder)}")
+        _show(described, results, rows, lines, folder)
     if not any(row.ok for row in rows):
         raise typer.Exit(ExitCode.NOTHING_RAN)
     if not all(line.passed for line in lines):
         raise typer.Exit(ExitCode.GATE_FAILED)
     if any(row.ok < row.made for row in rows):
         raise typer.Exit(ExitCode.SOME_FAILED)
+
+
+def _document(
+    study: Study, results: Results, rows: Sequence[Row], lines: Sequence[GateLine], folder: Path
+) -> dict[str, Any]:
+    """What came out, for programs."""
+    from ..evaluation import decide
+
+    return {
+        "study": study.name,
+        "runs": results.runs,
+        "seed": results.manifest.get("seed"),
+        "folder": str(folder),
+        "rows": [row.flat() | {"verdict": decide(row).words} for row in rows],
+        "gates": [{"gate": line.gate.text, "passed": line.passed, "text": line.text} for line in lines],
+    }
+
+
+def _show(
+    study: Study, results: Results, rows: Sequence[Row], lines: Sequence[GateLine], folder: Path
+) -> None:
+    """The same for people."""
+    from .screen import console
+    from .tables.remarks import failures, remarks
+    from .tables.study import beliefs, comparison, verdicts
+
+    screen = console()
+    for table in comparison(rows, f"{study.title or study.name}: {results.runs} runs", screen.width):
+        screen.print(table)
+    if (sampled := beliefs(rows)) is not None:
+        screen.print(sampled)
+    told = remarks(rows, results.manifest.get("estimators"))
+    for text in (*verdicts(rows), *told, *failures(results), *(line.text for line in lines)):
+        screen.say(text)
+    screen.say(f"Results: {folder}   Figures: {as_typed('rangefix', 'plot', folder)}")
 
 
 def _tls(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import Json, as_typed, named, names_from, one_of, print_json, refuse_other_kind, say, warn
+from .app import Json, as_typed, named, names_from, one_of, out_file, print_json, refuse_other_kind, say, warn
 from .map_options import Unit, Up, tell_odd
 
 if TYPE_CHECKING:
@@ -90,9 +90,7 @@ def studies(
             metavar="NAME", help="One of them: its text.", autocompletion=names_from(lambda: SHIPPED)
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", parser=named, metavar="FILE", help="Copy it to this file.")
-    ] = None,
+    out: Annotated[Path | None, out_file("Copy it to this file.")] = None,
     as_json: Json = False,
 ) -> None:
     """List the studies that come along, show the text of one, or copy it to a file."""

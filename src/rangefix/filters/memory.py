@@ -6,7 +6,7 @@ What only one family of estimators knows is imported when it is asked about: the
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -269,7 +269,7 @@ def _touched_share(prior: Prior, cells: tuple[int, int]) -> float:
     return float((np.asarray(prior.log_density(places)) > -np.inf).any(axis=1).mean())
 
 
-def _times(counts: Any) -> str:
+def _times(counts: Iterable[float]) -> str:
     return " x ".join(f"{count:.0f}" for count in counts)
 
 

@@ -125,7 +125,7 @@ class CanShowOne(Protocol[Asked]):
         ...
 
 
-def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generator]) -> Array | None:
+def sample_belief(estimator: object, belief: object, size: int, rngs: Sequence[Generator]) -> Array | None:
     """Draws from the beliefs of M runs, (M, size, n); None where the estimator cannot sample.
 
     Raises:
@@ -144,7 +144,7 @@ def sample_belief(estimator: Any, belief: Any, size: int, rngs: Sequence[Generat
     return draws
 
 
-def show_belief(estimator: Any, belief: Any, run: int) -> Image | None:
+def show_belief(estimator: object, belief: object, run: int) -> Image | None:
     """What the belief of a run looks like; None where the estimator cannot show it."""
     if not isinstance(estimator, CanShow):
         return None
@@ -154,7 +154,7 @@ def show_belief(estimator: Any, belief: Any, run: int) -> Image | None:
         return None
 
 
-def effective_particles(estimator: Any, belief: Any, runs: int) -> Array | None:
+def effective_particles(estimator: object, belief: object, runs: int) -> Array | None:
     """Effective numbers of particles in the beliefs of M runs, (M,); None for an estimator without particles.
 
     Raises:
@@ -173,7 +173,7 @@ def effective_particles(estimator: Any, belief: Any, runs: int) -> Array | None:
     return numbers
 
 
-def numerical_error(estimator: Any, belief: Any, runs: int) -> Array | None:
+def numerical_error(estimator: object, belief: object, runs: int) -> Array | None:
     """Numerical errors that an estimator states of M runs, (M,); None where it cannot tell.
 
     Raises:
@@ -182,7 +182,7 @@ def numerical_error(estimator: Any, belief: Any, runs: int) -> Array | None:
     return _told(estimator.error, belief, runs) if isinstance(estimator, CanEstimateError) else None
 
 
-def mean_resultant(estimator: Any, belief: Any, runs: int) -> Array | None:
+def mean_resultant(estimator: object, belief: object, runs: int) -> Array | None:
     """Lengths of the mean resultant vectors of the heading, (M,); None where an estimator cannot tell.
 
     Raises:
@@ -191,7 +191,7 @@ def mean_resultant(estimator: Any, belief: Any, runs: int) -> Array | None:
     return _told(estimator.resultant, belief, runs) if isinstance(estimator, CanTellDirection) else None
 
 
-def _told(method: Callable[[Any], Array], belief: Any, runs: int) -> Array | None:
+def _told(method: Callable[[Any], Array], belief: object, runs: int) -> Array | None:
     """What an optional method says of M runs, (M,); None where it is not implemented.
 
     Raises:
@@ -209,7 +209,7 @@ def _told(method: Callable[[Any], Array], belief: Any, runs: int) -> Array | Non
     return numbers
 
 
-def diagnostics_of(estimator: Any, belief: Any, runs: int) -> dict[str, Array]:
+def diagnostics_of(estimator: object, belief: object, runs: int) -> dict[str, Array]:
     """What an estimator says of its own computation, for M runs: name -> (M,), of what it can tell.
 
     Raises:

@@ -20,7 +20,7 @@ from .space import StateSpace
 FAR_REACH = 40.0  # deviations of a Gaussian prior, to where readings that contradict it may lead
 LEANING_STDS = 5.0  # of the posterior, to where a prior's box ends: nearer, some of it lies beyond
 SPARE_NATS = 40.0  # less than what the prior loses within FAR_REACH: what lies beyond counts for nothing
-BY_CHANCE = 1e-6  # how seldom readings fit so badly at the truth that they may fit beyond the box
+BY_CHANCE = 1e-6  # how seldom readings fit so badly at the truth that they may fit elsewhere
 
 Answers = tuple[Array, Array, ArrayLike]  # means (M, n), covariances (M, n, n) and log evidences (M,)
 Ends = tuple[Array, Array]  # lower and upper ones, (n,) each

@@ -66,6 +66,18 @@ def check_bearings(bearings: ArrayLike) -> Array:
     return array
 
 
+def check_point(point: ArrayLike, name: str) -> Array:
+    """The point that free space is to be reached from, as float64 (2,).
+
+    Raises:
+        MapError: If it is no finite point; the message begins with the name of the map.
+    """
+    place = np.array(point, dtype=np.float64)
+    if place.shape != (2,) or not np.isfinite(place).all():
+        raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {point!r}")
+    return place
+
+
 def check_points(points: ArrayLike) -> Array:
     """The points as float64 (..., 2); a point that is not finite is no error, it is just never free."""
     array = np.asarray(points, dtype=np.float64)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, BoolArray, IntArray
 from ..raster import Raster
-from .base import MapError, check_points
+from .base import MapError, check_point, check_points
 from .casting.caster import InWalls
 from .casting.walls import Walls
 from .floor_plan import FloorPlan
@@ -59,9 +59,7 @@ class MeshRoom(InWalls):
         up: str = "z",
     ) -> None:
         points, corners = _check_mesh(vertices, triangles, name)
-        start = None if reachable_from is None else np.array(reachable_from, dtype=np.float64)
-        if start is not None and (start.shape != (2,) or not np.isfinite(start).all()):
-            raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {reachable_from!r}")
+        start = None if reachable_from is None else check_point(reachable_from, name)
         for what, value in (("sensor_height", sensor_height), ("floor_height", floor_height)):
             if value is not None and not np.isfinite(value):
                 raise MapError(f"{name}: {what} must be finite, got {value} m")

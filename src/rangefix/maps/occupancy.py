@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, BoolArray
-from .base import MapError, check_points
+from .base import MapError, check_point, check_points
 from .casting.caster import InWalls
 from .casting.grid_walls import GridWalls
 from .casting.walls import Walls
@@ -152,9 +152,7 @@ class OccupancyMap(InWalls):
 
     def _part_at(self, point: ArrayLike, parts: NDArray[np.integer], name: str) -> int:
         """The connected area about a point."""
-        place = np.array(point, dtype=np.float64)
-        if place.shape != (2,) or not np.isfinite(place).all():
-            raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {point!r}")
+        place = check_point(point, name)
         index = np.floor(self._grid.to_cells(place))
         if (
             (index >= 0).all()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.cli.tables import remarks
+from rangefix.cli.tables.remarks import remarks
 from rangefix.evaluation import Experiment, decide, load, run, summarise, to_csv
 from rangefix.evaluation.consistency.intervals import Interval
 from rangefix.evaluation.consistency.metrics import MIN_EFFECTIVE

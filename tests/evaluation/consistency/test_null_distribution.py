@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from rangefix.cli.tables import verdicts
+from rangefix.cli.tables.study import verdicts
 from rangefix.evaluation import Experiment, credibility, decide, run, summarise
 from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.consistency.null_distribution import NullSums

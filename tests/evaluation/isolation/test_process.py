@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation.isolation import IsolatedProcess, Limit, Lost, Raised, begin_piece, begin_stage
-from rangefix.evaluation.isolation.process import resident_gb
+from rangefix.evaluation.isolation.memory import resident_gb
 
 SOON = Limit(0.5)
 LATER = Limit(20.0)

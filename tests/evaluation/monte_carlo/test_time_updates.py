@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rangefix.cli.tables import remarks
+from rangefix.cli.tables.remarks import remarks
 from rangefix.evaluation import Experiment, load, run, summarise
 from rangefix.evaluation.monte_carlo import time_updates
 from rangefix.evaluation.monte_carlo.time_updates import Timed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rangefix.cli.screen import console
-from rangefix.cli.tables import comparison
+from rangefix.cli.tables.study import comparison
 from rangefix.evaluation import load, load_study, parse_study, run, summarise
 from rangefix.evaluation.consistency.formatting import factor, unit
 from rangefix.evaluation.drawing import draw

@@ -109,6 +109,18 @@ def test_a_start_that_is_in_no_area_of_polygons(tmp_path):
             open_map(path, unit="m", reachable_from=place)
 
 
+def test_a_start_that_is_no_point(tmp_path):
+    """It was said to lie in no area, or in none that polygons make."""
+    plan = geojson(tmp_path / "plan.geojson", polygon(HALL, PILLAR))
+    drawing, space, path = dxf(tmp_path / "plan.dxf")
+    space.add_lwpolyline(HALL, close=True)
+    drawing.saveas(path)
+    for file in (plan, path):
+        for place in ([1.0, 1.0, 1.0], [float("nan"), 1.0]):
+            with pytest.raises(MapError, match=r"plan\.\w+: reachable_from is a point \(x1, x2\)"):
+                open_map(file, unit="m", reachable_from=place)
+
+
 def test_degrees_are_not_guessed(tmp_path):
     """Within +-180 and +-90 the unit is asked for; beyond, numbers are metres."""
     path = geojson(tmp_path / "plan.geojson", polygon(HALL))

@@ -6,13 +6,34 @@ import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..app import Json, doing, named, print_json, refuse_blocked, refuse_others, refuse_sources, say, warn
+from ..app import (
+    Json,
+    doing,
+    named,
+    out_file,
+    print_json,
+    refuse_blocked,
+    refuse_others,
+    refuse_sources,
+    say,
+    warn,
+)
 from ..map_options import AS_FILES_SAY, MapOptions, takes_map_options
-from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
+from .log_options import (
+    BaseFrame,
+    ForwardM,
+    LeftM,
+    NoReturnM,
+    OdometryTopic,
+    ScanTopic,
+    YawDeg,
+    reading_options,
+    refuse_without_bag,
+)
 
 if TYPE_CHECKING:
     from ...arrays import Array
@@ -39,22 +60,15 @@ def calibrate(
     beams: Annotated[
         int, typer.Option(min=0, metavar="N", help="Beams of a scan that filters will take; 0: all.")
     ] = DEFAULT_BEAMS,
-    forward_m: Annotated[float | None, typer.Option(help="How far the laser stands ahead.")] = None,
-    left_m: Annotated[float | None, typer.Option(help="How far it stands to the left.")] = None,
-    yaw_deg: Annotated[float | None, typer.Option(help="How far it is turned to the left.")] = None,
-    no_return_m: Annotated[
-        float | None, typer.Option(help="Readings from there on mean that nothing returned.")
-    ] = None,
+    forward_m: ForwardM = None,
+    left_m: LeftM = None,
+    yaw_deg: YawDeg = None,
+    no_return_m: NoReturnM = None,
     scan_topic: ScanTopic = None,
     odometry_topic: OdometryTopic = None,
     base_frame: BaseFrame = None,
     map_options: MapOptions = AS_FILES_SAY,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", parser=named, metavar="FILE", help="The sections; a picture goes beside it."
-        ),
-    ] = Path("calibrated.toml"),
+    out: Annotated[Path, out_file("The sections; a picture goes beside it.")] = Path("calibrated.toml"),
     force: Annotated[bool, typer.Option("--force", help="Replace them if they are there.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -100,7 +114,6 @@ def calibrate(
     write_figure(lambda: draw_residuals(found), files[1])
     write_bytes(files[0], sensor_text(found, map_name, str(log_path)).encode())
     doing("")
-    fitted = found.fitted
     if found.warning:
         warn(found.warning)
     notes = [
@@ -109,25 +122,28 @@ def calibrate(
         *(f"{count} {kind}" for kind, count in residuals.oddities.items()),
     ]
     if as_json:
-        print_json(
-            {
-                "scans": len(residuals.readings),
-                "beams": len(residuals.beams),
-                "from_truth": residuals.from_truth,
-                "notes": [*filter(None, [residuals.warning, found.warning]), *notes],
-                "independent_beams": found.independent_beams,
-                "offset": None if found.offset is None else _offset(found.offset),
-                "fitted": fitted.figures(),
-                "intervals": found.intervals,
-                "places": [{"share": p.share, "length_m": p.length} for p in fitted.correlated.places],
-                "files": [str(file) for file in files],
-            }
-        )
+        print_json(_document(found, notes) | {"files": [str(file) for file in files]})
         return
     _tell(found)
     for note in notes:
         say(f"- {note}")
     say(f"wrote {files[0]} and {files[1]}")
+
+
+def _document(found: Calibration, notes: list[str]) -> dict[str, Any]:
+    """What was fitted, for programs."""
+    residuals, fitted = found.residuals, found.fitted
+    return {
+        "scans": len(residuals.readings),
+        "beams": len(residuals.beams),
+        "from_truth": residuals.from_truth,
+        "notes": [*filter(None, [residuals.warning, found.warning]), *notes],
+        "independent_beams": found.independent_beams,
+        "offset": None if found.offset is None else _offset(found.offset),
+        "fitted": fitted.figures(),
+        "intervals": found.intervals,
+        "places": [{"share": place.share, "length_m": place.length} for place in fitted.correlated.places],
+    }
 
 
 def _refuse_existing(files: list[Path], force: bool, read: Iterable[object]) -> None:

@@ -7,9 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import ExitCode, Json, doing, folder_to_write, named, names_in, one_of, print_json, warn
+from ..app import ExitCode, Json, doing, named, names_in, one_of, out_folder, print_json, warn
 from ..map_options import AS_FILES_SAY, MapOptions, odd_about, takes_map_options
-from .bag_options import BaseFrame, OdometryTopic, ScanTopic, reading_options, refuse_without_bag
+from .log_options import (
+    BaseFrame,
+    ForwardM,
+    LeftM,
+    NoReturnM,
+    OdometryTopic,
+    ScanTopic,
+    YawDeg,
+    reading_options,
+    refuse_without_bag,
+)
 
 if TYPE_CHECKING:
     from ...evaluation.recordings.replays import Contestant, Replays
@@ -102,20 +112,10 @@ def replay(
             help="A file with the table of a sensor, as in a study: noise and place of the laser.",
         ),
     ] = None,
-    forward_m: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="How far the laser stands ahead of the robot."),
-    ] = None,
-    left_m: Annotated[
-        float | None, typer.Option(metavar="METRES", help="How far it stands to the left of it.")
-    ] = None,
-    yaw_deg: Annotated[
-        float | None, typer.Option(metavar="DEG", help="How far it is turned to the left.")
-    ] = None,
-    no_return_m: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Readings from there on mean no return."),
-    ] = None,
+    forward_m: ForwardM = None,
+    left_m: LeftM = None,
+    yaw_deg: YawDeg = None,
+    no_return_m: NoReturnM = None,
     scan_topic: ScanTopic = None,
     odometry_topic: OdometryTopic = None,
     base_frame: BaseFrame = None,
@@ -127,16 +127,7 @@ def replay(
         float,
         typer.Option(metavar="SHARE", help="Share of the scans that may be called lost on the right map."),
     ] = FALSE_ALARMS,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            parser=folder_to_write,
-            metavar="DIR",
-            help="Poses (TUM, CSV), replay.json and figures.",
-        ),
-    ] = None,
+    out: Annotated[Path | None, out_folder("Poses (TUM, CSV), replay.json and figures.")] = None,
     bag: Annotated[
         str | None,
         typer.Option(metavar="KIND", help="With --out: poses as a bag, too: bag (ROS 1), db3 or mcap."),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,12 +15,12 @@ from ...errors import suggestion
 from ...evaluation.recordings.log import LaserDescription
 from ...evaluation.recordings.options import ReadingOptions
 from ...evaluation.study.mistakes import Mistakes
-from ...evaluation.study.read import inherited, not_toml, too_deep
+from ...evaluation.study.read import inherited, read_toml
 from ...evaluation.study.schema import AssumedSection
 from ...evaluation.study.sections.base import Section
 from ...evaluation.study.sections.sensor import SensorSection
 from ...evaluation.study.study import Study
-from ...evaluation.study.toml_lines import deep_line, key_lines
+from ...evaluation.study.toml_lines import key_lines
 from ...filters import Noise
 from ...text_files import NotText, read_text
 
@@ -120,18 +119,11 @@ def read_sensor(path: Path, options: ReadingOptions) -> SensorFile:
     """
     try:
         text = read_text(path)
-        deep = deep_line(text)
-        document = tomllib.loads(text) if deep is None else {}
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror or error}") from None
     except NotText as error:
         raise ValueError(f"{path}: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(not_toml(str(path), error)) from None
-    except (RecursionError, ValueError) as error:
-        raise ValueError(f"{path}: not TOML that can be read: {error}") from None
-    if deep is not None:
-        raise ValueError(too_deep(str(path), deep, text))
+    document = read_toml(text, str(path))
     mistakes = Mistakes(str(path), key_lines(text))
     others = tuple(_others(document, mistakes))
     mistakes.check()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import TEN_TURNS_DEG, Array
 from ...evaluation.recordings.setting import Start
 from ...filters import RangeMap, pose_space
 from ...filters.models.noise import LARGEST_SPREAD, LEAST_SPREAD
-from ..app import LARGEST_DEG, refuse_turns
+from ..app import refuse_turns
 
 STD_M, STD_DEG = 0.2, 6.0  # of a start, unless given
 LEAST_STD_DEG = 1e-6
@@ -27,7 +27,7 @@ def read_start(text: str, std_m: float | None, std_deg: float | None) -> Start:
             raise ValueError(f"{name} has no effect on a start anywhere on the map (--start global)")
         if not 0 < value < np.inf:
             raise ValueError(f"{name} must be positive, got {value:g} {unit}")
-        low, high = (LEAST_SPREAD, LARGEST_SPREAD) if unit == "m" else (LEAST_STD_DEG, LARGEST_DEG)
+        low, high = (LEAST_SPREAD, LARGEST_SPREAD) if unit == "m" else (LEAST_STD_DEG, TEN_TURNS_DEG)
         if not low <= value <= high:
             raise ValueError(f"{name} must be from {low:g} to {high:g} {unit}, got {value:g}")
     stds = STD_M if std_m is None else std_m, float(np.deg2rad(STD_DEG if std_deg is None else std_deg))

@@ -13,7 +13,6 @@ Gaussian: the rank of the truth among draws from an exact belief is uniform what
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -123,7 +122,7 @@ def rank_histogram(ranks: Array, draws: int = RANK_DRAWS, bins: int = BINS) -> A
 
 
 def draw_belief(
-    estimator: Any, belief: Any, size: int, seed: int, runs: Iterable[int], step: int
+    estimator: object, belief: object, size: int, seed: int, runs: Iterable[int], step: int
 ) -> Array | None:
     """Draws from the beliefs of some runs, (M, size, n); None if the estimator cannot sample.
 

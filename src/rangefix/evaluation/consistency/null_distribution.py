@@ -24,7 +24,7 @@ from ..results import KEPT_DRAWS, HalfArray, keep_draws, kept_offsets
 from ..results.draws import FARTHEST
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval, Moments, uniform_p_value
-from .scores import nees
+from .scores import SLAB, nees
 
 if TYPE_CHECKING:
     from .metrics import RunBlock
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 GROUPS = 32  # of runs whose sums are drawn together; 39 draws each make 39^32 studies
 REPEATS = 4000  # studies that are drawn
 COUNTED = 2  # of them at least beyond a figure, or its p-value is that of a gamma law with the same moments
-SLAB = 500  # runs at once, which stay in the cache
 COHERENT = 0.05  # by how much draws' squared distances may differ from those claimed, however sure it is
 INCOHERENT_P = 0.001  # p-value below which they do not differ by chance
 SUM_ROUNDING = 1e-9  # of a figure: sums of the same numbers in another order differ by less

@@ -51,12 +51,8 @@ class Levels(NamedTuple):
 
 WITH_DRAWS = Levels(0.0265, 0.0105, 0.006, 0.004)  # 4.7 %: draws of 39 studies scatter themselves
 WITHOUT_DRAWS = Levels(BY_ANEES / 2, 0.01, 0.005, 0.0)
-FEW_RUNS = (
-    3  # runs; of fewer nothing is said but of errors on the whole: the same 39 or 78 draws judge everything
-)
-LEVEL_OF_FEW_RUNS = (
-    0.02  # one-sided level for ANEES there, which one of 39 draws that lies beyond a truth does not reach
-)
+FEW_RUNS = 3  # of fewer only errors on the whole are judged: the same 39 or 78 draws would judge everything
+LEVEL_OF_FEW_RUNS = 0.02  # one-sided, for ANEES there: one of 39 draws beyond a truth does not reach it
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -12,20 +13,54 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
 
 from ...arrays import Array
-from ..results import Picture, Results, Scene
+from ...filters.space import StateSpace
+from ..results import Picture, Scene
 from .data import FigureData
 from .errors import ellipse
-from .layout import small
+from .layout import MAX_BESIDE, small
 from .room import BEAM, draw_density, draw_truth, draw_walls
 from .sheet import Sheet
 from .style import CLAIMED, label_positions, symbol
 from .ticks import FittingLocator, even_numbers
 
-MAX_BESIDE = 6  # estimators side by side
 TURNS = np.arange(-3, 4)  # over which a Gaussian heading is wrapped
 SMALL, ENLARGED = 0.12, 0.4  # of the shorter side of a room: a belief that is shown enlarged, and how large
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a map
 BELL = np.linspace(-4, 4, 81)  # standard deviations at which its bell is drawn besides
+
+
+class _Shown(NamedTuple):
+    """What one estimator believes, and what is true."""
+
+    space: StateSpace
+    scene: Scene
+    picture: Picture | None
+    mean: Array
+    covariance: Array
+
+    @property
+    def place(self) -> Array:
+        """Mean of x1 and x2, m, (2,)."""
+        return self.mean[self.space.position_indices]
+
+    @property
+    def claim(self) -> Array:
+        """Covariance of x1 and x2, m^2, (2, 2)."""
+        where = self.space.position_indices
+        return self.covariance[np.ix_(where, where)]
+
+    def draw_below(self, axes: Axes) -> None:
+        """Density and walls."""
+        if self.picture is not None and self.picture.density.max() > 0:
+            draw_density(axes, self.picture.density, self.picture.extent)
+        draw_walls(axes, self.scene)
+
+    def draw_claim(self, axes: Axes, size: float, label: str | None = None) -> None:
+        """The ellipse that is claimed, and its mean as a circle of a size in points."""
+        axes.add_patch(ellipse(self.claim, tuple(self.place), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
+        axes.plot(
+            *self.place, "o", markersize=size, markerfacecolor="white", color=CLAIMED, zorder=6, label=label
+        )
 
 
 def draw_posterior(data: FigureData, sheet: Sheet) -> None:
@@ -64,10 +99,10 @@ def draw_posterior(data: FigureData, sheet: Sheet) -> None:
         trials = results.get(estimator, data.beams)
         mean, covariance = trials.mean[0, -1], trials.covariance[0, -1]
         sheet.title(block[0], data.labels[estimator])
-        shown = results, scene, pictures.get(estimator), mean, covariance
-        _room(block[0], *shown)
-        if (corners := _small(*shown, low, high)) is not None:
-            _enlarged(block[0], corners, low, high, *shown)
+        shown = _Shown(results.space, scene, pictures.get(estimator), mean, covariance)
+        _room(block[0], shown)
+        if (corners := _small(shown, low, high)) is not None:
+            _enlarged(block[0], corners, low, high, shown)
         if turning:
             place = int(np.flatnonzero(results.space.is_angle)[0])
             claim = mean[place], np.sqrt(max(covariance[place, place], 0.0))
@@ -89,59 +124,32 @@ def draw_posterior(data: FigureData, sheet: Sheet) -> None:
     sheet.finish(title, panels[0], columns=2, more=more, note=data.silent)
 
 
-def _room(
-    axes: Axes, results: Results, scene: Scene, picture: Picture | None, mean: Array, covariance: Array
-) -> None:
-    if picture is not None and picture.density.max() > 0:
-        draw_density(axes, picture.density, picture.extent)
-    draw_walls(axes, scene)
-    where = results.space.position_indices
-    if np.isfinite(mean).all():
-        claim = covariance[np.ix_(where, where)]
-        of_heading = ", and the Gaussian of the heading" * bool(results.space.is_angle.any())
-        label = f"claimed: mean, 95 % ellipse{of_heading}"
-        axes.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
-        axes.plot(*mean[where], "o", markersize=4.5, markerfacecolor="white", color=CLAIMED, zorder=6,
-                  label=label)  # fmt: skip
+def _room(axes: Axes, shown: _Shown) -> None:
+    scene = shown.scene
+    shown.draw_below(axes)
+    if np.isfinite(shown.mean).all():
+        of_heading = ", and the Gaussian of the heading" * bool(shown.space.is_angle.any())
+        shown.draw_claim(axes, 4.5, label=f"claimed: mean, 95 % ellipse{of_heading}")
     axes.plot(*zip(scene["truth"][:2], _tip(scene), strict=True), color=BEAM, linewidth=1.6, zorder=6)
     draw_truth(axes, scene, label="true position, its heading beside it")
     label_positions(axes)
     axes.spines[:].set_visible(False)
 
 
-def _small(
-    results: Results,
-    scene: Scene,
-    picture: Picture | None,
-    mean: Array,
-    covariance: Array,
-    low: Array,
-    high: Array,
-) -> tuple[Array, Array] | None:
+def _small(shown: _Shown, low: Array, high: Array) -> tuple[Array, Array] | None:
     """Corners of a square about a belief that is too small to be seen in a room; None where it is not."""
-    where = results.space.position_indices
-    middle, variances = mean[where], np.diagonal(covariance)[where]
-    half = 4 * float(np.sqrt(max(variances.max(), 0.0)))
-    if not (np.isfinite(mean).all() and 0 < half < SMALL * float((high - low).min())):
+    middle = shown.place
+    half = 4 * float(np.sqrt(max(np.diagonal(shown.claim).max(), 0.0)))
+    if not (np.isfinite(shown.mean).all() and 0 < half < SMALL * float((high - low).min())):
         return None
     if not ((middle > low) & (middle < high)).all():
         return None
-    away = float(np.abs(scene["truth"][:2] - middle).max())
+    away = float(np.abs(shown.scene["truth"][:2] - middle).max())
     half = max(half, 1.2 * away) if away < 3 * half else half
     return middle - half, middle + half
 
 
-def _enlarged(
-    axes: Axes,
-    corners: tuple[Array, Array],
-    low: Array,
-    high: Array,
-    results: Results,
-    scene: Scene,
-    picture: Picture | None,
-    mean: Array,
-    covariance: Array,
-) -> None:
+def _enlarged(axes: Axes, corners: tuple[Array, Array], low: Array, high: Array, shown: _Shown) -> None:
     """What lies between two corners once more, larger, in the corner of the room that is furthest away.
 
     How wide it is stands on the side from which no line comes.
@@ -150,17 +158,12 @@ def _enlarged(
     side, rim = ENLARGED * float((high - low).min()), 0.1 * float((high - low).min())
     places = [np.array([x, y]) for x in (low[0] + rim, high[0] - rim - side)
               for y in (low[1] + 2 * rim, high[1] - 2 * rim - side)]  # fmt: skip
-    seen = np.stack([(lower + upper) / 2, scene["truth"][:2]])
+    seen = np.stack([(lower + upper) / 2, shown.scene["truth"][:2]])
     best = max(places, key=lambda place: float(np.linalg.norm(place + side / 2 - seen, axis=1).min()))
     inset = axes.inset_axes((*best, side, side), transform=axes.transData, zorder=8)
-    if picture is not None and picture.density.max() > 0:
-        draw_density(inset, picture.density, picture.extent)
-    draw_walls(inset, scene)
-    where = results.space.position_indices
-    claim = covariance[np.ix_(where, where)]
-    inset.add_patch(ellipse(claim, tuple(mean[where]), edgecolor=CLAIMED, linewidth=1.6, zorder=5))
-    inset.plot(*mean[where], "o", markersize=3.5, markerfacecolor="white", color=CLAIMED, zorder=6)
-    draw_truth(inset, scene, 7.0, label="")
+    shown.draw_below(inset)
+    shown.draw_claim(inset, 3.5)
+    draw_truth(inset, shown.scene, 7.0, label="")
     inset.set_xlim(lower[0], upper[0])
     inset.set_ylim(lower[1], upper[1])
     inset.set_aspect("equal")

@@ -11,13 +11,13 @@ from matplotlib.patches import Ellipse
 from ...arrays import Array
 from ..consistency.formatting import beams_in_words, factor, unit
 from .data import FigureData
+from .layout import MAX_BESIDE
 from .sheet import Sheet
 from .style import CLAIMED, symbol
 from .ticks import even_numbers, signed_decades
 
 SHOWN_RUNS = 200  # in the picture of errors run by run
 SHOWN_ERRORS = 1000  # in the picture of errors in the plane
-MAX_BESIDE = 6  # estimators side by side
 BAND_95 = 1.96  # standard deviations of the band that holds 95 % of a Gaussian
 ELLIPSE_95 = 2.4477  # the same for an ellipse in the plane: the root of the chi-square quantile
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from ...arrays import Array
 from ..results import ResultsError, write_bytes
+from .layout import dpi_of
 from .style import styled
 
 FORMATS: dict[str, dict[str, Any]] = {
@@ -68,8 +69,7 @@ def _find_ticks_once(axis: Axis) -> None:
     """
 
     def size() -> tuple[float, ...]:
-        dpi = axis.axes.get_figure(root=True).dpi  # type: ignore[union-attr]
-        return (*axis.get_view_interval(), *axis.axes.bbox.size, dpi)
+        return (*axis.get_view_interval(), *axis.axes.bbox.size, dpi_of(axis.axes))
 
     def place(ticks: Sequence[Tick], renderer: object) -> tuple[object, ...]:
         return (*size(), *axis.axes.bbox.min, renderer, *ticks)

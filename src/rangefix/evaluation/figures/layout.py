@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any, cast
 
 from matplotlib import rcParams
+from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
@@ -23,6 +24,7 @@ NATURAL: dict[str, float] = {  # letters at that size, points
 }  # fmt: skip
 # Spaces that are no places to break a line.
 TOGETHER = r" (?=[+=%] )|(?<= [+=]) |(?<=\d) (?=m\b)"
+MAX_BESIDE = 6  # estimators side by side
 LARGEST = 9.0 / 8.0  # of letters in a figure of a given width, times those of the labels
 
 
@@ -165,3 +167,10 @@ def wrapped(text: str, width: float, setting: str, **font: Any) -> str:
                 line += letter
         lines.append(line.rstrip())
     return "\n".join(lines)
+
+
+def dpi_of(axes: Axes) -> float:
+    """Dots per inch of the figure that some axes are in."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return float(figure.dpi)

@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 
 from ...arrays import Array
 from ..results import Scene
-from .layout import small
+from .layout import dpi_of, small
 from .style import INK, STAR
 
 BEAM = "#B03A00"
@@ -65,8 +65,8 @@ def _label_place(axes: Axes, start: Array, step: Array, reach: float, taken: lis
     ahead = np.where(step > 0, limits[:, 1], limits[:, 0]) - start
     border = np.min(ahead / np.where(step == 0, 1.0, step), where=step != 0, initial=np.inf)
     view = np.ptp(limits, axis=1)
-    dpi = axes.get_figure(root=True).dpi  # type: ignore[union-attr]
     inches = axes.get_window_extent()
+    dpi = dpi_of(axes)
     scale = float(np.max(view / [inches.width, inches.height]) * dpi)  # metres to the inch, before the layout
     apart = NUMBER * small() / 72 * scale
     least, most = 0.055 * float(view.min()), border - 0.03 * float(view.min())

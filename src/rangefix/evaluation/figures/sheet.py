@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
-from .layout import Layout, line_height, text_width, wrapped
+from .layout import Layout, dpi_of, line_height, text_width, wrapped
 
 MARGIN = 0.15  # inches, at the edges of a figure
 LINES_OF_NOTE = 2  # for which the natural size of a figure has room
@@ -226,4 +226,4 @@ def legend_below(
 
 def _inches(axes: Axes) -> float:
     """Width of an axes in its figure as it is laid out so far."""
-    return float(axes.get_window_extent().width / axes.get_figure(root=True).dpi)  # type: ignore[union-attr]
+    return float(axes.get_window_extent().width / dpi_of(axes))

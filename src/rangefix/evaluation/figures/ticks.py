@@ -18,7 +18,7 @@ from matplotlib.ticker import (
 )
 
 from ...arrays import Array
-from .layout import line_height, text_width
+from .layout import dpi_of, line_height, text_width
 
 GAP = 0.06  # between labels side by side, inches
 
@@ -40,7 +40,7 @@ class FittingLocator(Locator):
 
     def __call__(self) -> Array:  # type: ignore[override]
         axis = self._real_axis
-        asked = (*axis.get_view_interval(), *axis.axes.bbox.size, _dpi(axis))
+        asked = (*axis.get_view_interval(), *axis.axes.bbox.size, dpi_of(axis.axes))
         if self._found[0] != asked:
             self._found = asked, self._choose()
         return self._found[1]
@@ -83,18 +83,13 @@ class FittingLocator(Locator):
         places = axis.get_transform().transform(ticks)
         low, high = axis.get_transform().transform(np.asarray(axis.get_view_interval(), dtype=float))
         size = axis.axes.bbox.width if across else axis.axes.bbox.height
-        inches = (places - low) / (high - low) * size / _dpi(axis)
+        inches = (places - low) / (high - low) * size / dpi_of(axis.axes)
         if across:
             widths = np.array([text_width(label, setting) for label in labels])
             needed = (widths[1:] + widths[:-1]) / 2 + GAP
         else:
             needed = np.full(max(len(ticks) - 1, 0), 0.9 * line_height(setting))
         return bool((np.abs(np.diff(inches)) >= needed).all())
-
-
-def _dpi(axis: Axis) -> float:
-    """Dots per inch of the figure that an axis is in."""
-    return float(axis.axes.get_figure(root=True).dpi)  # type: ignore[union-attr]
 
 
 def plain_numbers(axis: Axis, subdivisions: Sequence[float] = (1.0,)) -> None:

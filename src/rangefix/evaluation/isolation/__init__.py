@@ -2,6 +2,7 @@
 
 from .deadline import TookTooLong, deadline
 from .look import PluginInfo, signature_of
+from .memory import default_memory_gb, machine_memory_gb
 from .pickling import to_pickle
 from .process import (
     IsolatedProcess,
@@ -13,8 +14,6 @@ from .process import (
     begin_piece,
     begin_stage,
     counted_from,
-    default_memory_gb,
-    machine_memory_gb,
     memory_hint,
 )
 from .undisturbed import blas_on_one_thread, thread_pools, undisturbed

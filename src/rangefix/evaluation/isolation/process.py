@@ -20,7 +20,6 @@ import tempfile
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from time import monotonic
@@ -28,6 +27,7 @@ from typing import IO, Any, NamedTuple
 
 from ...errors import cut, one_line, printable
 from ...filters.plugin_line import innermost, plugin_line
+from .memory import default_memory_gb, limit_in_words, resident_gb
 
 CHILD_CODE = """
 import sys
@@ -42,7 +42,6 @@ LOOK_EVERY_S = 0.1  # at whether it lives, and at its memory
 MAX_PRINTED_BYTES = 2000  # of what a process prints; the rest is dropped
 NOTE_BYTES = 512  # at the head of the file; what faulthandler writes comes after
 MAX_DUMP_BYTES = 1 << 20
-MAX_MEMORY_GB = 8.0  # of a plug-in, unless more is allowed
 HEADROOM_GB = 2.0  # of data, used or not, beyond the limit of resident memory
 
 
@@ -181,7 +180,7 @@ class IsolatedProcess:
             elif monotonic() - since > GRACE_S + longest:
                 raise self._lost(limit, where)
             elif resident_gb(self._process.pid) > self._memory_gb:
-                raise self._lost(limit, where, "took more than " + in_words(self._memory_gb))
+                raise self._lost(limit, where, "took more than " + limit_in_words(self._memory_gb))
 
     def _note(self, content: bytes) -> tuple[int, Stage]:
         """Which piece of the work asked for last it is at; 0 if it is at none yet."""
@@ -201,32 +200,6 @@ class IsolatedProcess:
         seconds = f"took longer than {limit.over(stage.at_once):g} s"
         reason = f"the trial {seconds} (timeout_s), in {stage.words or 'no method'}"
         return Lost("timeout", (reason if stage.at_once else f"{did} {seconds}") + line, stage)
-
-
-def machine_memory_gb() -> float:
-    """Memory of this machine, GB; twice MAX_MEMORY_GB where the system does not tell."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    except (AttributeError, ValueError, OSError):
-        return 2 * MAX_MEMORY_GB
-
-
-def default_memory_gb() -> float:
-    """Half of the machine's memory, at most MAX_MEMORY_GB."""
-    return min(MAX_MEMORY_GB, machine_memory_gb() / 2)
-
-
-def in_words(memory_gb: float) -> str:
-    """A limit of memory, and the key that changes it."""
-    return f"{memory_gb:.3g} GB of memory (plugin_memory_gb)"
-
-
-def resident_gb(process: int) -> float:
-    """Resident memory of a process, GB; 0 where the system does not tell."""
-    with suppress(OSError, ValueError, IndexError):
-        pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
-    return 0.0
 
 
 def _listen(pipe: IO[bytes], answers: SimpleQueue[Any]) -> None:
@@ -374,4 +347,4 @@ def memory_hint(error: BaseException) -> str:
     """Which limit may be behind an error; empty if none is."""
     if ChildProgram.current is None or not isinstance(error, MemoryError):
         return ""
-    return f"; a plug-in may take {in_words(ChildProgram.current.memory_gb)}"
+    return f"; a plug-in may take {limit_in_words(ChildProgram.current.memory_gb)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -11,6 +12,8 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...errors import printable
+from ..experiment import Experiment
+from ..isolation import Stage
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -43,6 +46,35 @@ class Progress(NamedTuple):
 
 
 Tell = Callable[[Progress], None]
+
+
+class TrialCounts:
+    """Counts the trials of each estimator over all its sets of beams, and tells how far it has come.
+
+    Args:
+        experiment: Whose trials.
+        tell: Told; None to tell nobody.
+    """
+
+    def __init__(self, experiment: Experiment, tell: Tell | None) -> None:
+        self._steps, self._tell = experiment.steps, tell
+        self._total = experiment.runs * len(experiment.beam_sets)
+        self._done, self._failed = Counter[str](), Counter[str]()
+
+    def add(self, label: str, trials: int, failed: int, begun: int = 0, now: str = "") -> None:
+        """Count trials of an estimator that are done, and tell of them, and of others that are begun."""
+        self._done[label] += trials
+        self._failed[label] += failed
+        if self._tell is not None:
+            done = self._done[label] + begun
+            self._tell(Progress(label, done, self._total, self._failed[label], now=now))
+
+    def watch(self, label: str, stage: Stage) -> None:
+        """Tell what an estimator is doing."""
+        step = stage.step or 0
+        begun = stage.place + stage.at_once * step // self._steps
+        now = f"measurement {step + 1} of {self._steps}" if self._steps > 1 else stage.verb
+        self.add(label, 0, 0, begun, now)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +13,6 @@ from ..comparison.worst_runs import worst_runs, worst_runs_csv
 from ..consistency.row import to_csv
 from ..consistency.summarise import summarise
 from ..experiment import Experiment, NamedEstimator
-from ..isolation import Stage
 from ..results import (
     BOUNDS,
     KEPT_DRAWS,
@@ -41,7 +40,7 @@ from .cost import check_disk, check_memory, estimate_line, time_needed, workers_
 from .environment import environment
 from .keys import own_code, part_keys
 from .own_folder import locked, remove_files, what_is_older
-from .progress import Progress, Tell, passing, shown
+from .progress import Tell, TrialCounts, passing, shown
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .shares import Shares
 from .simulate import Simulation, simulate
@@ -220,26 +219,15 @@ def _work_all(
     folder: Path,
     workers: int,
     client: Any,
-    progress: Tell | None,
+    tell: Tell | None,
     resume: bool,
 ) -> None:
+    """Do the parts that are not there, and save each as it is finished."""
     experiment, unfinished = worker.experiment, Unfinished(folder, plan)
-    total = experiment.runs * len(experiment.beam_sets)
-    counts = {label: [0, 0] for label in experiment.estimators}
-
-    def report(label: str, trials: int, failed: int, begun: int = 0, now: str = "") -> None:
-        counts[label][0] += trials
-        counts[label][1] += failed
-        if progress:
-            done = counts[label][0] + begun
-            progress(Progress(label, done, total, counts[label][1], now=now))
-
-    def watch(task: Task, stage: Stage) -> None:
-        step = stage.step or 0
-        begun = stage.place + stage.at_once * step // experiment.steps
-        now = f"measurement {step + 1} of {experiment.steps}" if experiment.steps > 1 else stage.verb
-        report(task.estimator, 0, 0, begun, now)
-
+    counts = TrialCounts(experiment, tell)
+    tasks = list(_tasks_left(worker, plan, folder, resume, counts))
+    if not tasks:
+        return
     steps, size, beams = plan.shape
     at_once = int(MAX_BLOCK_BYTES / (8 * plan.block * steps * (size + beams)))
 
@@ -250,41 +238,46 @@ def _work_all(
     def world(task: Task) -> Simulation:
         return block(task.first, task.end)
 
-    tasks = []
-    for label in experiment.estimators:
-        report(label, 0, 0)
-        for beam_set in range(len(experiment.beam_labels)):
-            for first, end in plan.blocks():
-                task = Task(label, beam_set, first, end)
-                saved = if_valid(read_trials, folder, plan, *worker.place(task)) if resume else None
-                if saved is None:
-                    tasks.append(task)
-                    if not resume:
-                        unfinished.remove(worker.place(task))
-                else:
-                    report(label, end - first, len(saved["failed"]))
-    if not tasks:
-        return
     workers = min(workers, sum(task.end - task.first for task in tasks))  # more would have nothing to do
     elsewhere = "on the cluster" if client is not None else ""
     if client is None and workers > 1:
         elsewhere = f"on {workers} workers"
     for label in dict.fromkeys(task.estimator for task in tasks):
-        report(label, 0, 0, now=elsewhere)
+        counts.add(label, 0, 0, now=elsewhere)
     shares = None
     if client is not None:
         parts = on_cluster(experiment, tasks, world, client)
     elif workers == 1:
-        parts = in_process(worker, tasks, world, watch)
+        parts = in_process(worker, tasks, world, lambda task, stage: counts.watch(task.estimator, stage))
     else:
-        shares = Shares(worker, tasks, world, workers, report)
+        shares = Shares(worker, tasks, world, workers, counts.add)
         parts = on_workers(worker, shares, workers)
     for task, part in parts:
         place = worker.place(task)
         write_part(trials_path(folder, *place), part, plan.key(*place))
         unfinished.remove(place)
         if shares is None or not shares.cut(task):
-            report(task.estimator, task.end - task.first, len(part["failed"]))
+            counts.add(task.estimator, task.end - task.first, len(part["failed"]))
+
+
+def _tasks_left(
+    worker: Worker, plan: FolderLayout, folder: Path, resume: bool, counts: TrialCounts
+) -> Iterator[Task]:
+    """The parts that are not there, or may not be taken; those that are taken are counted."""
+    unfinished = Unfinished(folder, plan)
+    for label in worker.experiment.estimators:
+        counts.add(label, 0, 0)
+        for beam_set in range(len(worker.experiment.beam_labels)):
+            for first, end in plan.blocks():
+                task = Task(label, beam_set, first, end)
+                place = worker.place(task)
+                saved = if_valid(read_trials, folder, plan, *place) if resume else None
+                if saved is not None:
+                    counts.add(label, end - first, len(saved["failed"]))
+                    continue
+                if not resume:
+                    unfinished.remove(place)
+                yield task
 
 
 def _save_scene(experiment: Experiment, folder: Path) -> None:

@@ -90,7 +90,8 @@ def accuracy_map(problem: Problem, sensor: Rangefinder, step: float) -> Accuracy
     space, mean = problem.space, np.asarray(problem.prior.mean, dtype=float)
     before = np.linalg.inv(np.asarray(problem.prior.covariance))
     beams = np.flatnonzero(~sensor.blind)
-    tables = _information(sensor, float(np.hypot(*(upper - lower))))
+    reach = float(np.hypot(*(upper - lower)))
+    tables = _information(sensor, reach)
     covariance, seen = np.full((len(places), 2, 2), np.nan), np.full(len(places), -1)
     compared = beams[np.linspace(0, len(beams) - 1, min(len(beams), COMPARED_BEAMS)).round().astype(int)]
     judged = len(free) if len(free) <= MOST_JUDGED else 0
@@ -102,10 +103,10 @@ def accuracy_map(problem: Problem, sensor: Rangefinder, step: float) -> Accuracy
         states[:, space.position_indices] = places[part]
         ranges, slopes = sensor.look(states)
         known = np.isfinite(ranges)
+        ranges = np.where(known, ranges, reach)
         weights = np.zeros_like(ranges)
         for beam in beams:
-            at, told = tables[0] if len(tables) == 1 else tables[beam]
-            weights[:, beam] = np.interp(np.where(known[:, beam], ranges[:, beam], at[-1]), at, told)
+            weights[:, beam] = np.interp(ranges[:, beam], *tables[beam])
         weights[~known] = 0.0
         gained = np.matmul(np.swapaxes(slopes * weights[..., None], 1, 2), slopes)
         after = np.linalg.inv(before + gained)
@@ -115,10 +116,7 @@ def accuracy_map(problem: Problem, sensor: Rangefinder, step: float) -> Accuracy
         if judged:
             here = slice(start, start + len(part))
             for place, beam in enumerate(compared):
-                at, told = tables[0] if len(tables) == 1 else tables[beam]
-                readings[here, place] = _in_deviations(
-                    np.where(known[:, beam], ranges[:, beam], at[-1]), at, told
-                )
+                readings[here, place] = _in_deviations(ranges[:, beam], *tables[beam])
             read_slopes[here] = np.sqrt(weights[:, compared, None]) * slopes[:, compared][:, :, rows]
     mistaken = np.full(len(places), np.nan)
     if judged:
@@ -143,11 +141,11 @@ def _in_deviations(ranges: Array, at: Array, told: Array) -> Array:
 
 
 def _information(sensor: Rangefinder, reach: float) -> list[tuple[Array, Array]]:
-    """Ranges, m, and Fisher's information of a reading about each, 1/m^2; of all beams, or of each."""
+    """Ranges, m, and Fisher's information of a reading about each, 1/m^2; of each beam."""
     count = len(sensor.bearings)
-    noises = [sensor.noise] if beams_alike(sensor) else [
-        noise_of_beams(sensor.noise, beam, count) for beam in range(count)
-    ]  # fmt: skip
+    if beams_alike(sensor):
+        return [_fisher(sensor, sensor.noise, reach)] * count
+    noises = (noise_of_beams(sensor.noise, beam, count) for beam in range(count))
     return [_fisher(sensor, noise, reach) for noise in noises]
 
 

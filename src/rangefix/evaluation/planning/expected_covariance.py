@@ -25,7 +25,7 @@ from .cells import Cells, beams_alike
 from .reading_table import ReadingTable, SharedTables, reading_table
 
 Criterion = Literal["trace", "det", "largest", "information"]
-CRITERIA: tuple[str, ...] = get_args(Criterion)
+CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 BYTES_AT_ONCE = 200_000_000  # of ranges and slopes
 VALUES_AT_ONCE = 10_000_000  # of binned moments
 IMPROBABLE = 1e-14  # of a reading, over the most probable one: it counts as none

@@ -30,7 +30,7 @@ from .time_left import TimeLeft
 from .whole_sets.covariances import Accuracy
 
 Method = Literal["greedy", "exchange", "exhaustive"]
-METHODS: tuple[str, ...] = get_args(Method)
+METHODS: tuple[Method, ...] = get_args(Method)
 NEXT_PLACES = 3  # of candidates for the next beam, about which all are looked at
 PICTURED = 8  # truths over which the objective of all candidates is averaged, for pictures
 

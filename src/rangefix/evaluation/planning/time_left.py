@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from time import monotonic
 
-WHOLE_CHOICE = (
-    4.0  # times what the first truths of a choice take: more of them follow, for the best candidates
-)
+WHOLE_CHOICE = 4.0  # times what the first truths of a choice take: more follow, for the best candidates
 BRIEF_S = 10.0  # what is left is told from here on
 
 

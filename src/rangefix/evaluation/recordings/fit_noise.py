@@ -57,14 +57,13 @@ class CorrelationCurve:
     pairs: Array
 
 
-def fit_law(readings: Array, expected: Array, max_range: float, start: LostBeams | None = None) -> LostBeams:
+def fit_law(readings: Array, expected: Array, max_range: float) -> LostBeams:
     """The law of each reading by itself, by maximum likelihood.
 
     Args:
         readings: (T, B), m; NaN = not measured, inf = no return.
         expected: Ranges of the map, (T, B), m.
         max_range: Of the rangefinder, m.
-        start: A law to begin with.
 
     Raises:
         ValueError: If fewer than 50 readings have a wall to be compared with.

@@ -14,14 +14,13 @@ from typing import Protocol
 
 import numpy as np
 
-from ...arrays import TEN_TURNS, TWO_PI, Array, IntArray, wrap
+from ...arrays import TEN_TURNS, TEN_TURNS_DEG, TWO_PI, Array, IntArray, wrap
 
 MOST_BEAMS = 100_000
 FARTHEST_M = 1e7  # from the origin of a map: beyond that a place is a mistake of the file
 UNPLACED = "nothing says where the laser stands on the robot: it is taken to stand at its reference point"
 UNLIMITED_M = 100.0  # the longest range of a laser of which nobody says it
 LARGEST_M = 100.0  # of a laser from the robot's reference point
-LARGEST_YAW_DEG = 3600  # of a laser on it: further turns cost it its digits
 
 
 class RecordingError(ValueError):
@@ -79,9 +78,9 @@ class LaserDescription:
                 f"the laser must stand within {LARGEST_M:g} m of the robot's reference point, got "
                 f"{self.forward_m:g} m ahead, {self.left_m:g} m to the left"
             )
-        if abs(yaw := np.rad2deg(self.yaw_rad)) > LARGEST_YAW_DEG:
+        if abs(yaw := np.rad2deg(self.yaw_rad)) > TEN_TURNS_DEG:
             raise RecordingError(
-                f"the laser must be turned by -{LARGEST_YAW_DEG} to {LARGEST_YAW_DEG} deg, got {yaw:g}"
+                f"the laser must be turned by -{TEN_TURNS_DEG} to {TEN_TURNS_DEG} deg, got {yaw:g}"
             )
         bearings.setflags(write=False)
         object.__setattr__(self, "bearings_rad", bearings)  # a copy that nobody can change

@@ -65,9 +65,7 @@ def _write_nameless(path: Path, part: Path, content: bytes) -> bool:
             file.flush()
             nameless = f"/proc/self/fd/{file.fileno()}"
             try:
-                os.link(
-                    nameless, path, src_dir_fd=0
-                )  # with a folder, which does not count, links are followed
+                os.link(nameless, path, src_dir_fd=0)  # a folder, which does not count: links are followed
             except FileExistsError:
                 os.link(nameless, part, src_dir_fd=0)
                 part.replace(path)

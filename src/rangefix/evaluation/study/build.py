@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from ...arrays import Array
 from ...errors import one_line
 from ...filters import Problem, RangeMap
+from ...maps.readers.open_map import with_options_called
 from .check_estimators import STAND_IN, check_estimators
 from .mistakes import Mistakes
 from .schema import StudySections
@@ -89,13 +89,11 @@ def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map"
 
 def _as_keys(text: str, section: Section, typed: Mapping[tuple[str | int, ...], str]) -> str:
     """What is wrong with a map, with what Python calls its options as a study or a command has them."""
-    for key in (key for key in type(section).model_fields if key.endswith("_m") and key.count("_") > 1):
-        text = re.sub(rf"(?<![\w/.-]){key[:-2]}(?![\w.])", key, text)
-    for key in ("unit", "up"):
-        option = typed.get(("map", key), "")
-        if option.startswith("--"):
-            text = re.sub(rf"\b{key}(?=[\w, ]* has no effect on it)", option.split()[0], text)
-    return text
+    keys = (key for key in type(section).model_fields if key.endswith("_m") and key.count("_") > 1)
+    options = ((key, typed.get(("map", key), "")) for key in ("unit", "up"))
+    names = {key.removesuffix("_m"): key for key in keys}
+    names |= {key: option.split()[0] for key, option in options if option.startswith("--")}
+    return with_options_called(text, names)
 
 
 def _problem(
@@ -178,7 +176,7 @@ def _start(study: StudySections, room: RangeMap, told: Problem | None, mistakes:
     return start
 
 
-def _box(lower: Any, upper: Any) -> str:
+def _box(lower: Array, upper: Array) -> str:
     return " x ".join(f"{low:g} to {high:g}" for low, high in zip(lower, upper, strict=True)) + " m"
 
 

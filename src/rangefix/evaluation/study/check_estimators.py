@@ -93,8 +93,6 @@ def check_estimators(
         mistakes: Where what is wrong is noted.
         space: The state space; None where it cannot be built either.
     """
-    from ...filters.memory import memory_needed  # brings the filters, which a refused study need not wait for
-
     labels: set[str] = set()
     for place, entry in enumerate(entries):
         at = ("estimators", place)
@@ -113,30 +111,44 @@ def check_estimators(
         if not mistakes.sound(*at):
             continue
         if entry.name in BUILT_IN:
-            plugin = signature_of(entry.name, resolve(entry.name))
-            fits = _options_fit(entry, plugin, at, mistakes) and _sizes_fit(
-                entry, variants, plugin, at, mistakes
-            )
-            if fits and (problem is None or _cells_fit(variants, problem, at, mistakes)):
-                there = problem or _stand_in(space or position_space())
-                for variant in variants:
-                    try:
-                        need = memory_needed(variant.name, there, variant.options, 1)
-                    except WallsAsked:
-                        need = None
-                    if need is not None and need.kept > MOST_BYTES_TRIED:
-                        continue
-                    try:
-                        build(variant.name, there, **variant.options)
-                    except WallsAsked:
-                        pass
-                    except Exception as error:
-                        mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
-        else:
-            try:
-                file_of(entry.name, folder)
-            except KeyError as error:
-                mistakes.add((*at, "name"), one_line(error))
+            _check_built_in(entry, variants, at, problem, space or position_space(), mistakes)
+            continue
+        try:
+            file_of(entry.name, folder)
+        except KeyError as error:
+            mistakes.add((*at, "name"), one_line(error))
+
+
+def _check_built_in(
+    entry: EstimatorSection,
+    variants: list[Variant],
+    at: tuple[str | int, ...],
+    problem: Problem | None,
+    space: StateSpace,
+    mistakes: Mistakes,
+) -> None:
+    """Note options of one of ours that it does not have or that do not fit; what is small is built."""
+    from ...filters.memory import memory_needed  # brings the filters, which a refused study need not wait for
+
+    plugin = signature_of(entry.name, resolve(entry.name))
+    if not (_options_fit(entry, plugin, at, mistakes) and _sizes_fit(entry, variants, plugin, at, mistakes)):
+        return
+    if problem is not None and not _cells_fit(variants, problem, at, mistakes):
+        return
+    there = problem or _stand_in(space)
+    for variant in variants:
+        try:
+            need = memory_needed(variant.name, there, variant.options, 1)
+            if need is not None and need.kept > MOST_BYTES_TRIED:
+                continue
+        except WallsAsked:
+            pass
+        try:
+            build(variant.name, there, **variant.options)
+        except WallsAsked:
+            pass
+        except Exception as error:  # whatever an option of a wrong kind leads to
+            mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
 
 
 def refuse_plugins(entries: list[EstimatorSection], mistakes: Mistakes) -> None:

@@ -125,14 +125,7 @@ def parse_study(
     Raises:
         StudyError: With every mistake, one line each.
     """
-    if (deep := deep_line(text)) is not None:
-        raise StudyError([too_deep(source, deep, text)])
-    try:
-        raw = {"name": Path(source).stem} | tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError([not_toml(source, error)]) from None
-    except (RecursionError, ValueError) as error:  # quoted names nest too; numbers of thousands of digits
-        raise StudyError([f"{source}: not TOML that can be read: {one_line(error)}"]) from None
+    raw = {"name": Path(source).stem} | read_toml(text, source)
     changed = {key: value for key, value in (changes or {}).items() if value is not None}
     typed: dict[Key, str] = {(key,): (given_as or {}).get(key, key) for key in changed}
     mistakes = Mistakes(source, key_lines(text), typed)
@@ -159,7 +152,27 @@ def parse_study(
     return study
 
 
-def not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
+def read_toml(text: str, source: str) -> dict[str, Any]:
+    """The keys of a TOML text.
+
+    Args:
+        text: The text.
+        source: Where it is from, for messages.
+
+    Raises:
+        StudyError: If it is no TOML that can be read, with the line where that is known.
+    """
+    if (deep := deep_line(text)) is not None:
+        raise StudyError([_too_deep(source, deep, text)])
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError([_not_toml(source, error)]) from None
+    except (RecursionError, ValueError) as error:  # quoted names nest too; numbers of thousands of digits
+        raise StudyError([f"{source}: not TOML that can be read: {one_line(error)}"]) from None
+
+
+def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     """The mistake, with the line where others have it."""
     text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
     if place := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
@@ -167,7 +180,7 @@ def not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     return f"{source}: not TOML: {text}"
 
 
-def too_deep(source: str, line: int, text: str) -> str:
+def _too_deep(source: str, line: int, text: str) -> str:
     """The mistake, with the key on whose line it is."""
     start = text.splitlines()[line - 1].lstrip("[ ")
     key = start.partition("=")[0].strip()

@@ -11,7 +11,7 @@ from ...arrays import Array
 from ..experiment import Builder, NamedEstimator
 from ..isolation import IsolatedProcess, Limit, Lost, Raised, Watch, counted_from, to_pickle, undisturbed
 from ..isolation.look import add_folder
-from ..results import Outcome, concatenate, failed_outcome
+from ..results import Outcome, Status, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .saving import Saving
 from .timing import TimedPass
@@ -36,6 +36,29 @@ def _build(content: bytes) -> None:
 def _call(method: str, *arguments: Any) -> Any:
     with undisturbed(_here[0].trial):
         return getattr(_here[0], method)(*arguments)
+
+
+@dataclass
+class _Finished:
+    """Trials that are done, in any order.
+
+    Attributes:
+        outcomes: Of batches, by their first run, counted from the first of all.
+        lost: Runs that were lost.
+    """
+
+    outcomes: dict[int, Outcome] = field(default_factory=dict)
+    lost: set[int] = field(default_factory=set)
+
+    def first_runs(self) -> Outcome | None:
+        """The first runs, as far as none is missing, up to one that was not lost; None if there are none."""
+        whole, end = list[Outcome](), 0
+        while (outcome := self.outcomes.get(end)) is not None:
+            whole.append(outcome)
+            end += len(outcome.status)
+        while whole and end - 1 in self.lost:
+            end -= len(whole.pop().status)
+        return concatenate(whole) if whole else None
 
 
 @dataclass
@@ -166,6 +189,7 @@ class GuardedEstimator:
             first: Number of the first run.
             first_two: Measurements of runs 0 and 1, (2, T, B).
             truth: True states (M, T, n), if beliefs are to be judged.
+            watch: Told now and then which runs are done at once, and by which method.
             saving: Where finished runs go every few seconds; batches are as small as that needs. The last of
                 them was not lost, so that those lost in a row are counted alike when the rest is done later.
 
@@ -176,23 +200,12 @@ class GuardedEstimator:
         step = runs if probe is None else max(1, probe.size)
         at_once = 1 if probe is None else step
         todo = [(start, min(start + step, runs), at_once) for start in range(0, runs, step)][::-1]
-        done: dict[int, Outcome] = {}
-        lost: set[int] = set()
+        finished = _Finished()
         ends: Counter[tuple[int, int]] = Counter()
 
         def give_up(start: int, end: int, status: str, reason: str) -> None:
-            done[start] = failed_outcome(measurement[start:end].shape, self.size, status, reason)
-
-        def so_far() -> Outcome | None:
-            whole, end = list[Outcome](), 0
-            for place in sorted(done):
-                if place != end:
-                    break
-                whole.append(done[place])
-                end += len(done[place].status)
-            while whole and end - 1 in lost:
-                end -= len(whole.pop().status)
-            return concatenate(whole) if whole else None
+            shape = measurement[start:end].shape
+            finished.outcomes[start] = failed_outcome(shape, self.size, status, reason)
 
         while todo:
             start, end, at_once = todo.pop()
@@ -203,12 +216,13 @@ class GuardedEstimator:
                     end = start + most
                 true = None if truth is None else truth[start:end]
                 piece = (measurement[start:end], first + start, at_once, true)
-                done[start] = self._ask("run", piece, self._limit(probe), counted_from(start, watch))
+                outcome = self._ask("run", piece, self._limit(probe), counted_from(start, watch))
+                finished.outcomes[start] = outcome
                 if saving is not None:
-                    saving.end(end - start, so_far)
+                    saving.end(end - start, finished.first_runs)
                 continue
             except Raised as error:  # not by the estimator's verbs: by something in our own way to it
-                give_up(start, end, "error", str(error))
+                give_up(start, end, Status.ERROR, str(error))
                 continue
             except Lost as error:
                 stop = error
@@ -223,14 +237,14 @@ class GuardedEstimator:
                 todo.append((where, after, 1))
             else:
                 give_up(where, after, stop.status, stop.reason)
-                lost.add(where)
-                if after < runs and lost.issuperset(range(after - MAX_LOST_IN_A_ROW, after)):
+                finished.lost.add(where)
+                if after < runs and finished.lost.issuperset(range(after - MAX_LOST_IN_A_ROW, after)):
                     told = f"{MAX_LOST_IN_A_ROW} trials in a row were lost before it ({stop.reason})"
-                    give_up(after, runs, "skipped", f"not tried: {told}")
+                    give_up(after, runs, Status.SKIPPED, f"not tried: {told}")
                     todo.clear()
             if where > start:  # they went well, and were lost with the process
                 todo.append((start, where, at_once))
-        return concatenate([done[place] for place in sorted(done)])
+        return concatenate([finished.outcomes[place] for place in sorted(finished.outcomes)])
 
     def _limit(self, probe: Probe | None) -> Limit:
         """Of a batch."""

@@ -61,6 +61,11 @@ class AdaptiveBelief:
     possible: bool = True
     inherited: float = 0.0
 
+    @property
+    def untouched(self) -> Prior | None:
+        """The problem's prior, as long as nothing was measured and no move predicted."""
+        return None if self.posterior is not None or isinstance(self.prior, Predicted) else self.prior
+
     def __repr__(self) -> str:
         if self.posterior is None:
             return brief(self)
@@ -188,9 +193,8 @@ class AdaptivePointMassFilter(BriefRepr):
 
     def estimate(self, belief: AdaptiveBelief) -> Estimate:
         """Posterior mean (n,), conditional covariance (n, n) and log evidence."""
-        if belief.posterior is None and not isinstance(belief.prior, Predicted):
-            evidence = belief.log_evidence if belief.possible else -np.inf
-            return Estimate(belief.prior.mean, belief.prior.covariance, evidence)
+        if (prior := belief.untouched) is not None:
+            return Estimate(prior.mean, prior.covariance, belief.log_evidence if belief.possible else -np.inf)
         cells = self._cells(belief)
         _, mean, covariance, _ = cells.moments
         if not is_definite(covariance):
@@ -202,7 +206,7 @@ class AdaptivePointMassFilter(BriefRepr):
 
         What was off before a move is still off after it, as far as measurements have not made up for it.
         """
-        if not belief.possible or (belief.posterior is None and not isinstance(belief.prior, Predicted)):
+        if not belief.possible or belief.untouched is not None:
             return 0.0
         cells, inherited = self._cells(belief), belief.inherited
         if inherited > 0 and belief.posterior is not None and isinstance(belief.prior, Predicted):
@@ -218,14 +222,14 @@ class AdaptivePointMassFilter(BriefRepr):
         """
         if self.problem.space.heading is not None:
             raise NotImplementedError("the heading is known")
-        if belief.posterior is None and not isinstance(belief.prior, Predicted):
-            return resultant_of_draws(self.problem.space, belief.prior)
+        if (prior := belief.untouched) is not None:
+            return resultant_of_draws(self.problem.space, prior)
         return self._cells(belief).moments.resultant
 
     def sample(self, belief: AdaptiveBelief, size: int, rng: Generator) -> Array:
         """Draws from the belief, (size, n), with the mean and covariance that it claims."""
-        if belief.posterior is None and not isinstance(belief.prior, Predicted):
-            return belief.prior.sample(size, rng)
+        if (prior := belief.untouched) is not None:
+            return prior.sample(size, rng)
         return sample_modes(self._cells(belief).modes, size, rng)
 
     def density(self, belief: AdaptiveBelief) -> Image:

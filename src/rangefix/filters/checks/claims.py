@@ -120,6 +120,9 @@ def need_agreement(differences: Array, allowed: Array | float, size: int, whom: 
         allowed: What the average may be off by besides, one number or one for each column.
         size: The number n of components.
         whom: What was compared with, for the message.
+
+    Raises:
+        CheckFailure: If they do not, or one is not finite.
     """
     need(
         bool(np.isfinite(differences[:, :-1]).all()),

@@ -16,7 +16,7 @@ from ...compiled import in_threads
 from ..estimate import BriefRepr, Estimate, brief
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
-from ..models.motion import Stationary
+from ..models.motion import refuse_moving
 from ..prior_ends import FAR_REACH, Ends, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
 from ..sampling import gaussian_draws
@@ -86,8 +86,7 @@ class ExactPositionFilter(BriefRepr):
         space = self.problem.space
         if space.names != ("x1", "x2"):
             raise ValueError("the exact filter is for a position x1, x2 with a known heading")
-        if not isinstance(self.problem.motion, Stationary):
-            raise ValueError("the exact filter is for an object that stays where it is")
+        refuse_moving(self.problem.motion, "the exact filter")
         refuse_shared_errors(self.problem.sensor, "the exact filter")
         keep_whole(self, "most_pieces", 1)
         self.parts  # noqa: B018 (refuses what does not fit)

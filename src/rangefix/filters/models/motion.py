@@ -17,6 +17,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import Array, keep_copies
+from ..problem import Motion
 from ..sampling import GeneratorPerRun
 from ..space import StateSpace
 
@@ -43,6 +44,16 @@ class Stationary:
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The same states; nothing is drawn."""
         return np.asarray(states, dtype=float)
+
+
+def refuse_moving(motion: Motion, who: str, instead: str = "") -> None:
+    """Refuse a motion but `Stationary`.
+
+    Raises:
+        ValueError: If it is another; the message begins with who refuses it, and ends with what to take.
+    """
+    if not isinstance(motion, Stationary):
+        raise ValueError(f"{who} is for an object that stays where it is{instead and f': take {instead}'}")
 
 
 @dataclass(frozen=True)

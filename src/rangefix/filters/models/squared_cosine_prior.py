@@ -12,7 +12,7 @@ from ...arrays import TWO_PI, Array, read_only
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
-from .uniform_prior import LATTICE
+from .uniform_prior import LATTICE, box_of
 
 
 class SquaredCosine:
@@ -38,10 +38,7 @@ class SquaredCosine:
     ) -> None:
         if space.names != ("x1", "x2"):
             raise ValueError(f"a squared-cosine prior covers x1 and x2, not {', '.join(space.names)}")
-        given = zip((lower, upper), room.bounds, strict=True)
-        low, high = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
-        if low.shape != (2,) or high.shape != (2,) or not (high > low).all():
-            raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {low} and {high}")
+        low, high = box_of(room, lower, upper)
         raster = Raster.over(low, high, LATTICE)
         blocked = ~np.asarray(room.is_free(raster.centres)).ravel()
         if blocked.any():

@@ -48,8 +48,6 @@ class Uniform:
         if extra := set(self.space.names) - {"x1", "x2", "heading"}:
             raise ValueError(f"a uniform prior covers x1, x2 and heading, not {', '.join(sorted(extra))}")
         lower, upper = self._box
-        if lower.shape != (2,) or upper.shape != (2,) or not (upper > lower).all():
-            raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {lower} and {upper}")
         if not self._place[0]:
             raise ValueError(f"the prior has no free space in the box from {lower} to {upper}")
         if (share := float(self._place[0] / np.prod(upper - lower))) < LEAST_FREE:
@@ -66,12 +64,10 @@ class Uniform:
     @cached_property
     def _box(self) -> tuple[Array, Array]:
         """Corners of the box within the map's bounds, m, (2,) each."""
-        given = zip((self.lower, self.upper), self.room.bounds, strict=True)
-        lower, upper = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
-        if lower.shape == upper.shape == (2,):
-            low, high = np.maximum(lower, self.room.bounds[0]), np.minimum(upper, self.room.bounds[1])
-            if (high > low).all():  # else nothing of it is free, which is told of the box as it was given
-                lower, upper = low, high
+        lower, upper = box_of(self.room, self.lower, self.upper)
+        low, high = np.maximum(lower, self.room.bounds[0]), np.minimum(upper, self.room.bounds[1])
+        if (high > low).all():  # else nothing of it is free, which is told of the box as it was given
+            lower, upper = low, high
         return read_only(lower), read_only(upper)
 
     @cached_property
@@ -173,6 +169,19 @@ class Uniform:
                 away = wrap(states[..., column] - self.support[0][column] - half)
                 inside &= np.abs(away) <= half * (1 + 1e-12)
         return np.where(inside, -level, -np.inf)
+
+
+def box_of(room: RangeMap, lower: ArrayLike | None, upper: ArrayLike | None) -> tuple[Array, Array]:
+    """Corners of a prior's box, m, (2,) each: those given, and the map's bounds where none is.
+
+    Raises:
+        ValueError: If they are no corners x1, x2 with lower < upper.
+    """
+    given = zip((lower, upper), room.bounds, strict=True)
+    low, high = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
+    if low.shape != (2,) or high.shape != (2,) or not (high > low).all():
+        raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {low} and {high}")
+    return low, high
 
 
 def draw_free(

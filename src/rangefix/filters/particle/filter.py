@@ -29,6 +29,7 @@ from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.motion import Stationary
 from ..optional_methods import Image
+from ..prior_ends import BY_CHANCE
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
@@ -54,7 +55,6 @@ MORE_AT_ANY_HEADING = 4  # times as many particles for the first reading there
 MORE_WHERE_NONE_FITS = 8  # the same where a reading fits nowhere among them; both fewer where that takes
 MOST_RANGES_ANEW = 1e6  # particles times beams, and more
 MOST_READINGS_ANEW = 4  # one that fits nowhere after more than these is odd rather than its place missed
-BY_CHANCE = 1e-6  # how seldom it fits so badly at the truth, if the noise is Gaussian
 
 Run = tuple[Array, Array, Array | None, float]  # states, log weights, starts of the last move, log evidence
 

@@ -14,7 +14,7 @@ from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
 from ..measurement import check_measurement
-from ..models.motion import Stationary
+from ..models.motion import refuse_moving
 from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
@@ -76,11 +76,9 @@ class PointMassFilter(BriefRepr):
     shift: float = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.problem.motion, Stationary):
-            raise ValueError(
-                "the fixed-grid point-mass filter is for an object that stays where it is: take "
-                "adaptive-point-mass or particle"
-            )
+        refuse_moving(
+            self.problem.motion, "the fixed-grid point-mass filter", "adaptive-point-mass or particle"
+        )
         keep_whole(self, "most_cells", 1)
         self.cells  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 

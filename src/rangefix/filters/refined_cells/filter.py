@@ -14,7 +14,7 @@ from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
 from ..measurement import check_measurement
 from ..models.correlated import refuse_shared_errors
-from ..models.motion import Stationary
+from ..models.motion import refuse_moving
 from ..optional_methods import Image
 from ..prior_ends import Ends, FarReaching, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
@@ -82,11 +82,9 @@ class RefinedPointMassFilter(BriefRepr):
     most_cells: int = 200_000
 
     def __post_init__(self) -> None:
-        if not isinstance(self.problem.motion, Stationary):
-            raise ValueError(
-                "the fixed-grid point-mass filter is for an object that stays where it is: take "
-                "adaptive-point-mass or particle"
-            )
+        refuse_moving(
+            self.problem.motion, "the fixed-grid point-mass filter", "adaptive-point-mass or particle"
+        )
         if self.problem.space.names not in (("x1", "x2"), ("x1", "x2", "heading")):
             names = ", ".join(self.problem.space.names)
             raise ValueError(

@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import Array, IntArray
 from ..problem import Problem
 from .box_model import Boxes, survey
+from .coarse_cells import GAP_SHARE
 from .likelihood import Likelihood
 from .pool import Pool
 from .range_model import (
@@ -29,7 +30,6 @@ from .sight_lines import SightLines
 VALUES_AT_ONCE = 1 << 21  # ranges
 BENT_SCALES = 0.05  # by which ranges may be off their model before something is taken to jump or bend
 NEAR_SIZES = 2.0  # of a cell: nearer walls are met at all slants in it
-GAP_SHARE = 0.6  # of the spread of ranges that were seen: a wider gap parts two clusters
 LEAST_SLOPE = 0.5  # of a range that jumps, where nothing steeper was seen
 
 

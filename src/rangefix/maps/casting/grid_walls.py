@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,11 +29,9 @@ class GridWalls:
         for array in (self.cells, self.origin):
             array.setflags(write=False)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"cells": self.cells[1:-1, 1:-1], "grid": (self.origin, self.resolution, self.yaw)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["cells"], *state["grid"])  # type: ignore[misc]
+    def __reduce__(self) -> tuple[type[GridWalls], tuple[BoolArray, Array, float, float]]:
+        """What pickling keeps."""
+        return GridWalls, (self.cells[1:-1, 1:-1], self.origin, self.resolution, self.yaw)
 
     @cached_property
     def segments(self) -> Array:

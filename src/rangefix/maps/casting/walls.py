@@ -40,12 +40,13 @@ class Walls:
 
     Args:
         segments: x1a, x2a, x1b, x2b, m, (S, 4), none of length zero.
+        one_heading: Whether poses are of one heading, which come again and again: see `at_one_heading`.
     """
 
-    def __init__(self, segments: Array) -> None:
+    def __init__(self, segments: Array, one_heading: bool = False) -> None:
         self._segments = np.array(segments, dtype=np.float64)
         self._segments.setflags(write=False)
-        self._one_heading = False
+        self._one_heading = one_heading
         self._strips: dict[float, Strips] = {}
 
     @property
@@ -53,12 +54,9 @@ class Walls:
         """All walls, (S, 4)."""
         return self._segments
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"segments": self._segments, "one_heading": self._one_heading}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["segments"])  # type: ignore[misc]
-        self._one_heading = state["one_heading"]
+    def __reduce__(self) -> tuple[type[Walls], tuple[Array, bool]]:
+        """What pickling keeps."""
+        return Walls, (self._segments, self._one_heading)
 
     def at_one_heading(self) -> Walls:
         """The same walls for poses of one heading, which come again and again."""
@@ -66,9 +64,7 @@ class Walls:
 
     @cached_property
     def _sorted(self) -> Walls:
-        walls = Walls(self._segments)
-        walls._one_heading = True
-        return walls
+        return Walls(self._segments, one_heading=True)
 
     @cached_property
     def centre(self) -> Array:

@@ -101,13 +101,13 @@ def _next_ear(flat: Array, least: float) -> int:
         a, b, c = before[place], flat[place], after[place]
         sides = [_cross(two - one, flat - one) for one, two in ((a, b), (b, c), (c, a))]
         if turns[place] <= least or not (np.min(sides, axis=0) > least).any():
-            if turns[place] > least and _touched(flat, a, b, c, sides, least):
+            if turns[place] > least and _touched(sides, least):
                 continue
             return int(place)
     raise ValueError("a face that cannot be cut into triangles: do it before")
 
 
-def _touched(flat: Array, a: Array, b: Array, c: Array, sides: list[Array], least: float) -> bool:
+def _touched(sides: list[Array], least: float) -> bool:
     """Whether another corner lies on the side that would be new, and is none of its ends."""
     on = (np.abs(sides[2]) <= least) & (sides[0] > least) & (sides[1] > least)
     return bool(on.any())

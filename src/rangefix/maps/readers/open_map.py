@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -41,6 +42,25 @@ class UnknownOptions(MapError):
     def __str__(self) -> str:
         takes = f"a {self.path.suffix.lower()} map takes {', '.join(self.known)}"
         return printable(f"{self.path}: unknown option {', '.join(self.unknown)}; {takes}")
+
+
+def with_options_called(text: str, names: Mapping[str, str]) -> str:
+    """What is wrong with a map, with its options called otherwise, as in a study or on the command line.
+
+    Names of one word are words of other messages, too: they are replaced only where they have no effect.
+
+    Args:
+        text: The message.
+        names: What options are called instead, by their names here.
+    """
+    if not names:
+        return text
+    listed = "|".join(names)
+    useless = rf"(?<![\w/.-])({listed})\b(?=[\w, -]* has no effect on it)"
+    text = re.sub(useless, lambda match: names[match[1]], text)
+    if long := "|".join(name for name in names if "_" in name):
+        text = re.sub(rf"(?<![\w/.-])({long})(?![\w.])", lambda match: names[match[1]], text)
+    return text
 
 
 class Reader(NamedTuple):

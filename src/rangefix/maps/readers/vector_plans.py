@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import one_line
 from ...text_files import read_text
-from ..base import MapError
+from ..base import MapError, check_point
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import UNITS, refuse_encoding
 from .dxf_parts import CURVES, hidden_layers, left_out, parts, stated_metres
@@ -296,8 +296,8 @@ def _check_start(reachable_from: ArrayLike | None, outline: Any, shapely: Any, p
     """Refuse a point that is not in the one area that polygons make."""
     if reachable_from is None:
         return
-    place = np.array(reachable_from, dtype=np.float64)
-    if place.shape != (2,) or not outline.covers(shapely.Point(place)):
+    place = check_point(reachable_from, str(path))
+    if not outline.covers(shapely.Point(place)):
         raise MapError(f"{path}: reachable_from {place.tolist()} is not in the area that its polygons make")
 
 
@@ -321,8 +321,8 @@ def _of_lines(
             "); draw the outline as lines that meet"
         )
     if reachable_from is not None:
-        place = np.array(reachable_from, dtype=np.float64)
-        about = [area for area in areas if place.shape == (2,) and area.contains(shapely.Point(place))]
+        place = check_point(reachable_from, str(path))
+        about = [area for area in areas if area.contains(shapely.Point(place))]
         if not about:
             raise MapError(f"{path}: reachable_from {place.tolist()} is in no area that its lines enclose")
         return about[0], [noded]

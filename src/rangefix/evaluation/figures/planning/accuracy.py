@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from ....arrays import Array
 from ...planning.accuracy_map import AccuracyMap
+from ..maps import SOLID
 from ..style import INK, label_positions
 
 HEIGHT = 6.5  # inches
 ELLIPSES = 1.0  # m from one to the next
 LARGE = 0.45  # of that: half the length of the ellipse of a place as uncertain as most get
-SOLID = "#c9c9c9"
 ALIKE = 1.01  # the largest deviation over the least, where all count as one
 
 

@@ -22,10 +22,9 @@ from ....filters import Problem, Rangefinder
 from ..cells import check_plannable, prior_cells
 from ..expected_covariance import Criterion
 from .covariances import criterion_of
-from .look_alike_truths import stds_of
+from .look_alike_truths import FARTHEST, stds_of
 
 PLACES = 1000  # of the lattice, about
-FARTHEST = 8.0  # deviations; places that differ by more in their readings are never mistaken for each other
 LOCAL = 5.0  # deviations of a truth within which another place is none elsewhere
 ALIKE = 0.5  # of the square by the truth's slopes: a place that differs by more is what small moves lead to
 NEAR = 1.5  # widths of the lattice's cells: nearer than that it is none either

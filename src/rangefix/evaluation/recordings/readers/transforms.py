@@ -112,7 +112,7 @@ class Tree:
         common = next((each for each in up if each in down), None)
         if common is None:
             return None
-        return self._from(common, frame, up).inverse.then(self._from(common, other, down))
+        return self._from(common, up).inverse.then(self._from(common, down))
 
     def _ancestors(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; a circle ends where it closes."""
@@ -121,8 +121,8 @@ class Tree:
             found.append(self.parents[found[-1]][0])
         return found if frame in self.frames else []
 
-    def _from(self, ancestor: str, frame: str, line: list[str]) -> Rigid:
-        """Where a frame is in one of its ancestors."""
+    def _from(self, ancestor: str, line: list[str]) -> Rigid:
+        """Where the first frame of a line of ancestors is in one of them."""
         result = IDENTITY
         for each in line[: line.index(ancestor)]:
             result = self.parents[each][1].then(result)

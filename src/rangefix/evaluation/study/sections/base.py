@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchema
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
+from ....arrays import TEN_TURNS_DEG
 from ....extensions import extensions
 
 LEAST_NUMBER, LARGEST_NUMBER = 1e-20, 1e12  # the squares of others, and what filters make of them, are none
@@ -27,9 +28,9 @@ def _of_use(value: float) -> float:
 AboveZero = Annotated[float, Field(gt=0)]  # of keys that have limits of their own
 Positive = Annotated[AboveZero, AfterValidator(_of_use)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_use)]
-AngleSpread = Annotated[float, Field(ge=0, le=3600), AfterValidator(_of_use)]  # deg
-PositiveAngleSpread = Annotated[float, Field(gt=0, le=3600), AfterValidator(_of_use)]
-Angle = Annotated[float, Field(ge=-3600, le=3600)]  # deg; further turns cost it its digits
+AngleSpread = Annotated[float, Field(ge=0, le=TEN_TURNS_DEG), AfterValidator(_of_use)]  # deg
+PositiveAngleSpread = Annotated[float, Field(gt=0, le=TEN_TURNS_DEG), AfterValidator(_of_use)]
+Angle = Annotated[float, Field(ge=-TEN_TURNS_DEG, le=TEN_TURNS_DEG)]  # deg
 Size = Annotated[float, Field(gt=0, le=1e6)]  # of what stands on the ground, m
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 

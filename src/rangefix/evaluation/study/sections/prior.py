@@ -119,6 +119,11 @@ class PriorSection(Section):
         return float(np.deg2rad(low)), float(np.deg2rad(high if high > low else high + 360.0))
 
 
+def _refuse_one_corner(lower: list[float] | None, upper: list[float] | None) -> None:
+    if (lower is None) != (upper is None):
+        raise ValueError("give both corners of the box, lower_m and upper_m, or neither")
+
+
 class UniformPrior(PriorSection):
     """Uniform over free space: of the whole map, of a box, or of a box of a size where most space is free."""
 
@@ -132,8 +137,7 @@ class UniformPrior(PriorSection):
 
     @model_validator(mode="after")
     def _one_way(self) -> UniformPrior:
-        if (self.lower_m is None) != (self.upper_m is None):
-            raise ValueError("give both corners of the box, lower_m and upper_m, or neither")
+        _refuse_one_corner(self.lower_m, self.upper_m)
         if self.size_m is not None and self.lower_m is not None:
             raise ValueError("give either the corners lower_m and upper_m, or size_m, not both")
         return self
@@ -164,8 +168,7 @@ class SquaredCosinePrior(PriorSection):
 
     @model_validator(mode="after")
     def _both(self) -> SquaredCosinePrior:
-        if (self.lower_m is None) != (self.upper_m is None):
-            raise ValueError("give both corners of the box, lower_m and upper_m, or neither")
+        _refuse_one_corner(self.lower_m, self.upper_m)
         return self
 
     def place(self, room: RangeMap, space: StateSpace, start: Array | None) -> SquaredCosine:

@@ -1,4 +1,4 @@
-"""The options that a bag may need, the same for every command that opens one."""
+"""The options that a recording may need, of its laser or of a bag: the same for every command."""
 
 from __future__ import annotations
 
@@ -11,6 +11,14 @@ if TYPE_CHECKING:
     from ...evaluation.recordings.log import Log
     from ...evaluation.recordings.options import ReadingOptions
 
+ForwardM = Annotated[
+    float | None, typer.Option(metavar="METRES", help="How far the laser stands ahead of the robot.")
+]
+LeftM = Annotated[float | None, typer.Option(metavar="METRES", help="How far it stands to the left of it.")]
+YawDeg = Annotated[float | None, typer.Option(metavar="DEG", help="How far it is turned to the left.")]
+NoReturnM = Annotated[
+    float | None, typer.Option(metavar="METRES", help="Readings from there on mean no return.")
+]
 ScanTopic = Annotated[str | None, typer.Option(metavar="NAME", help="Topic of a bag: scans.")]
 OdometryTopic = Annotated[str | None, typer.Option(metavar="NAME", help="Topic of a bag: odometry; or tf.")]
 BaseFrame = Annotated[
