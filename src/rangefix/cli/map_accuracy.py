@@ -94,6 +94,7 @@ def map_accuracy(
     figures = [[float(np.quantile(values[known], share)) for share in shares] for values in (std, worst)]
     mistaken = found.mistaken[known]
     judged = bool(np.isfinite(mistaken).any())
+    is_estimated = bool(problem.space.is_angle.any())
     if as_json:
         names = ("q05", "median", "q95", "max")
         rows = [dict(zip(names, row, strict=True)) for row in figures]
@@ -102,6 +103,8 @@ def map_accuracy(
             "step_m": step_m,
             "beams": len(found.bearings),
             "what": "information from range gradients: local, no bound near jumps",
+            "heading_deg": float(np.rad2deg(found.heading)),
+            "heading_is_known": not is_estimated,
             "position_std_m": rows[0],
             "worst_std_m": rows[1],
             "mistaken_share": float(mistaken.mean()) if judged else None,
@@ -122,6 +125,11 @@ def map_accuracy(
         f"{int(known.sum())} places, {len(found.bearings)} beams at heading {np.rad2deg(found.heading):.6g} "
         "deg. Information from gradients of the ranges: local, and no bound near jumps."
     )
+    if is_estimated:
+        screen.say(
+            "The study does not know the heading, and other headings are not looked at: beams meet other "
+            "walls there, and places may look alike at two headings that differ at this one."
+        )
     if judged:
         screen.say(
             f"Mistaken for the most similar place elsewhere: {format_percent(mistaken.mean())} of scans on "

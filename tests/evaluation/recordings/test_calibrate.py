@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import parse_study
+from rangefix.evaluation.figures.recordings.residuals import draw_residuals
+from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.recordings.calibrate import Arrays, _memory, calibrate, fit_noise
 from rangefix.evaluation.recordings.fit_noise import FULL_REACH, fit_law
 from rangefix.evaluation.recordings.log import RecordingError
@@ -202,6 +204,17 @@ def write_log(path: Path, residuals: Residuals) -> Path:
         range_max_m=8.0,
     )
     return path
+
+
+def test_axes_of_residuals_have_plain_numbers() -> None:
+    """0.01, 0.1 and 1, as in all other figures."""
+    with styled():
+        figure = draw_residuals(calibrate(recording(40, SHARED, step=0.05)))
+        figure.canvas.draw()
+        law, correlation = figure.axes
+    for labels in (law.get_yticklabels(), correlation.get_xticklabels()):
+        assert len(labels) > 1
+        assert all(float(label.get_text()) > 0 for label in labels)
 
 
 def test_the_command_writes_a_sensor_of_a_study(

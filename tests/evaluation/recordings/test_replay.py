@@ -255,7 +255,7 @@ def test_files_of_others_are_kept(recording: Path, capsys: pytest.CaptureFixture
 def test_what_is_read_is_never_removed(
     recording: Path, capsys: pytest.CaptureFixture[str], what: str
 ) -> None:
-    """Poses that an earlier replay wrote are judged, or are the truth: another into that folder is refused."""
+    """Poses that an earlier replay wrote are judged, or are the truth: a new one there is refused."""
     out = recording.parent / "out"
     given = ["replay", "-m", recording.parent / "room.toml", "--truth", "odometry", "--least-move-m", "1.5"]
     given += ["--out", out, "-e"]
@@ -558,6 +558,9 @@ def test_poses_of_another_program_are_judged_as_a_filter_is(
     code, told, _ = call([*words, "-e", "out/ekf.csv", "--out", "again"], capsys)
     assert code == 0
     (row,) = json.loads(told)["estimators"]
+    notes = " ".join(json.loads(told)["notes"])  # of filters alone: what they are told of noise and start
+    assert "out/ekf.csv ran elsewhere" in notes
+    assert not re.search("not calibrated|the start is", notes)
     same = ("scans", "judged", "position_rmse_m", "position_claimed_m", "anees", "coverage", "residual_share")
     assert [row[name] for name in same] == pytest.approx([own[name] for name in same], rel=1e-6)
     assert row["lost_at"] == own["lost_at"]
