@@ -70,13 +70,14 @@ def is_chance(
         for step in np.diag(NUDGES)
     ]
     scores = np.stack([(ahead - behind) for ahead, behind in sides], axis=-1) / (2 * np.array(NUDGES))
+    scores = np.nan_to_num(scores, nan=0.0, posinf=0.0, neginf=0.0)  # of readings that a law excludes
     information = np.einsum("tbi,tbj->ij", scores, scores)
     for blocks in partitions:
         count, size = len(blocks), len(offset)
         sums = np.array([scores[block].sum(axis=0) for block in blocks])
         scatter = count / (count - 1) * sums.T @ sums
         pull = information @ offset
-        statistic = pull @ np.linalg.solve(scatter, pull) * (count - size) / (size * (count - 1))
+        statistic = pull @ np.linalg.pinv(scatter) @ pull * (count - size) / (size * (count - 1))
         if statistic < f.isf(LEVEL, size, count - size):
             return True
     return False
