@@ -20,8 +20,10 @@ from rangefix.cli import main
 from rangefix.cli.app import app, doing
 from rangefix.cli.main import overview
 from rangefix.cli.maps import gather_bearings
+from rangefix.cli.tables.comparisons import accuracy_in_words
 from rangefix.cli.tables.remarks import _smaller_cells
-from rangefix.evaluation import load
+from rangefix.evaluation import PairedComparison, load
+from rangefix.evaluation.consistency.intervals import Interval
 from rangefix.evaluation.monte_carlo import backends
 from rangefix.evaluation.report.worst import repeat_command
 
@@ -309,6 +311,19 @@ def test_compare_the_estimators_of_one_study(rangefix: Callable[..., Said], tmp_
     assert "Who is more accurate on the same truths" in rangefix("compare", "a").out
 
 
+def test_equal_words_about_one_set_of_beams_share_a_line() -> None:
+    """Of many estimators that differ by nothing seen there was a line each."""
+    pairs = [
+        PairedComparison(beams, "best", name, 20, 1.0, 1.0, Interval(0.0, -1.0, 1.0), 0.5, p)
+        for beams, name, p in (("1", "a", 0.9), ("1", "b", 0.001), ("1", "c", 0.8), ("2", "a", 0.9))
+    ]
+    assert accuracy_in_words(pairs) == [
+        "beam 1: no difference from best seen in 20 runs: a; c",
+        "b, beam 1: less accurate than best: its error is 1 times as large",
+        "a, beam 2: no difference from best seen in 20 runs",
+    ]
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -449,6 +464,7 @@ USAGE = {
     ("run", "s.toml", "--seed", "-4"): "--seed: must be at least 0, got -4",
     ("plot", "r", "--dpi", "fine"): "--dpi fine: must be a number",
     ("ranges", "room:4x6", "--at", "2", "--bearings-deg", "0"): "--at 2 --bearings-deg: needs 2 numbers",
+    ("ranges", "room:4x6", "--at", "2,3", "-b", "0"): "--at 2,3 -b: needs 2 numbers, a space between them",
     ("plan", "s.toml", "--seed", "1", "--seed", "2"): "--seed 1: given more than once: which one counts?",
     ("report", "r", "--out", ""): "--out '': it is empty: name a file or folder",
     ("run",): "Missing argument 'STUDY': rangefix run -h shows how it is used",

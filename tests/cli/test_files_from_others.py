@@ -125,6 +125,9 @@ def test_validate_says_what_would_run(rangefix: Callable[..., Said], touched: Pa
     ours = STUDY.partition('[[estimators]]\nname = "theirs')[0]
     (tmp_path / "p.toml").write_text(re.sub(r"kind = .*\nw.*\nl.*", 'path = "plan.toml"', ours))
     assert "reads: plan.toml" in rangefix("validate", "p.toml", "--no-plugins").out
+    with (tmp_path / "p.toml").open("a") as file:
+        file.write("\n[assumed.map]\npath = 'plan.toml'\n")
+    assert rangefix("validate", "p.toml", "--no-plugins").out.count("reads: plan.toml") == 1
     for name in ("paper", "drive"):
         assert rangefix("validate", name, "--no-plugins").code == 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -69,6 +70,9 @@ def test_a_mesh_and_its_options(rangefix: Callable[..., Said], tmp_path: Path) -
     )
     assert "no --sensor-height was given: 0.9 m is taken" in said.out
     assert "unit of the file: m (assumed); up: z (assumed)" in said.out
+    moved = re.sub(r"(?m)^v (\S+)", lambda found: f"v {float(found[1]) - 16.8600006}", OBJ)
+    (tmp_path / "off.obj").write_text(moved)
+    assert "(x1 -16.86 to -12.86, x2 0 to 6)" in rangefix("map", "off.obj").out
     told = json.loads(rangefix("map", "room.obj", "--unit", "foot", "--sensor-height", "0.5", "--json").out)
     assert told["free_m2"] == pytest.approx(24 * 0.3048**2, rel=0.04)
     said = rangefix("map", "room.obj", "--outline", "room:2x3", "--floor-height", "0")

@@ -60,7 +60,20 @@ def test_what_a_plan_may_have_missed_is_said(capsys: pytest.CaptureFixture[str])
     assert [beam["truths"] for beam in told["beams"]] == [0, 4]
     assert [beam["truths_looked_at"] for beam in told["beams"]] == [0, 4]
     assert call("map-accuracy", "paper", "--step-m", "1") == 0
-    assert "3 beams at heading 0 deg." in capsys.readouterr().out
+    told = " ".join(capsys.readouterr().out.split())
+    assert "3 beams at heading 0 deg." in told
+    assert "other headings" not in told
+
+
+def test_a_map_of_accuracy_says_that_one_heading_stands_for_all(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the study does not know the heading: places that look alike at two headings are not counted."""
+    assert call("map-accuracy", "two_modes", "--step-m", "1") == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The study does not know the heading, and other headings are not looked at" in told
+    for study, known in (("two_modes", False), ("paper", True)):
+        assert call("map-accuracy", study, "--step-m", "1", "--json") == 0
+        document = json.loads(capsys.readouterr().out)
+        assert (document["heading_deg"], document["heading_is_known"]) == (0.0, known)
 
 
 @pytest.mark.parametrize("width", [60, 80])

@@ -183,7 +183,7 @@ def in_a_line(error: Any, arguments: Sequence[str]) -> str:
     for form, ours in VALUE_FORMS:
         said = re.sub(f"^{form}$", ours, said)
     if parameter.nargs > 1 and said == "must be a number":
-        said = f"needs {parameter.nargs} numbers"
+        said = f"needs {parameter.nargs} numbers" + ", a space between them" * ("," in given)
     return f"{given}: {said}"
 
 

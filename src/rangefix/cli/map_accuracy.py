@@ -71,10 +71,12 @@ def map_accuracy(
         [float(np.quantile(values[known], share)) for share in shares] for values in (std, found.worst()[0])
     ]
     mistaken = found.mistaken[known]
+    known_heading = problem.space.heading is not None
     if as_json:
-        print_json(_document(found, step_m, figures, mistaken) | {"files": [str(path) for path in files]})
+        document = _document(found, step_m, figures, mistaken) | {"heading_is_known": known_heading}
+        print_json(document | {"files": [str(path) for path in files]})
     else:
-        _show(found, figures, mistaken, files)
+        _show(found, figures, mistaken, known_heading, files)
 
 
 def _write(found: AccuracyMap, sensor: Rangefinder, picture: Path, grid: Path) -> None:
@@ -124,6 +126,7 @@ def _document(
         "step_m": step_m,
         "beams": len(found.bearings),
         "what": "information from range gradients: local, no bound near jumps",
+        "heading_deg": float(np.rad2deg(found.heading)),
         "position_std_m": rows[0],
         "worst_std_m": rows[1],
         "mistaken_share": float(mistaken.mean()) if np.isfinite(mistaken).any() else None,
@@ -131,7 +134,9 @@ def _document(
     }
 
 
-def _show(found: AccuracyMap, figures: list[list[float]], mistaken: Array, files: list[Path]) -> None:
+def _show(
+    found: AccuracyMap, figures: list[list[float]], mistaken: Array, known_heading: bool, files: list[Path]
+) -> None:
     """The same for people."""
     import numpy as np
 
@@ -147,6 +152,11 @@ def _show(found: AccuracyMap, figures: list[list[float]], mistaken: Array, files
         f"{len(mistaken)} places, {len(found.bearings)} beams at heading {np.rad2deg(found.heading):.6g} "
         "deg. Information from gradients of the ranges: local, and no bound near jumps."
     )
+    if not known_heading:
+        screen.say(
+            "The study does not know the heading, and other headings are not looked at: beams meet other "
+            "walls there, and places may look alike at two headings that differ at this one."
+        )
     if np.isfinite(mistaken).any():
         screen.say(
             f"Mistaken for the most similar place elsewhere: {format_percent(mistaken.mean())} of scans on "

@@ -73,10 +73,15 @@ def map(
         return
     width, length = (high - low for low, high in zip(found.lower, found.upper, strict=True))
     say(f"{map_name}: {found}")
-    x1, x2 = (f"{low:.9g} to {high:.9g}" for low, high in zip(found.lower, found.upper, strict=True))
+    x1, x2 = (f"{_to_mm(low)} to {_to_mm(high)}" for low, high in zip(found.lower, found.upper, strict=True))
     say(f"size: {width:.4g} x {length:.4g} m (x1 {x1}, x2 {x2}), {found.walls_m:.4g} m of walls")
     for text in (*remarks, *([str(out)] if out else [])):
         say(text)
+
+
+def _to_mm(metres: float) -> str:
+    """A coordinate to the millimetre: those of a mesh have more digits, which are noise of float32."""
+    return f"{round(metres, 3) + 0.0:.15g}"
 
 
 def _draw(found: Description, room: RangeMap, title: str, out: Path) -> None:

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from rangefix.evaluation import parse_study
-from rangefix.evaluation.recordings.calibrate import Arrays, _memory, calibrate, fit_noise
+from rangefix.evaluation.figures.recordings.residuals import draw_residuals
+from rangefix.evaluation.figures.style import styled
+from rangefix.evaluation.recordings.calibrate import Arrays, _memory, calibrate, fit_noise, partitions
 from rangefix.evaluation.recordings.fit_noise import FULL_REACH, ScanFits, fit_law
 from rangefix.evaluation.recordings.log import RecordingError, motion_between
 from rangefix.evaluation.recordings.open_log import open_log
@@ -126,6 +128,28 @@ def test_an_offset_of_the_map_is_found() -> None:
     for moved in (np.zeros(3), offset):
         found = frame_offset(replace(residuals, poses=residuals.poses - moved), LAW)
         assert (np.abs(found - moved) < [0.005, 0.005, np.deg2rad(0.3)]).all()
+
+
+@pytest.mark.parametrize("law", [LAW, SHARED])
+def test_an_offset_by_chance_is_called_so(law: Correlated | LostBeams) -> None:
+    """Of 20 recordings at the right poses one in 100 is said to have an offset: 3 or more with p = 0.001.
+
+    So it is where readings share errors of the map, which look like an offset. One of 3 cm is seen in each.
+    """
+    from rangefix.evaluation.recordings.frame_offset import frame_offset, is_chance
+
+    offset = np.array([0.03, -0.02, np.deg2rad(1.0)])
+    alarms = []
+    for seed in range(20):
+        residuals = recording(60, law, seed=seed)
+        arrays = Arrays.of(residuals)
+        own = fit_law(arrays.readings, arrays.expected, arrays.sensor.max_range)
+        for moved in (np.zeros(3), offset)[: 1 + (seed < 5)]:
+            given = replace(residuals, poses=residuals.poses - moved)
+            found = frame_offset(given, own)
+            alarms.append((moved.any(), not is_chance(found, given, own, partitions(arrays))))
+    assert sum(alarm for is_off, alarm in alarms if not is_off) < 3
+    assert all(alarm for is_off, alarm in alarms if is_off)
 
 
 def test_a_standing_robot_is_refused() -> None:
@@ -270,6 +294,17 @@ def write_log(path: Path, residuals: Residuals) -> Path:
         range_max_m=8.0,
     )
     return path
+
+
+def test_axes_of_residuals_have_plain_numbers() -> None:
+    """0.01, 0.1 and 1, as in all other figures."""
+    with styled():
+        figure = draw_residuals(calibrate(recording(40, SHARED, step=0.05)))
+        figure.canvas.draw()
+        law, correlation = figure.axes
+    for labels in (law.get_yticklabels(), correlation.get_xticklabels()):
+        assert len(labels) > 1
+        assert all(float(label.get_text()) > 0 for label in labels)
 
 
 def test_the_command_writes_a_sensor_of_a_study(

@@ -251,6 +251,32 @@ def test_files_of_others_are_kept(recording: Path, capsys: pytest.CaptureFixture
     assert (out / "mine").exists()
 
 
+@pytest.mark.parametrize("what", ["estimators", "truth", "log", "link"])
+def test_what_is_read_is_never_removed(
+    recording: Path, capsys: pytest.CaptureFixture[str], what: str
+) -> None:
+    """Poses that an earlier replay wrote are judged, or are the truth: a new one there is refused."""
+    out = recording.parent / "out"
+    given = ["replay", "-m", recording.parent / "room.toml", "--truth", "odometry", "--least-move-m", "1.5"]
+    given += ["--out", out, "-e"]
+    assert call([*given, "ukf", "-l", recording], capsys)[0] == 0
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    (recording.parent / "link.csv").symlink_to(out / "ukf.csv")
+    code, shown, err = call(
+        {
+            "estimators": [*given, f"ekf,{out}/../out/ukf.csv", "-l", recording],
+            "truth": [*given[:3], "--truth", out / "ukf.tum", *given[5:], "ekf", "-l", recording],
+            "log": [*given, "ekf", "-l", out / "ukf.csv"],
+            "link": [*given, recording.parent / "link.csv", "-l", recording],
+        }[what],
+        capsys,
+    )
+    name = "ukf.tum" if what == "truth" else "ukf.csv"
+    assert (code, shown) == (2, "")
+    assert err == f"rangefix: {out / name} is what is read: choose another --out\n"
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+
+
 def test_covariances_in_ros() -> None:
     """The heading grows to the right, the yaw to the left: place and yaw covary with the other sign."""
     root = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.05, -0.04, 0.1]])
@@ -532,6 +558,9 @@ def test_poses_of_another_program_are_judged_as_a_filter_is(
     code, told, _ = call([*words, "-e", "out/ekf.csv", "--out", "again"], capsys)
     assert code == 0
     (row,) = json.loads(told)["estimators"]
+    notes = " ".join(json.loads(told)["notes"])  # of filters alone: what they are told of noise and start
+    assert "out/ekf.csv ran elsewhere" in notes
+    assert not re.search("not calibrated|the start is", notes)
     same = ("scans", "judged", "position_rmse_m", "position_claimed_m", "anees", "coverage", "residual_share")
     assert [row[name] for name in same] == pytest.approx([own[name] for name in same], rel=1e-6)
     assert row["lost_at"] == own["lost_at"]
@@ -572,8 +601,13 @@ def test_a_table_of_poses_says_what_is_wrong(tmp_path: Path, recording: Path) ->
     for text, said in (
         ("time_s,x,y\n", "no column x1_m, x2_m, heading_deg, cov_x1_x1_m2"),
         (f"{head}\n", "holds no pose"),
-        (f"{head}\n1,2,3,4,a,0,0,1,0,1\n", "line 2: 10 numbers are meant"),
-        (f"{head}\n1,2,3,4,inf,0,0,1,0,1\n", "line 2: a number is not finite"),
+        (f"{head}\n1,2,3,4,a,0,0,1,0,1\n", "line 2: 10 numbers are meant, and cov_x1_x1_m2 is 'a'"),
+        (f"{head}\n1,2,,4,1,0,0,1,0,1\n", "line 2: 10 numbers are meant, and x2_m is ''"),
+        (f"{head}\n1,2,3,4,inf,0,0,1,0,1\n", "line 2: a number is not finite: cov_x1_x1_m2"),
+        (f"{head}\n1,2,3,4\n", "line 2: 4 cells, where there are 10 columns"),
+        (f"{head}\n1,2,3,4,1,0,0,1,0,1,5\n", "line 2: 11 cells, where there are 10 columns"),
+        (f"{head},x1_m\n1,2,3,4,1,0,0,1,0,1,5\n", "the column 'x1_m' stands there twice"),
+        (head.replace(",", ";"), "its cells are separated by semicolons, and commas are read"),
         (f"{head}\n1,2,3,4,0,0,0,0,0,0\n", "all covariances are zero"),
     ):
         path.write_text(text)

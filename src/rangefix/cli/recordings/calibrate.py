@@ -140,6 +140,7 @@ def _document(found: Calibration, notes: list[str]) -> dict[str, Any]:
         "notes": [*filter(None, [residuals.warning, found.warning]), *notes],
         "independent_beams": found.independent_beams,
         "offset": None if found.offset is None else _offset(found.offset),
+        "offset_is_chance": found.offset_is_chance,
         "fitted": fitted.figures(),
         "intervals": found.intervals,
         "places": [{"share": place.share, "length_m": place.length} for place in fitted.correlated.places],
@@ -182,8 +183,12 @@ def _tell(found: Calibration) -> None:
         off = _offset(found.offset)
         say(
             f"The readings fit the map best at the true poses moved by {off['x1_m']:.3f}, "
-            f"{off['x2_m']:.3f} m and {off['heading_deg']:.2f} deg: so much of a filter's error is the "
-            "frame of the map, no noise."
+            f"{off['x2_m']:.3f} m and {off['heading_deg']:.2f} deg: "
+            + (
+                "no more than chance, no offset of the map is seen."
+                if found.offset_is_chance
+                else "so much of a filter's error is the frame of the map, no noise."
+            )
         )
     say(
         f"A scan of {beams} beams is worth {found.independent_beams:.1f} independent ones to a filter, "

@@ -157,7 +157,8 @@ def replay(
         raise ValueError(f"--false-alarms must be above 0 and below 1, got {false_alarms:g}")
     contestants = read_contestants(list(names_in(estimators, USUAL)), option)
     if folder is not None:
-        folder.refuse_foreign([each.file_name for each in contestants])
+        read = [map_name, log, truth, sensor, map_options.outline, *(each.name for each in contestants)]
+        folder.refuse_losses([each.file_name for each in contestants], filter(None, read))
     options = reading_options(
         no_return_m=no_return_m,
         forward_m=forward_m,

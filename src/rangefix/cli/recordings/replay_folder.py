@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from os import getpid
@@ -31,11 +31,12 @@ class ReplayFolder:
     bag: str | None = None
     animation: str | None = None
 
-    def refuse_foreign(self, names: Sequence[str]) -> None:
-        """Refuse what a replay would write over and no replay wrote: told before it begins.
+    def refuse_losses(self, names: Sequence[str], read: Iterable[object]) -> None:
+        """Refuse what a replay would remove or write over and is read, or no replay wrote: before it begins.
 
         Args:
             names: How the files of each estimator are called, without suffix.
+            read: Files, folders and other names that the command reads.
 
         Raises:
             RecordingError: If something that would be lost is there.
@@ -49,6 +50,10 @@ class ReplayFolder:
         ours += [name + end for name in names for end in ends]
         table = self._table()
         before = self._named_by(table)
+        places = [Path(str(each)).resolve() for each in read]
+        for path in (*before, *(self.path / name for name in (*ours, TABLE))):
+            if any(path.resolve() in (place, *place.parents) for place in places if place.exists()):
+                raise RecordingError(f"{path} is what is read: choose another --out")
         lost = [path for name in ours if lexists(path := self.path / name) and path not in before]
         if lexists(self.path / TABLE) and not _is_table(table):
             lost.append(self.path / TABLE)

@@ -34,15 +34,17 @@ def notes_of(replays: Replays, contestants: list[Contestant], first: Survey, is_
     ]
     if reach := reach_in_words(laser, first):
         notes.append(reach + (BLIND if is_wide else ""))
-    if is_wide:
+    # whoever ran elsewhere had a start and a model of its own
+    ours = [contestant for contestant in contestants if not is_claimed(contestant.name)]
+    if is_wide and ours:
         notes.append(
             "noise is not calibrated: hits scatter by 0.1 m about a wall half a cell behind the edge of a "
             "grid map, 3 of 10 beams may be blocked, lost or anything, and a beam weighs as a quarter of an "
             "independent one"
         )
-    if replays.start.pose is None and not replays.start_at_truth:
+    if ours and replays.start.pose is None and not replays.start_at_truth:
         notes.append("the start is not known: anywhere on the map, with any heading")
-    elif replays.start_at_truth:
+    elif ours and replays.start_at_truth:
         notes.append("the start is the true pose, off by a draw of the spread that is claimed for it")
     notes.append(
         f"lost: scans that do not fit the map where the robot was believed to be, by the mean of the last "

@@ -7,10 +7,12 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
+from ...errors import listed
 from ...evaluation import Fusion, PairedComparison
 from ...evaluation.comparison.compare import Comparison, Difference
 from ...evaluation.consistency.formatting import beams_in_words, format_number, format_percent
 from ..screen import new_table
+from .study import MAX_NAMED
 
 SHOWN = 40  # lines of a config's diff
 
@@ -83,8 +85,16 @@ def fusions(found: Sequence[Fusion]) -> Table:
 
 
 def accuracy_in_words(pairs: Sequence[PairedComparison]) -> list[str]:
-    """A line for each pair: whether one is more accurate, and by how much."""
-    return [f"{pair.estimator}, {beams_in_words(pair.beams)}: {pair.words}" for pair in pairs]
+    """Whether one is more accurate, and by how much; equal words about one set of beams share a line."""
+    told: dict[tuple[str, str], list[str]] = {}
+    for pair in pairs:
+        told.setdefault((pair.beams, pair.words), []).append(pair.estimator)
+    return [
+        f"{names[0]}, {beams_in_words(beams)}: {words}"
+        if len(names) == 1
+        else f"{beams_in_words(beams)}: {words}: {listed(names, MAX_NAMED)}"
+        for (beams, words), names in told.items()
+    ]
 
 
 def _difference_cells(each: Difference) -> Iterator[str]:

@@ -23,7 +23,7 @@ from .fit_noise import (
     hits_of,
     scores_of,
 )
-from .frame_offset import frame_offset
+from .frame_offset import frame_offset, is_chance
 from .residuals import Residuals
 
 BLOCKS = 10  # of consecutive scans, and of places on walls, left out one at a time for intervals
@@ -97,6 +97,7 @@ class Calibration:
         leaving_out_places: To all but the readings of a block of places, for each block.
         offset: By how much the map lies off the frame of the true poses, x1, x2 (m) and heading (rad), (3,):
             it is told, and not taken out. None where a filter followed the poses on the map itself.
+        offset_is_chance: Whether poses that are right may fit best when moved by so much.
     """
 
     residuals: Residuals
@@ -105,6 +106,7 @@ class Calibration:
     leaving_out: tuple[Fitted, ...]
     leaving_out_places: tuple[Fitted, ...]
     offset: Array | None = None
+    offset_is_chance: bool = False
 
     @property
     def warning(self) -> str:
@@ -160,7 +162,8 @@ def calibrate(residuals: Residuals) -> Calibration:
         fit_noise(arrays.unmeasured(block), residuals.from_truth) for block in blocks_of_places(arrays.ends)
     )
     offset = frame_offset(residuals, fitted.law) if residuals.from_truth else None
-    return Calibration(residuals, arrays.expected, fitted, others, elsewhere, offset)
+    by_chance = offset is not None and is_chance(offset, residuals, fitted.law, partitions(arrays))
+    return Calibration(residuals, arrays.expected, fitted, others, elsewhere, offset, by_chance)
 
 
 @dataclass(frozen=True)
@@ -218,6 +221,14 @@ def blocks_of_places(ends: Array) -> list[BoolArray]:
     edges = np.quantile(angles[known], np.linspace(0, 1, BLOCKS + 1)[1:-1])
     sectors = np.searchsorted(edges, angles)
     return [known & (sectors == block) for block in range(BLOCKS)]
+
+
+def partitions(arrays: Arrays) -> tuple[list[BoolArray], list[BoolArray]]:
+    """Readings (T, B) parted by blocks of consecutive scans, and by blocks of places."""
+    scans = np.array_split(np.arange(len(arrays.readings)), BLOCKS)
+    measured = np.isfinite(arrays.readings)
+    times = [measured & np.isin(np.arange(len(measured)), block)[:, None] for block in scans]
+    return times, blocks_of_places(arrays.ends)
 
 
 def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:

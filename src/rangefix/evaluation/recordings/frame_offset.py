@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, BoolArray
 from ...filters import Noise
 from .residuals import Residuals
 
@@ -16,6 +17,8 @@ LEAST_SCANS = 40
 MOST_BLOCKS = 64  # of consecutive scans; two and two are made one where there would be more
 LEAST_INDEPENDENT = 5.0  # values that a mean is made of
 STANDARD_ERRORS = 4.0
+NUDGES = (1e-3, 1e-3, 1e-3)  # m, m, rad; of poses, for slopes of the likelihood
+LEVEL = 0.01  # at which an offset is told from none
 AGREEMENT = 0.5  # of the mean: by so much the means over both halves may differ
 
 
@@ -31,13 +34,10 @@ def frame_offset(residuals: Residuals, law: Noise) -> Array:
     """
     from scipy.optimize import minimize
 
-    sensor, readings = residuals.sensor, residuals.readings
-    measured = np.isfinite(readings)
-    read = np.where(measured, readings, 0.0)
+    count = np.isfinite(residuals.readings).sum()
 
     def cost(offset: Array) -> float:
-        expected = sensor.expected(residuals.poses + offset)
-        return -float(np.where(measured, law.log_density(read, expected), 0.0).sum() / measured.sum())
+        return -float(_log_likelihoods(residuals, law, offset).sum() / count)
 
     simplex = np.vstack([np.zeros(3), np.diag(STEPS)])
     found = minimize(
@@ -47,6 +47,48 @@ def frame_offset(residuals: Residuals, law: Noise) -> Array:
         options={"initial_simplex": simplex, "xatol": PRECISION, "fatol": 1e-7, "maxiter": 300},
     )
     return np.asarray(found.x)
+
+
+def is_chance(
+    offset: Array, residuals: Residuals, law: Noise, partitions: Sequence[Sequence[BoolArray]]
+) -> bool:
+    """Whether readings at the right poses may fit best at poses that are moved by so much: in 1 of 100 cases.
+
+    The offset's covariance follows from how the scores of whole blocks of readings scatter, for readings of
+    one block err together (the sandwich of Huber, 1967); Hotelling's test tells it from none.
+
+    Args:
+        offset: What `frame_offset` found, (3,).
+        residuals: Readings at poses that do not come from them.
+        law: Of each reading by itself.
+        partitions: Ways to part the readings into K blocks, (T, B) each; that with the widest scatter counts.
+    """
+    from scipy.stats import f
+
+    sides = [
+        [_log_likelihoods(residuals, law, offset + side * step) for side in (1.0, -1.0)]
+        for step in np.diag(NUDGES)
+    ]
+    scores = np.stack([(ahead - behind) for ahead, behind in sides], axis=-1) / (2 * np.array(NUDGES))
+    scores = np.nan_to_num(scores, nan=0.0, posinf=0.0, neginf=0.0)  # of readings that a law excludes
+    information = np.einsum("tbi,tbj->ij", scores, scores)
+    for blocks in partitions:
+        count, size = len(blocks), len(offset)
+        sums = np.array([scores[block].sum(axis=0) for block in blocks])
+        scatter = count / (count - 1) * sums.T @ sums
+        pull = information @ offset
+        statistic = pull @ np.linalg.pinv(scatter) @ pull * (count - size) / (size * (count - 1))
+        if statistic < f.isf(LEVEL, size, count - size):
+            return True
+    return False
+
+
+def _log_likelihoods(residuals: Residuals, law: Noise, offset: Array) -> Array:
+    """Of each reading, (T, B), at poses that are moved; 0 of those that were not measured."""
+    measured = np.isfinite(residuals.readings)
+    read = np.where(measured, residuals.readings, 0.0)
+    expected = residuals.sensor.expected(residuals.poses + offset)
+    return np.where(measured, law.log_density(read, expected), 0.0)
 
 
 @dataclass

@@ -95,8 +95,8 @@ def outline(study: Study) -> Outline:
         for entry in study.estimators
         for variant in entry.variants()
     }
-    files = tuple(study.folder / file for section in study.sections() for file in section.files(study.folder))
-    return Outline(study, made, sources, files)
+    files = [study.folder / file for section in study.sections() for file in section.files(study.folder)]
+    return Outline(study, made, sources, tuple(dict.fromkeys(files)))
 
 
 def _source(name: str, folder: Path) -> str:

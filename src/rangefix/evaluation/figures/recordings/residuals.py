@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from ...recordings.calibrate import Calibration
 from ..style import CLAIMED, COLOURS, TRUE
+from ..ticks import plain_numbers
 
 SIZE = (10.0, 4.0)  # inches
 REACH = 6.0  # deviations of hits that are shown to each side
@@ -39,6 +40,7 @@ def _draw_law(axes: Axes, calibration: Calibration) -> None:
     model = np.exp(fitted.law.noise.log_density(middle + places, np.full(CURVE_POINTS, middle)))
     axes.plot(places, model, color=CLAIMED, label="fitted")
     axes.set_yscale("log")
+    plain_numbers(axes.yaxis)
     axes.set_ylim(max(1e-3, 0.3 * float(density[density > 0].min())), 2 * float(model.max()))
     axes.set_xlabel("reading minus range of the map, m")
     axes.set_ylabel("density, 1/m")
@@ -59,6 +61,7 @@ def _draw_correlation(axes: Axes, calibration: Calibration) -> None:
         axes.plot(distance, model + correlated.scan, "--", color=TRUE, label="with that of a scan")
     axes.axhline(0.0, color="grey", linewidth=0.8)
     axes.set_xscale("log")
+    plain_numbers(axes.xaxis)
     axes.set_xlabel("distance of the places that two beams meet, m")
     axes.set_ylabel("correlation of errors")
     axes.legend()

@@ -11,7 +11,7 @@ import numpy as np
 from ....arrays import Array, wrap
 from ..log import Log, RecordingError
 from .rosbag import RosbagLog
-from .text_lines import table_lines
+from .text_lines import column_names, refuse_other_width, table_lines
 
 TOPIC, TABLE = "topic:", ".csv"  # what such a name begins or ends with
 POSE = ("time_s", "x1_m", "x2_m", "heading_deg")
@@ -76,26 +76,32 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
 
 def _poses_of_table(path: Path) -> Iterator[tuple[float, Array, Array]]:
     lines = table_lines(path)
-    names = [cell.strip() for cell in next(lines, (0, []))[1]]
-    if missing := [name for name in (*POSE, *COVARIANCE) if name not in names]:
+    wanted = (*POSE, *COVARIANCE)
+    names = column_names(path, next(lines, (0, []))[1], wanted)
+    if missing := [name for name in wanted if name not in names]:
         raise RecordingError(
             f"{path}: no column {', '.join(missing)}; a table of poses has "
-            f"{', '.join((*POSE, *COVARIANCE))}, headings clockwise from +x2"
+            f"{', '.join(wanted)}, headings clockwise from +x2"
         )
-    places = [names.index(name) for name in (*POSE, *COVARIANCE)]
     for number, cells in lines:
-        yield _row(path, number, cells, places)
+        refuse_other_width(path, number, cells, names)
+        yield _row(path, number, dict(zip(names, cells, strict=True)))
 
 
-def _row(path: Path, number: int, cells: list[str], places: list[int]) -> tuple[float, Array, Array]:
-    try:
-        time, x1, x2, heading, *upper = (float(cells[place]) for place in places)
-    except (ValueError, IndexError):
-        raise RecordingError(f"{path}, line {number}: {len(places)} numbers are meant") from None
+def _row(path: Path, number: int, cells: dict[str, str]) -> tuple[float, Array, Array]:
+    wanted = (*POSE, *COVARIANCE)
+    numbers = []
+    for name in wanted:
+        try:
+            numbers.append(float(cells[name]))
+        except ValueError:
+            told = f"{len(wanted)} numbers are meant, and {name} is {cells[name].strip()[:60]!r}"
+            raise RecordingError(f"{path}, line {number}: {told}") from None
+        if not np.isfinite(numbers[-1]):
+            raise RecordingError(f"{path}, line {number}: a number is not finite: {name}")
+    time, x1, x2, heading, *upper = numbers
     mean = np.array([x1, x2, float(wrap(np.deg2rad(heading)))])
     covariance = np.zeros((3, 3))
     covariance[np.triu_indices(3)] = upper
     covariance = covariance + np.triu(covariance, 1).T
-    if not (np.isfinite(time) and np.isfinite(mean).all() and np.isfinite(covariance).all()):
-        raise RecordingError(f"{path}, line {number}: a number is not finite")
     return time, mean, covariance

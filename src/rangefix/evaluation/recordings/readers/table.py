@@ -25,7 +25,7 @@ from ..log import FARTHEST_M, MOST_BEAMS, UNPLACED, LaserDescription, RecordingE
 from ..options import ReadingOptions
 from .file_log import FileLog
 from .sweeps import with_ends
-from .text_lines import table_lines
+from .text_lines import column_names, refuse_other_width, table_lines
 
 POSE = ("odometry_x1_m", "odometry_x2_m", "odometry_heading_deg")
 LASER = ("range_min_m", "range_max_m", "forward_m", "left_m", "yaw_deg", "seconds_per_beam")
@@ -81,22 +81,14 @@ class TableLog(FileLog):
     @cached_property
     def _columns(self) -> list[str]:
         for _, cells in table_lines(self.path):
-            names = [cell.strip() for cell in cells]
             known = {"time_s", *POSE, *LASER}
-            for mark in ";\t":
-                if len(names) == 1 and len(others := names[0].split(mark)) > 1 and others[0].strip() in known:
-                    shown = "semicolons" if mark == ";" else "tabs"
-                    raise RecordingError(
-                        f"{self.path}: its cells are separated by {shown}, and commas are read"
-                    )
+            names = column_names(self.path, cells, known)
             for name in names:
                 if name not in known and not name.startswith(RANGE):
                     raise RecordingError(
                         f"{self.path}: no column is called {name[:60]!r}; there are "
                         f"{', '.join(sorted(known))} and {RANGE}BEARING, in degrees"
                     )
-            if len(set(names)) < len(names):
-                raise RecordingError(f"{self.path}: a column stands there twice")
             return names
         raise RecordingError(f"{self.path}: empty")
 
@@ -158,10 +150,7 @@ class TableLog(FileLog):
         if "time_s" not in columns:
             raise RecordingError(f"{self.path}: no column time_s")
         for number, cells in islice(table_lines(self.path), 1, None):
-            if len(cells) != len(columns):
-                raise RecordingError(
-                    f"{self.path}, line {number}: {len(cells)} cells, where there are {len(columns)} columns"
-                )
+            refuse_other_width(self.path, number, cells, columns)
             try:
                 values = [np.nan if cell.strip() in UNMEASURED else float(cell) for cell in cells]
             except ValueError as error:
