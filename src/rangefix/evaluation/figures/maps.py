@@ -81,7 +81,9 @@ def draw_map(data: FigureData, sheet: Sheet) -> None:
     if (ways != ways[:, :1]).any():
         _ways(whole, ways)
     draw_beams(near, scene, range(1, len(scene["bearings"]) + 1), named=len(scene["bearings"]) <= 12)
-    draw_truth(near, scene, label="true position and beams of the first run")
+    lost, beams = np.isinf(scene["ranges"]).sum(), len(scene["ranges"])
+    which = f"beams of the first run ({lost} of {beams} do not return)" if lost else "beams of the first run"
+    draw_truth(near, scene, label=f"true position and {which}")
     sheet.finish(data.study, panels, columns=3)
 
 

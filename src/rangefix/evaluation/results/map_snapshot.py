@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from ...arrays import Array
 from ...filters import Prior, Sensor
-from ...filters.problem import caster_for
 from ...raster import Raster
 
 Scene = Mapping[str, Array]
@@ -31,7 +30,8 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
         prior_lower, prior_upper: Corners of the prior's box, (2,) m.
         truth: x1, x2 (m) and heading (rad) of the true pose, (3,).
         bearings: Beam directions relative to the heading, rad, (B,).
-        ranges: Noise-free ranges there, (B,) m; inf = no wall.
+        ranges: Noise-free ranges there, (B,) m; inf = no return: no wall, none in reach or a grazed one,
+            or a beam that is never measured.
         laser: x1, x2 (m) of the laser there, (2,), and its own forward axis as a heading (rad): (3,).
     """
     room, space = sensor.room, sensor.space
@@ -39,8 +39,11 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
     step = float((upper - lower).max()) / PIXELS
     counts = np.maximum(1, np.ceil((upper - lower) / step * (1 - 1e-9))).astype(int)
     raster = Raster(lower, step, tuple(counts.tolist()))
-    pose = space.poses(np.asarray(truth, dtype=float))
+    truth = np.asarray(truth, dtype=float)
+    pose = space.poses(truth)
     laser = sensor.mount.laser_poses(pose)
+    expected = sensor.expected(truth)
+    returns = (expected <= sensor.max_range) & ~sensor.blind
     corners = [corner[space.position_indices] for corner in prior.support]
     return {
         "segments": np.asarray(room.segments, dtype=float),
@@ -50,6 +53,6 @@ def scene(sensor: Sensor, prior: Prior, truth: ArrayLike) -> dict[str, Array]:
         "prior_upper": corners[1],
         "truth": pose,
         "bearings": np.asarray(sensor.bearings, dtype=float),
-        "ranges": caster_for(room, space).ranges(laser, sensor.bearings),
+        "ranges": np.where(returns, expected, np.inf),
         "laser": laser,
     }
