@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from rangefix.cli.tables.study import verdicts
 from rangefix.evaluation import anees_band, coverage, credibility, is_positive, nees, noncredibility
+from rangefix.evaluation.consistency.verdict import decide
 
 TRUE = np.array([[0.04, 0.006], [0.006, 0.01]])
 RUNS = 4000
@@ -200,3 +204,15 @@ def test_flat_row_has_every_figure(errors):
     assert columns["G_x1"] == pytest.approx((errors[:, 0] ** 2).mean())
     assert columns["P_x1_x2"] == pytest.approx(TRUE[0, 1])
     assert {"anees_low", "coverage_90_high", "nci_db", "ratio_x2_low", "share_diverged"} <= set(columns)
+
+
+def test_what_must_not_be_trusted_is_told_first() -> None:
+    """Then other verdicts, and last those of too few runs, whatever order estimators came in."""
+    rng = np.random.default_rng(0)
+    errors = rng.standard_normal((2000, 2))
+    rows = [
+        replace(credibility(errors[:runs], np.zeros((runs, 2)), claim * np.eye(2)), estimator=name)
+        for name, runs, claim in (("few", 10, 1.0), ("cautious", 2000, 1.4), ("boaster", 2000, 0.25))
+    ]
+    assert [decide(row).kind for row in rows] == ["unsure", "cautious", "overconfident"]
+    assert [line.split(",")[0] for line in verdicts(rows)] == ["boaster", "cautious", "few"]

@@ -109,16 +109,21 @@ def _is_told(metric: Metric, rows: Sequence[Row]) -> bool:
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """Verdicts after the last measurement in words, but for plainly honest ones; equal words share a line."""
+    """Verdicts after the last measurement in words, but for plainly honest ones; equal words share a line.
+
+    First those that must not be trusted, last those of which too few runs tell nothing.
+    """
     end = max(row.step for row in rows)
     told: dict[str, list[str]] = {}
+    urgency: dict[str, tuple[bool, bool]] = {}
     for row in rows:
         verdict = decide(row)
         if row.step == end and not verdict.plain:
             told.setdefault(verdict.words, []).append(f"{row.estimator}, {beams_in_words(row.beams)}")
+            urgency[verdict.words] = (not verdict.severe, verdict.kind == "unsure")
     return [
         f"{where[0]}: {words}" if len(where) == 1 else f"{words}: {listed(where, MAX_NAMED)}"
-        for words, where in told.items()
+        for words, where in sorted(told.items(), key=lambda line: urgency[line[0]])
     ]
 
 
