@@ -578,6 +578,9 @@ def test_poses_of_another_program_are_judged_as_a_filter_is(
     half, other = json.loads(told)["estimators"]
     assert half["scans"] == -(-own["scans"] // 2)
     assert (other["scans"], "no pose within 0.05 s of a scan" in other["reason"]) == (0, True)
+    first, last = (float(line["time_s"]) for line in (lines[0], lines[-1]))
+    spans = f"its poses are at {first + 1e6:.3f} to {last + 1e6:.3f} s, scans at {first:.3f} to {last:.3f} s"
+    assert spans in other["reason"]
 
 
 def test_poses_of_a_topic_are_turned_from_ros(

@@ -223,10 +223,15 @@ class Replays:
             why = f"{kind}{one_line(error)}{line}{after if score.scans else ''}"
             return score.row(contestant.label, why), trace
         if not score.scans:  # of a filter there is one for every scan
-            return score.row(
-                contestant.label, f"no pose within {NEAR_S:g} s of a scan: do its times fit?"
-            ), trace
+            return score.row(contestant.label, self._why_none(contestant)), trace
         return score.row(contestant.label), trace
+
+    def _why_none(self, contestant: Contestant) -> str:
+        """That an estimator which ran elsewhere has no pose at any scan, with the times of both."""
+        claimed = self.claimed_poses(contestant).times
+        scans = [step.time_s for step in steps(self.log, self.choice)]
+        own, theirs = (f"{min(times):.3f} to {max(times):.3f} s" for times in (claimed, scans))
+        return f"no pose within {NEAR_S:g} s of a scan: its poses are at {own}, scans at {theirs}"
 
 
 def _refuse_elsewhere(start: Start, room: RangeMap) -> None:
