@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -138,10 +139,11 @@ def test_a_lattice_that_passes_by_a_mode_in_its_cells_gives_way() -> None:
 
 
 def test_a_covariance_that_hangs_on_where_the_mean_heading_lies_is_in_the_error() -> None:
-    """A mode of a twentieth half a turn from the mean, four of its deviations from the cut.
+    """Modes of a tenth half a turn from the mean, less than one of their deviations from the cut.
 
-    The mean is off by 0.0005 deviations; the covariance by 0.029, for the mode is then cut in two: more than
-    the 0.02 to which lattices are made finer.
+    The mean is off by 0.0005 deviations; the covariance by 0.029, for the modes are then cut elsewhere: more
+    than the 0.02 to which lattices are made finer. By last bits, so by processors, what is stated may move
+    them wholly to the other side, where they were looked at only if they were cut: 0.023 was stated.
     """
     *_, stated, _, _ = answer(draw("fine", 1397), 0.02, WORK)
     assert 0.029 < stated < 1
@@ -270,7 +272,10 @@ def test_what_costs_too_much_is_refused() -> None:
 
 
 def test_what_finer_lattices_no_longer_hold_is_counted() -> None:
-    """A sliver that the first, coarse lattice held goes as steps are halved: the stated error says so."""
+    """By the last lattices, not by the first coarse ones; a mode that is lost counts.
+
+    Which slivers go as steps are halved hangs on last bits, so on the processor.
+    """
     drawn, rng = draw("arc", 1024), np.random.default_rng(0)
     estimator = AdaptivePointMassFilter(drawn.problem)
     belief = estimator.update(estimator.init(drawn.problem.prior, rng), drawn.readings[0], rng)
@@ -278,5 +283,9 @@ def test_what_finer_lattices_no_longer_hold_is_counted() -> None:
     first, survey = estimator._search.fix(drawn.problem.prior, target)
     assert survey is not None
     assert belief.posterior is not None
-    assert belief.posterior.missed == survey.missed(belief.posterior)
-    assert belief.posterior.missed > 5 * survey.missed(first)
+    last = belief.posterior
+    assert last.missed == survey.missed(last) != survey.missed(first)
+    least = min(last.modes, key=lambda mode: mode.log_integral)
+    share = np.exp(least.log_integral - last.log_integral)
+    lost = replace(last, modes=tuple(mode for mode in last.modes if mode is not least), checks=())
+    assert survey.missed(lost) > last.missed + 0.3 * share

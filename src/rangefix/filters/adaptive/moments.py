@@ -72,12 +72,17 @@ def sums_about(
     return share, share * offset, share * (lattice.covariance + np.outer(offset, offset))
 
 
+def turns_from(lattice: Lattice, mean: Array) -> Array:
+    """By how many turns the middle of a lattice is taken from a mean, of each angle."""
+    return np.rint((lattice.mean - mean)[lattice.space.is_angle] / TWO_PI)
+
+
 def is_cut(lattice: Lattice, mean: Array) -> bool:
     """Whether a lattice has points on both sides of half a turn from a mean, in any angle."""
     angle = lattice.space.is_angle
     lower, upper = (corner[angle] for corner in lattice.extent)
-    turns = np.rint((lattice.mean - mean)[angle] / TWO_PI) * TWO_PI
-    return bool(((lower - mean[angle] - turns < -np.pi) | (upper - mean[angle] - turns > np.pi)).any())
+    zero = mean[angle] + turns_from(lattice, mean) * TWO_PI
+    return bool(((lower - zero < -np.pi) | (upper - zero > np.pi)).any())
 
 
 def weights_of(lattice: Lattice, log_integral: float) -> Array:

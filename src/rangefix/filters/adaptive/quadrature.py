@@ -12,7 +12,7 @@ from scipy.special import chdtri, lambertw
 from ...arrays import Array, BoolArray
 from ..space import LEAST_RESULTANT, LEAST_VARIANCE, resultant_error
 from .lattice import Lattice, Taken
-from .moments import Moments, is_cut, moments_of, sums_about
+from .moments import Moments, is_cut, moments_of, sums_about, turns_from
 
 SHARE_BEYOND = 0.02  # of the error allowed: how much of a Gaussian's covariance may lie beyond its lattice
 MIN_PROBABILITY, MIN_COUNT = 1e-4, 0.1  # a mode of more probability than that counts for at least so much
@@ -123,7 +123,7 @@ class Quadrature:
         error = self.error_of_sums
         if not self.modes or error == np.inf:
             return error
-        angles = np.diagonal(self.moments.covariance)[self.modes[0].space.is_angle]
+        angles = np.diagonal(self.moments.covariance)[self._is_angle]
         if self.moments.resultant - resultant_error(error, angles.max(initial=0.0)) < LEAST_RESULTANT:
             return np.inf
         return error + self._wrong(self._spreads_about(error * self._deviations))
@@ -134,16 +134,26 @@ class Quadrature:
         return self.error if np.isfinite(self.error) else self.error_of_sums
 
     @property
+    def _is_angle(self) -> BoolArray:
+        return self.modes[0].space.is_angle
+
+    @property
     def _deviations(self) -> Array:
         """Standard deviations, (n,), none of them zero."""
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.moments.covariance), LEAST_VARIANCE)))
 
     def _spreads_about(self, away: Array) -> list[Array]:
-        """Covariances about mean headings that are off by (n,) to either side, where a mode is cut there."""
+        """Covariances about mean headings that are off by (n,) to either side.
+
+        Only where a mode is cut half a turn from such a mean, or lies wholly on the other side of it.
+        """
         log_integral, mean, _, _ = self.moments
-        spreads, space = [], self.modes[0].space
-        for about in (mean + away * space.is_angle, mean - away * space.is_angle):
-            if any(is_cut(mode, about) for mode in self.modes):
+        spreads, sides = [], [turns_from(mode, mean) for mode in self.modes]
+        for about in (mean + away * self._is_angle, mean - away * self._is_angle):
+            if any(
+                is_cut(mode, about) or (turns_from(mode, about) != side).any()
+                for mode, side in zip(self.modes, sides, strict=True)
+            ):
                 seconds = [sums_about(mode, log_integral, about)[2] for mode in self.modes]
                 spreads.append(np.sum(seconds, axis=0))
         return spreads
