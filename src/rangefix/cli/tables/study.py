@@ -114,16 +114,14 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     First those that must not be trusted, last those of which too few runs tell nothing.
     """
     end = max(row.step for row in rows)
+    judged = [(decide(row), row) for row in rows if row.step == end]
     told: dict[str, list[str]] = {}
-    urgency: dict[str, tuple[bool, bool]] = {}
-    for row in rows:
-        verdict = decide(row)
-        if row.step == end and not verdict.plain:
+    for verdict, row in sorted(judged, key=lambda each: (not each[0].severe, each[0].kind == "unsure")):
+        if not verdict.plain:
             told.setdefault(verdict.words, []).append(f"{row.estimator}, {beams_in_words(row.beams)}")
-            urgency[verdict.words] = (not verdict.severe, verdict.kind == "unsure")
     return [
         f"{where[0]}: {words}" if len(where) == 1 else f"{words}: {listed(where, MAX_NAMED)}"
-        for words, where in sorted(told.items(), key=lambda line: urgency[line[0]])
+        for words, where in told.items()
     ]
 
 

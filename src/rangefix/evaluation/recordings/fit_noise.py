@@ -143,21 +143,37 @@ def correlation_curve(scores: Array, ends: Array, seed: int = 0) -> CorrelationC
 
 def fit_correlation(curve: CorrelationCurve, law: LostBeams) -> Correlated:
     """Errors of the map of two lengths, and one of each scan, that fit a curve best: least squares."""
-    from scipy.optimize import nnls
-
     distance = np.tile(curve.distance_m, 2)
     seen = np.concatenate([curve.within, curve.across])
     same_scan = np.repeat([1.0, 0.0], len(curve.distance_m))
     used: BoolArray = np.isfinite(seen)
-    weights = np.sqrt(np.sqrt(curve.pairs.ravel()[used]))
-    best: tuple[float, Array, tuple[float, float]] | None = None
-    for short, long in combinations(LENGTHS_M, 2):
-        columns = np.column_stack([np.exp(-distance / short), np.exp(-distance / long), same_scan])[used]
-        shares, rest = nnls(columns * weights[:, None], seen[used] * weights)
+    columns = np.column_stack([*(np.exp(-distance / length) for length in LENGTHS_M), same_scan])
+    shares, (short, long, _) = _fit_two_lengths(seen[used], columns[used], curve.pairs.ravel()[used])
+    return _correlated(law, shares / max(1.0, shares.sum()), (LENGTHS_M[short], LENGTHS_M[long]))
+
+
+def _fit_two_lengths(means: Array, columns: Array, pairs: Array) -> tuple[Array, list[int]]:
+    """Non-negative shares that fit means over so many pairs (N,) best, by least squares.
+
+    Args:
+        means: What is fitted, (N,).
+        columns: Of a share of one each, (N, L + K): of LENGTHS_M, of which two are taken, and K others.
+        pairs: That each mean is of, (N,).
+
+    Returns:
+        Shares of the columns that are taken, and their numbers, 2 + K each.
+    """
+    from scipy.optimize import nnls
+
+    weights, others = np.sqrt(np.sqrt(pairs)), range(len(LENGTHS_M), columns.shape[1])
+    best: tuple[float, Array, list[int]] | None = None
+    for lengths in combinations(range(len(LENGTHS_M)), 2):
+        taken = [*lengths, *others]
+        shares, rest = nnls(columns[:, taken] * weights[:, None], means * weights)
         if best is None or rest < best[0]:
-            best = rest, shares, (short, long)
+            best = rest, shares, taken
     assert best is not None
-    return _correlated(law, best[1] / max(1.0, best[1].sum()), best[2])
+    return best[1:]
 
 
 def _correlated(law: LostBeams, shares: Array, lengths: tuple[float, float]) -> Correlated:
@@ -227,28 +243,18 @@ def fit_at_best_poses(law: LostBeams, fits: ScanFits, ends: Array) -> tuple[Corr
         The law, as wide as errors are before fits take their part of them, with the errors that readings
         share; and what these were fitted to, with what fits take put back by the fitted shares.
     """
-    from scipy.optimize import nnls
-
     seen, parts, pairs = _moments(fits, ends)
     used = pairs >= LEAST_PAIRS
-    weights = np.sqrt(np.sqrt(pairs[used]))
     means, columns = seen[used] / pairs[used], parts[used] / pairs[used][:, None]
-    best: tuple[float, Array, tuple[int, int]] | None = None
-    for short, long in combinations(range(len(LENGTHS_M)), 2):
-        chosen = columns[:, [short, long, -2, -1]]
-        found, rest = nnls(chosen * weights[:, None], means * weights)
-        if best is None or rest < best[0]:
-            best = rest, found, (short, long)
-    assert best is not None
-    _, variances, (short, long) = best
+    variances, taken = _fit_two_lengths(means, columns, pairs[used])
     total, left = float(variances.sum()), float(np.square(fits.left[fits.used]).mean())
     if not (total > 0 and left > 0):  # readings without any noise
         none = np.zeros(len(MIDDLES_M))
         return Correlated(law), CorrelationCurve(MIDDLES_M, none, none, pairs[:, 1:])
-    shares, lengths = variances[:3] / total, (LENGTHS_M[short], LENGTHS_M[long])
+    shares, lengths = variances[:3] / total, (LENGTHS_M[taken[0]], LENGTHS_M[taken[1]])
     model = shares[:2] @ np.exp(-MIDDLES_M / np.array(lengths)[:, None]) + np.outer([shares[2], 0.0], 1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        rests = (seen - parts[..., [short, long, -2, -1]] @ variances) / pairs / total
+        rests = (seen - parts[..., taken] @ variances) / pairs / total
     within, across = np.where(used, rests, np.nan)[:, 1:] + model
     hits = hits_of(law)
     wider = replace(hits, std=hits.std * float(np.sqrt(total / left)))
