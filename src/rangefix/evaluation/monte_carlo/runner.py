@@ -225,7 +225,7 @@ def _work_all(
     """Do the parts that are not there, and save each as it is finished."""
     experiment, unfinished = worker.experiment, Unfinished(folder, plan)
     counts = TrialCounts(experiment, tell)
-    tasks = list(_tasks_left(worker, plan, folder, resume, counts))
+    tasks = list(_tasks_left(worker, unfinished, resume, counts))
     if not tasks:
         return
     steps, size, beams = plan.shape
@@ -260,11 +260,9 @@ def _work_all(
             counts.add(task.estimator, task.end - task.first, len(part["failed"]))
 
 
-def _tasks_left(
-    worker: Worker, plan: FolderLayout, folder: Path, resume: bool, counts: TrialCounts
-) -> Iterator[Task]:
+def _tasks_left(worker: Worker, unfinished: Unfinished, resume: bool, counts: TrialCounts) -> Iterator[Task]:
     """The parts that are not there, or may not be taken; those that are taken are counted."""
-    unfinished = Unfinished(folder, plan)
+    folder, plan = unfinished.folder, unfinished.plan
     for label in worker.experiment.estimators:
         counts.add(label, 0, 0)
         for beam_set in range(len(worker.experiment.beam_labels)):

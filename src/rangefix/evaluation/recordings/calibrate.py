@@ -158,11 +158,10 @@ def calibrate(residuals: Residuals) -> Calibration:
     fitted = fit_noise(arrays, residuals.from_truth)
     blocks = np.array_split(np.arange(scans), BLOCKS)
     others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
-    elsewhere = tuple(
-        fit_noise(arrays.unmeasured(block), residuals.from_truth) for block in blocks_of_places(arrays.ends)
-    )
+    times, places = partitions(arrays)
+    elsewhere = tuple(fit_noise(arrays.unmeasured(block), residuals.from_truth) for block in places)
     offset = frame_offset(residuals, fitted.law) if residuals.from_truth else None
-    by_chance = offset is not None and is_chance(offset, residuals, fitted.law, partitions(arrays))
+    by_chance = offset is not None and is_chance(offset, residuals, fitted.law, (times, places))
     return Calibration(residuals, arrays.expected, fitted, others, elsewhere, offset, by_chance)
 
 
