@@ -25,17 +25,20 @@ from rangefix.filters import (
     position_space,
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
+from rangefix.filters.adaptive import filter as filter_
 from rangefix.filters.adaptive.gaussian_sums import (
     ALL_ROUND,
+    SMOOTH_RADIUS,
     Around,
     Gaussians,
+    SmoothSum,
     log_reached,
     log_sum,
     reached,
 )
 from rangefix.filters.adaptive.search import NOTHING
 from rangefix.filters.adaptive.target import Work
-from rangefix.maps import FloorPlan
+from rangefix.maps import FloorPlan, RectangularRoom
 
 from .brute_motion import moved, recursion
 from .test_brute_motion import BEARINGS, ODOMETRY, PLAN, POSE, SPACE, STEP, STILL, Openings, driven
@@ -299,6 +302,81 @@ def test_sums_of_kernels_are_sums(spread, turned):
     logs = log_scale - 0.5 * np.einsum("nki,kij,nkj->nk", away, precision, away)
     found = log_sum(states, Gaussians(centres, precision, log_scale, POSE.is_angle))
     np.testing.assert_allclose(found, logsumexp(logs, axis=1), rtol=1e-12)
+
+
+def bent(heading: float = 0.4, reach: float = 4.5):
+    """Gaussians all over a lattice, whose sum is bent like a banana, and its mean and covariance."""
+    places = np.stack(np.meshgrid(*[np.arange(-reach, reach + 0.1, 0.5)] * 3, indexing="ij"), -1)
+    places = places.reshape(-1, 3)
+    weights = np.exp(-0.5 * (places**2).sum(1))
+    weights /= weights.sum()
+    centres = places * [0.02, 0.01, 0.01] + [2.0, 1.0, heading]
+    centres[:, 1] += 2.0 * (centres[:, 0] - 2.0) ** 2
+    kernel = np.diag([0.02, 0.01, 0.01]) ** 2
+    precision = np.tile(np.linalg.inv(kernel), (len(centres), 1, 1))
+    mean, away = weights @ centres, centres - weights @ centres
+    covariance = (weights[:, None] * away).T @ away + kernel
+    return Gaussians(centres, precision, np.log(weights), POSE.is_angle), mean, covariance
+
+
+@pytest.mark.parametrize("heading", [0.4, np.pi])
+def test_a_polynomial_stands_for_the_log_of_a_sum(heading):
+    """Within 3.5 deviations it is off by what it says, beyond by nothing; headings across the cut, too."""
+    gaussians, mean, covariance = bent(heading)
+    smooth = SmoothSum.of(gaussians, mean, covariance, 1e-2, 0)
+    assert smooth is not None
+    assert 1e-6 < smooth.error < 1e-2
+    rng = np.random.default_rng(0)
+    states = POSE.wrap(mean + rng.normal(size=(20_000, 3)) @ np.linalg.cholesky(1.5 * covariance).T)
+    off = smooth.log(states) - log_sum(states, gaussians)
+    away = POSE.difference(states, mean)
+    within = (away * np.linalg.solve(covariance, away.T).T).sum(1) < SMOOTH_RADIUS**2
+    assert 0.9 < within.mean() < 0.999
+    np.testing.assert_allclose(off[~within], 0.0, atol=1e-9)
+    # most of the draws lie nearer to the mean than points spread evenly over the ellipsoid do
+    assert 0 < np.sqrt(np.mean(off[within] ** 2)) < 2 * smooth.error
+
+
+def test_no_polynomial_stands_for_what_is_none():
+    """Two clusters, few Gaussians, or a smaller error than can be had: the sum itself is taken."""
+    gaussians, mean, covariance = bent()
+    assert SmoothSum.of(gaussians, mean, covariance, 1e-9, 0) is None
+    assert SmoothSum.of(*bent(reach=1.0), 1.0, 0) is None
+    centres = gaussians.centres.copy()
+    centres[::2, 0] += 0.3
+    apart, wide = replace(gaussians, centres=centres), covariance + np.diag([0.15**2, 0, 0])
+    assert SmoothSum.of(apart, mean + np.array([0.15, 0, 0]), wide, 1e-2, 0) is None
+
+
+def test_polynomials_change_what_is_found_by_less_than_is_stated(monkeypatch):
+    """A drive in the open, whose points are some hundred: with and without, at two accuracies."""
+    space = pose_space()
+    room = RectangularRoom(6.0, 5.0)
+    sensor = Rangefinder(room, BEARINGS, Gaussian(0.05), space)
+    motion = Confined(Odometry(space, floor=[0.02, 0.02, 0.02]), room, space)
+    prior = GaussianPrior([3.0, 2.0, 0.3], np.diag([0.1, 0.1, 0.05]) ** 2, space)
+    problem = Problem(space, motion, sensor, prior)
+    shares = filter_.SMOOTH_SHARE, 0.0
+    for accuracy in (0.1, 0.02):
+        answers, counts = [], []
+        for share in shares:
+            monkeypatch.setattr(filter_, "SMOOTH_SHARE", share)
+            estimator = AdaptivePointMassFilter(problem, accuracy=accuracy, table_rays=20_000)
+            rng, state = np.random.default_rng(1), prior.mean
+            belief = estimator.init(prior, rng)
+            for step in range(5):
+                belief = estimator.predict(belief, STEP, rng) if step else belief
+                state = motion.mean(state, STEP) if step else state
+                belief = estimator.update(belief, sensor.sample(state, rng), rng)
+            answers.append((estimator.estimate(belief), estimator.error(belief)))
+            counts.append([part.smooth is not None for part in belief.prior.parts])
+        assert any(counts[0])
+        assert not any(counts[1])
+        (one, error), (other, _) = answers
+        stds = np.sqrt(np.diag(one.covariance))
+        assert (np.abs(one.mean - other.mean) / stds).max() < error
+        assert (np.abs(one.covariance - other.covariance) / np.outer(stds, stds)).max() < error
+        assert abs(one.log_evidence - other.log_evidence) < accuracy
 
 
 def test_fans_tell_what_steps_walls_stop():

@@ -20,7 +20,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
 from rangefix.filters.adaptive.filter import AdaptiveBelief
-from rangefix.filters.adaptive.lattice import Lattice, _keys
+from rangefix.filters.adaptive.lattice import Lattice, keys_of
 from rangefix.filters.adaptive.mode_gaussians import COARSEST_TOGETHER, smoothed
 from rangefix.filters.adaptive.moves import MAX_POINTS_MOVED, predict_modes
 from rangefix.filters.adaptive.target import TooManyCells
@@ -36,7 +36,7 @@ def gaussian(deviation: float) -> Lattice:
     index = np.array(list(product(range(-reach, reach + 1), repeat=3)))
     index = index[(index**2).sum(axis=1) <= (4.8 * deviation) ** 2]
     logs = -0.5 * (index**2).sum(axis=1) / deviation**2
-    return Lattice(pose_space(), np.array([2.0, 3.0, 0.4]), STEP, index, _keys(index), logs)
+    return Lattice(pose_space(), np.array([2.0, 3.0, 0.4]), STEP, index, keys_of(index), logs)
 
 
 def test_many_cells_are_moved_without_noise() -> None:

@@ -36,6 +36,7 @@ LEAST_RAYS, LEAST_CELLS = 1000, 1000  # of the table, and that a mode may be all
 CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
 FAR_BOUNDS = 100_000_000  # in the table of places far out in a Gaussian prior: 400 MB
+SMOOTH_SHARE = 0.02  # of the accuracy, in nats: by how much a polynomial for many Gaussians may be off
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
 
 
@@ -162,8 +163,9 @@ class AdaptivePointMassFilter(BriefRepr):
                     exactly, exactly.inexact, known, None, evidence, belief.possible, inherited
                 )
         modes = finer(before, told, self._accuracy, motion, control)
-        prior = predict_modes(modes, density, motion, control)
-        check = predict_modes(before.checks or before.modes, density, motion, control, prior)
+        allowed = SMOOTH_SHARE * self.accuracy
+        prior = predict_modes(modes, density, motion, control, allowed=allowed)
+        check = predict_modes(before.checks or before.modes, density, motion, control, prior, allowed)
         inherited = min(self.error(belief), MOST_INHERITED)
         return AdaptiveBelief(
             prior, check, belief.measurements[:0], None, evidence, belief.possible, inherited

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ..models.wrapped_noise import reading_bias, reading_spread
+from ..models.wrapped_noise import reading_spread
 from .target import BATCH, CAP, Target
 
 QUICK_BEAMS = 64  # that a first look uses
@@ -133,7 +133,7 @@ def _look(
     counts = measured.sum(axis=0)[beams]
     with np.errstate(over="ignore", invalid="ignore"):  # no return and too close in turn have no mean
         mean_reading = np.where(measured, target.measurements, 0.0).sum(axis=0)[beams] / counts
-    mean_reading = mean_reading - reading_bias(sensor.noise)
+    mean_reading = mean_reading - target.bias
     usable = np.isfinite(mean_reading) & np.isfinite(expected[:, beams])
     spread = reading_spread(sensor.noise, np.where(np.isfinite(expected), expected, 1.0))
     scale = spread[:, beams] / np.sqrt(counts)
@@ -168,9 +168,7 @@ def _scores(target: Target, expected: Array, prior: Array) -> Array:
     possible = prior > -np.inf
     total = np.where(possible, prior, prior.max(initial=-np.inf, where=possible) - CAP)
     for reading in target.measurements:
-        perfect = target.sensor.beam_log_density(
-            reading, np.fmax(reading - reading_bias(target.sensor.noise), 0.0)
-        )
+        perfect = target.sensor.beam_log_density(reading, np.fmax(reading - target.bias, 0.0))
         lost = perfect - target.sensor.beam_log_density(reading, expected)
         total = total - np.fmin(lost, CAP, out=lost).sum(-1)
     return np.asarray(total)

@@ -73,7 +73,7 @@ class Lattice:
         offset = self.space.difference(states[near], self.origin)
         index = np.rint(np.linalg.solve(self.basis, offset.T).T).astype(np.int64)
         held = np.zeros(len(states), np.bool_)
-        held[near] = _known(_keys(index), self.keys)
+        held[near] = _known(keys_of(index), self.keys)
         return held
 
     def without(self, other: Lattice) -> Lattice:
@@ -222,12 +222,12 @@ def grow(
         TooManyCells: If there would be more points than that.
     """
     axes = len(origin)
-    around = _keys(np.array([step for step in product((-1, 0, 1), repeat=axes) if any(step)]))
-    around -= _keys(np.zeros((1, axes), np.int64))
+    around = keys_of(np.array([step for step in product((-1, 0, 1), repeat=axes) if any(step)]))
+    around -= keys_of(np.zeros((1, axes), np.int64))
     parts = [] if before is None else [(before.index, before.keys, before.logs)]
     known, others = _Keys([keys for _, keys, _ in parts]), Taken(limits.others)
     top = -np.inf if before is None else float(before.logs.max())
-    wanted = _keys(start)
+    wanted = keys_of(start)
     while True:
         wanted.sort(kind="stable")  # of a few runs that are sorted already: np.unique takes far longer
         keys = wanted[np.append(wanted[:-1] != wanted[1:], np.True_)[: len(wanted)]]
@@ -266,7 +266,7 @@ def halved(
     heavy = index[logs > max(limits.level, logs.max() - limits.margin)]
     steps = np.array(list(product(*[(-1, 0, 1) if axis else (0,) for axis in axes])))
     basis = lattice.basis / finer
-    before = replace(lattice, basis=basis, index=index, keys=_keys(index), logs=logs)  # in the same order
+    before = replace(lattice, basis=basis, index=index, keys=keys_of(index), logs=logs)  # in the same order
     start = (steps[:, None] + heavy).reshape(-1, len(axes))
     return grow(lattice.space, log_density, lattice.origin, basis, start, limits, before)
 
@@ -326,7 +326,7 @@ def _corners(points: Array) -> tuple[Array, Array]:
     return np.array([column.min() for column in points.T]), np.array([column.max() for column in points.T])
 
 
-def _keys(index: IntArray) -> IntArray:
+def keys_of(index: IntArray) -> IntArray:
     """One number for each index, in the order of its first component, then of the next, (k, n) -> (k,)."""
     bits = BITS // index.shape[1]
     keys = np.zeros(len(index), np.int64)

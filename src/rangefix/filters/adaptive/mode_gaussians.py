@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, IntArray
-from .lattice import Lattice
+from .lattice import Lattice, keys_of
 
 KERNEL_STEPS = 0.6  # of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %
 TOGETHER = (0.3, 0.6)  # of a deviation of the mode: points closer are taken as one; of 2 components, of more
@@ -109,7 +109,7 @@ def _taken_together(index: Array, weights: Array, blocks: Array) -> tuple[Array,
     """Points of each block of so many steps along each axis as one at their mean, with their weight."""
     if (blocks == 1).all():
         return index, weights
-    _, label = np.unique(np.floor(index / blocks).astype(np.int64), axis=0, return_inverse=True)
+    _, label = np.unique(keys_of(np.floor(index / blocks).astype(np.int64)), return_inverse=True)
     total = np.bincount(label, weights)
     sums = np.column_stack([np.bincount(label, weights * column) for column in index.T])
     return sums / total[:, None], np.asarray(total, dtype=float)

@@ -178,8 +178,9 @@ def _grown(target: Target, peak: Array, information: Array, accuracy: Accuracy, 
     """
     space, spacing, edge = target.sensor.space, accuracy.spacing, accuracy.edge(len(peak))
     axes, shares = _axes(target, peak, information)
-    start = ball(space.size, START_RADIUS / spacing)
-    many = int(MAX_CELLS_FACTOR * len(ball(space.size, 1 + np.sqrt(2 * edge) / spacing)))
+    ends = np.sqrt(2 * edge) / spacing  # where a Gaussian's does: all these points are asked anyway
+    start = ball(space.size, ends)
+    many = int(MAX_CELLS_FACTOR * len(ball(space.size, 1 + ends)))
     lobe = target.log_density(peak[None])[0] < limits.level + accuracy.margin - LOBE_NATS
     affordable = max(many, int(MODE_SHARE * target.work.limit / target.cost))
     while True:

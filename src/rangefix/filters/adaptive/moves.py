@@ -97,6 +97,7 @@ def predict_modes(
     motion: Motion,
     control: Array,
     answer: Predicted | None = None,
+    allowed: float = 0.0,
 ) -> Predicted:
     """Where an object can be after a move.
 
@@ -107,6 +108,7 @@ def predict_modes(
         control: The control, (k,).
         answer: What is to be checked by the same worked out otherwise: with more points taken together, and
             fewer directions.
+        allowed: By how many nats, RMS over a part, its log density may be off where Gaussians are many.
 
     Raises:
         TooManyCells: If more points would have to be moved than can be.
@@ -133,7 +135,8 @@ def predict_modes(
             stayed = Stayed(before, walls, control, directions)
         predicted = Predicted(modes[0].space, walls.room if walls else None, tuple(parts), together, stayed)
         if sum(len(part.likely) for part in predicted.summed) <= MAX_POINTS_MOVED:
-            return predicted
+            seed = 0 if answer is None else 1  # what checks it is off elsewhere
+            return replace(predicted, parts=tuple(part.smoothed(allowed, seed) for part in parts))
     raise TooManyCells(
         f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
         "measure first, take a narrower prior, or give a motion noise that has next to none"

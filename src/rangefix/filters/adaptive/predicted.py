@@ -14,10 +14,10 @@ from ..models.confined import Confined
 from ..problem import CanGoBack, Motion, RangeMap
 from ..space import LEAST_VARIANCE, StateSpace
 from .gauss_newton import quick_scores
-from .gaussian_sums import NEGLIGIBLE_NATS, Around, Gaussians, log_reached, log_sum, reached
+from .gaussian_sums import NEGLIGIBLE_NATS, Around, Gaussians, SmoothSum, log_reached, log_sum, reached
 from .target import STATE_COST, Target
 
-TERM_COST = 0.03  # of a Gaussian at a point, in rays: 6 ns
+TERM_COST, SMOOTH_COST = 0.03, 1.0  # of a Gaussian at a point, and of a polynomial for many, in rays
 GUESS_BEAMS = 24  # that choose among predicted points
 HOPELESS_NATS = 100.0  # below the best point at which a point is no guess any more
 DRAWS_OF_DEVIATIONS = 2000  # a deviation is then known to 2 %
@@ -40,6 +40,7 @@ class Part:
         stays: Whether it is what stays put beside a wall.
         blur: Of that, the share of a variance that its kernels make up: nothing spreads it besides, and where
             it breaks off at the wall it is off by as much, in deviations.
+        smooth: The sum of its Gaussians where a polynomial stands for it; None if none does.
     """
 
     starts: Array
@@ -50,6 +51,24 @@ class Part:
     covariance: Array
     stays: bool = False
     blur: float = 0.0
+    smooth: SmoothSum | None = None
+
+    def smoothed(self, allowed: float, seed: int) -> Part:
+        """With a polynomial for its Gaussians if it is off by no more than so many nats, and away from walls.
+
+        Args:
+            allowed: RMS over the part, nats.
+            seed: Draws the points that it is fitted to.
+        """
+        if self.fans.size:
+            return self
+        smooth = SmoothSum.of(self.gaussians, self.mean, self.covariance, allowed, seed)
+        return replace(self, smooth=smooth)
+
+    @property
+    def cost(self) -> float:
+        """What its density at a state costs, in rays."""
+        return TERM_COST * len(self.likely) if self.smooth is None else SMOOTH_COST
 
     @cached_property
     def around(self) -> Around:
@@ -209,7 +228,9 @@ class Predicted:
         where = self.space.position_indices
         free: BoolArray | None = None
         for part in self.summed:
-            if not part.fans.size:
+            if part.smooth is not None:
+                logs = part.smooth.log(states)
+            elif not part.fans.size:
                 logs = log_sum(states, part.gaussians)
             else:
                 if free is None:
@@ -226,7 +247,7 @@ class Predicted:
         """What its density at a state costs, in rays cast."""
         if self.exact is not None:
             return self.exact.cost
-        gaussians = TERM_COST * sum(len(part.likely) for part in self.summed)
+        gaussians = sum(part.cost for part in self.summed)
         return gaussians + (0.0 if self.stayed is None else self.stayed.cost)
 
     @property
@@ -288,9 +309,14 @@ class Predicted:
 
     def roughly(self, states: Array) -> Array:
         """Its log density with one Gaussian for each part, without walls: (K, n) -> (K,)."""
+        return log_sum(states, self._one_for_each)
+
+    @cached_property
+    def _one_for_each(self) -> Gaussians:
+        """One Gaussian for each part, walls aside."""
         means, precisions = self.means_and_precisions()
         masses = np.array([np.logaddexp.reduce(part.gaussians.log_scale) for part in self.parts])
-        return log_sum(states, Gaussians(means, precisions, masses, self.space.is_angle))
+        return Gaussians(means, precisions, masses, self.space.is_angle)
 
     def means_and_precisions(self) -> tuple[Array, Array]:
         """Mean (P, n) and inverse covariance (P, n, n) of each part, walls aside."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, is_dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ...arrays import Array, IntArray
 from ..models.rangefinder import Rangefinder, some_beams
-from ..models.wrapped_noise import perfect_fit
+from ..models.wrapped_noise import perfect_fit, reading_bias
 from ..problem import Sensor
 
 BATCH = 2_000_000  # ranges cast at once
@@ -74,10 +75,15 @@ class Target:
         """What the density of a state costs, in rays."""
         return STATE_COST + self.log_prior_cost + len(self.beams)
 
-    @property
+    @cached_property
     def beams(self) -> IntArray:
         """Which beams were measured."""
         return np.flatnonzero(~np.isnan(self.measurements).all(axis=0))
+
+    @cached_property
+    def bias(self) -> float:
+        """By how much readings of walls are too long, m."""
+        return reading_bias(self.sensor.noise)
 
     def log_density(self, states: Array) -> Array:
         """Log of the prior density times the likelihood: (K, n) -> (K,), nats."""

@@ -176,6 +176,9 @@ def stopped_probability(
     with np.errstate(divide="ignore"):  # on a wall, and where there is none
         closeness = np.hypot(ways[..., 0], ways[..., 1]) / room.ranges(poses, AHEAD)[..., 0]
         walls = 1 / closeness_between(np.minimum(closeness, 1 / LEAST_M), gap)
+    stopped = np.zeros(len(starts))
+    near = np.flatnonzero(walls.min(axis=1) < length[:, 0] + FARTHEST_STDS)  # nothing else gets to any
+    walls, gap, off, length = walls[near], gap[near], off[near], length[near]
     finer = gap * ((np.arange(BETWEEN) + 0.5) / BETWEEN - 0.5)  # by sums of angles: sines take long
     (s_off, c_off), (s_finer, c_finer) = ((np.sin(angle), np.cos(angle)) for angle in (off, finer))
     s_off, c_off = length[..., None] * s_off[..., None], length[..., None] * c_off[..., None]
@@ -183,7 +186,8 @@ def stopped_probability(
     aside = (s_off * c_finer[:, None] + c_off * s_finer[:, None]).reshape(walls.shape)
     beyond = np.exp(-0.5 * ((walls - along) ** 2 + aside**2)) / TWO_PI
     beyond += along * np.exp(-0.5 * aside**2) * ndtr(along - walls) / np.sqrt(TWO_PI)
-    return np.asarray(np.clip(beyond.sum(axis=1) * gap[:, 0] / BETWEEN, 0.0, 1.0))
+    stopped[near] = np.clip(beyond.sum(axis=1) * gap[:, 0] / BETWEEN, 0.0, 1.0)
+    return stopped
 
 
 def closeness_between(closeness: Array, gap: Array) -> Array:
