@@ -14,7 +14,16 @@ import rangefix
 
 ROOT = Path(rangefix.__file__).parent
 ON_TOP = {"cli", "__main__"}
-GROUND = {"arrays", "compiled", "errors", "extensions", "numba_options", "raster", "text_files"}
+GROUND = {
+    "arrays",
+    "compiled",
+    "errors",
+    "extensions",
+    "compiled_once",
+    "numba_options",
+    "raster",
+    "text_files",
+}
 MAY_IMPORT = {
     "maps": {"maps"} | GROUND,
     "filters": {"filters"} | GROUND,

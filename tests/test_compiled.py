@@ -45,6 +45,45 @@ predict(np.array([[2.0]]), np.array([[[-1.0, 0.0]]]), np.array([[[0.5, 0.1]]]), 
 print(*out.ravel())
 """
 
+LOOPS = """
+from rangefix.compiled import njit
+
+@njit(cache=True)
+def plus_one(number):
+    return number + 1
+"""
+
+BOTH = """
+import sys, time
+from pathlib import Path
+import numba
+from numba.core import event
+from loops import plus_one
+
+begun, ready = Path(sys.argv[1], "begun"), Path(sys.argv[1], "ready")
+compiled = []
+
+def wait_for(file):
+    while not file.exists():
+        time.sleep(0.01)
+
+class Counted(event.Listener):
+    def on_start(self, event):
+        compiled.append(event.data["dispatcher"].py_func.__name__)
+        begun.touch()
+        wait_for(ready)
+        time.sleep(0.3)
+    def on_end(self, event):
+        pass
+
+numba.njit(lambda: None)()  # the first of all takes seconds
+event.register("numba:compile", Counted())
+if sys.argv[2] == "second":
+    wait_for(begun)
+    ready.touch()
+print(plus_one(1), compiled)
+"""
+
 COMPILED = """
 import gc, re, sys
 from numba.core.dispatcher import Dispatcher
@@ -99,6 +138,20 @@ def test_no_folder_for_a_cache_is_no_mistake(tmp_path: Path) -> None:
         [sys.executable, "-c", block + PREDICTED], env=bare, capture_output=True, text=True, check=True
     )
     assert (told.stdout, told.stderr) == ("1.5\n", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such locks")
+def test_processes_that_start_together_compile_a_loop_once(tmp_path: Path) -> None:
+    """The second begins when the first compiles; its answer comes from the first one's cache."""
+    (tmp_path / "loops.py").write_text(LOOPS)
+    variables = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", BOTH, str(tmp_path)]
+    both = [
+        subprocess.Popen([*command, name], env=variables, stdout=subprocess.PIPE, text=True)
+        for name in ("first", "second")
+    ]
+    told = [process.communicate()[0] for process in both]
+    assert told == ["2 ['plus_one']\n", "2 []\n"]
 
 
 @pytest.mark.parametrize("study", ["drive", "map_errors"])

@@ -4,7 +4,8 @@ Threads are Python's own, over loops that release the interpreter's lock: numba'
 to compile than all the rest (docs/decisions/0001). How many there are is still numba's to say.
 
 What was compiled is kept beside the source, else in the user's folder for caches, else nowhere: then each
-process compiles anew. While it lasts a terminal says so.
+process compiles anew. Of processes that start together one compiles a loop (`compiled_once.py`). While it
+lasts a terminal says so.
 
 Open3D's dependencies bring a TBB that numba refuses with a warning; asked last, it is never tried. OpenMP's
 threads, which numba starts and nobody uses, would spin unless told otherwise. A setting of your own is kept.
@@ -26,6 +27,7 @@ import numba
 import numpy as np
 from numba.core import event
 
+from .compiled_once import compile_in_turn
 from .errors import CLEARED
 from .numba_options import compare_quickly
 
@@ -60,6 +62,8 @@ def njit(inner: bool = False, **options: Any) -> Callable[[Loop], Loop]:
             compiled: Loop = numba.njit(**options)(loop)
         except RuntimeError:  # no locator of a cache suits
             compiled = numba.njit(**{**options, "cache": False})(loop)
+        else:
+            compile_in_turn(compiled)
         return compiled
 
     return decorate

@@ -86,9 +86,8 @@ def _coarse_axes(mode: Lattice, motion: Motion, control: Array) -> BoolArray:
     if not isinstance(motion, Confined):
         return np.zeros(mode.space.size, dtype=bool)
     noise = _noise_in_steps(mode, motion.motion, control)
-    if not _walls_near(smoothed(mode, noise), motion, control):
-        return np.zeros(mode.space.size, dtype=bool)
-    return np.asarray(conditional_stds(noise) < 1.0)
+    coarse = np.asarray(conditional_stds(noise) < 1.0)
+    return coarse & (coarse.any() and _walls_near(_moved(smoothed(mode, noise), motion, control), motion))
 
 
 def predict_modes(
@@ -182,17 +181,18 @@ def _split_by_walls(
     space: StateSpace, kernels: Kernels, free: Motion, walls: Confined | None, control: Array
 ) -> list[Part]:
     """What moves without noise and, beside walls, what stays, each if there is any."""
-    if walls is None or not _walls_near(kernels, walls, control):
-        return [_part(space, kernels, free, control)]
+    moved = _moved(kernels, free, control)
+    if walls is None or not _walls_near(moved, walls):
+        return [_part(space, moved)]
     starts = np.ascontiguousarray(kernels.states[:, space.position_indices])
     fans = walls.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), ALL_ROUND)
-    passes = walls.allows(kernels.states, free.mean(kernels.states, control))
+    passes = walls.allows(kernels.states, moved.centres)
     parts = []
-    for which, motion in ((passes, free), (~passes, Stationary(space))):
+    for which, led in ((passes, moved), (~passes, _moved(kernels, Stationary(space), control))):
         if which.any():
-            those = kernels._replace(log_weights=np.where(which, kernels.log_weights, -np.inf))
-            part = _part(space, those, motion, control, fans)
-            parts.append(replace(part, stays=motion is not free))
+            log_weights = np.where(which, kernels.log_weights, -np.inf)
+            part = _part(space, led.weighing(log_weights), fans)
+            parts.append(replace(part, stays=led is not moved))
     return parts
 
 
@@ -200,23 +200,40 @@ def _mode_moved(mode: Lattice, share: float, motion: Motion, control: Array, tog
     """What becomes of a mode of that log probability: what moves and, beside walls, what stays."""
     space, free = mode.space, motion.motion if isinstance(motion, Confined) else motion
     noise = _noise_in_steps(mode, free, control)
-    moved = smoothed(mode, noise, together)
-    weights = moved.log_weights + share
-    if not isinstance(motion, Confined) or not _walls_near(moved, motion, control):
-        return [_part(space, moved._replace(log_weights=weights), free, control)]
-    beside = _beside_walls(moved._replace(log_weights=weights), motion, control)
+    kernels = smoothed(mode, noise, together)
+    moved = _moved(kernels._replace(log_weights=kernels.log_weights + share), free, control)
+    if not isinstance(motion, Confined) or not _walls_near(moved, motion):
+        return [_part(space, moved)]
+    beside = _beside_walls(moved, motion)
     parts = []
     if (beside.through > -np.inf).any():
-        through = moved._replace(log_weights=beside.through)
-        parts.append(_part(space, through, free, control, beside.fans, beside.nearest))
+        parts.append(_part(space, moved.weighing(beside.through), beside.fans, beside.nearest))
     if np.exp(beside.stays).sum() > LEAST_PROBABILITY:
         still = smoothed(mode, noise, together, stays=True)._replace(log_weights=beside.stays)
         still, fans, inside = _kept_inside(still, motion, control)
         if not parts or np.exp(still.log_weights).sum() > LEAST_PROBABILITY:  # else it lay in walls
-            part = _part(space, still, Stationary(space), control, fans, inside)
+            part = _part(space, _moved(still, Stationary(space), control), fans, inside)
             blur = float((np.diagonal(still.covariance) / np.diagonal(part.covariance)).max())
             parts.append(replace(part, stays=True, blur=blur))
     return parts
+
+
+class _Moved(NamedTuple):
+    """Kernels and the Gaussians that a move makes of them, walls aside.
+
+    Attributes:
+        kernels: Before it.
+        centres: f(c), (K, n).
+        covariance: F E F' + Q, (K, n, n).
+    """
+
+    kernels: Kernels
+    centres: Array
+    covariance: Array
+
+    def weighing(self, log_weights: Array) -> _Moved:
+        """The same with other weights, (K,)."""
+        return self._replace(kernels=self.kernels._replace(log_weights=log_weights))
 
 
 class _BesideWalls(NamedTuple):
@@ -236,16 +253,15 @@ class _BesideWalls(NamedTuple):
     nearest: Array
 
 
-def _beside_walls(points: Kernels, motion: Confined, control: Array) -> _BesideWalls:
+def _beside_walls(moved: _Moved, motion: Confined) -> _BesideWalls:
     """What walls make of steps from points with these weights."""
-    where = motion.space.position_indices
+    where, points = motion.space.position_indices, moved.kernels
     starts = np.ascontiguousarray(points.states[:, where])
     fans = motion.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), ALL_ROUND)
-    ends = _ends(points, motion, control, STEP_DRAWS)
+    ends = _ends(moved, where, STEP_DRAWS)
     met = reached(ends, motion.room.is_free(ends), Around.of(starts, fans))
     nearest = np.where(met.any(axis=1, keepdims=True), ends[np.arange(len(ends)), met.argmax(axis=1)], starts)
-    centres, spread = _spread(points.states, points.covariance, motion.motion, control)
-    steps, spread = centres[:, where] - starts, spread[:, where][:, :, where]
+    steps, spread = moved.centres[:, where] - starts, moved.covariance[:, where][:, :, where]
     stopped = stopped_probability(motion.room, starts, steps, spread, DIRECTIONS_OF_POINTS)
     with np.errstate(divide="ignore"):
         log_stays = motion.tries * np.log(stopped)
@@ -273,10 +289,10 @@ def _kept_inside(still: Kernels, walls: Confined, control: Array) -> tuple[Kerne
     Returns:
         Those that are about free space, how far walls are from each all round, and a place of each in it.
     """
-    resting = replace(walls, motion=Stationary(walls.space))
-    starts = np.ascontiguousarray(still.states[:, walls.space.position_indices])
+    where, resting = walls.space.position_indices, Stationary(walls.space)
+    starts = np.ascontiguousarray(still.states[:, where])
     fans = walls.room.ranges(np.column_stack([starts, np.zeros(len(starts))]), ALL_ROUND)
-    ends = _ends(still, resting, control, STEP_DRAWS)
+    ends = _ends(_moved(still, resting, control), where, STEP_DRAWS)
     met = reached(ends, walls.room.is_free(ends), Around.of(starts, fans))
     inside, kept = met.mean(axis=1), met.any(axis=1)
     nearest = ends[np.arange(len(ends)), met.argmax(axis=1)]
@@ -291,14 +307,11 @@ def _noise_in_steps(mode: Lattice, motion: Motion, control: Array) -> Array:
     return np.asarray(back @ motion.noise_covariance(state, control) @ back.T)
 
 
-def _part(
-    space: StateSpace, kernels: Kernels, motion: Motion, control: Array,
-    fans: Array | None = None, nearest: Array | None = None,
-) -> Part:  # fmt: skip
+def _part(space: StateSpace, moved: _Moved, fans: Array | None = None, nearest: Array | None = None) -> Part:
     """Gaussians moved; near walls with fans, and the nearest places to the centres that can be reached."""
-    kept = kernels.log_weights > -np.inf
-    states, log_weights = kernels.states[kept], kernels.log_weights[kept]
-    centres, covariance = _spread(states, kernels.covariance, motion, control)
+    kept = moved.kernels.log_weights > -np.inf
+    states, log_weights = moved.kernels.states[kept], moved.kernels.log_weights[kept]
+    centres, covariance = moved.centres[kept], moved.covariance[kept]
     precision = np.asarray(np.linalg.inv(covariance), dtype=float)
     level = -0.5 * (states.shape[1] * np.log(TWO_PI) + np.asarray(np.linalg.slogdet(covariance)[1]))
     weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
@@ -311,24 +324,26 @@ def _part(
         likely = centres + gain[..., 0]
     fans = np.empty((len(states), 0)) if fans is None else fans[kept]
     starts = np.ascontiguousarray(states[:, where])
-    moved = Gaussians(centres, precision, log_weights + level, space.is_angle)
-    return Part(starts, moved, space.wrap(likely), fans, mean, total)
+    gaussians = Gaussians(centres, precision, log_weights + level, space.is_angle)
+    return Part(starts, gaussians, space.wrap(likely), fans, mean, total)
 
 
-def _spread(states: Array, kernel: Array, motion: Motion, control: Array) -> tuple[Array, Array]:
-    """Means (K, n) and covariances (K, n, n) of Gaussians after a move: f(c) and F E F' + Q."""
-    jacobian = motion.jacobian(states, control)
-    covariance = jacobian @ kernel @ np.swapaxes(jacobian, -1, -2) + motion.noise_covariance(states, control)
+def _moved(kernels: Kernels, motion: Motion, control: Array) -> _Moved:
+    """Kernels after a move: means f(c) and covariances F E F' + Q."""
+    states, jacobian = kernels.states, motion.jacobian(kernels.states, control)
+    spread = jacobian @ kernels.covariance @ np.swapaxes(jacobian, -1, -2)
+    covariance = spread + motion.noise_covariance(states, control)
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     smallest = 1e-12 * np.trace(covariance, axis1=-2, axis2=-1)[:, None, None] + 1e-18
-    return motion.mean(states, control), covariance + smallest * np.eye(states.shape[1])
+    return _Moved(kernels, motion.mean(states, control), covariance + smallest * np.eye(states.shape[1]))
 
 
-def _walls_near(kernels: Kernels, motion: Confined, control: Array) -> bool:
+def _walls_near(moved: _Moved, motion: Confined) -> bool:
     """Whether a wall stands, or free space ends, within a disc that holds all starts and ends of steps."""
-    ends = _ends(kernels, motion, control, STEP_DRAWS // 16)
-    starts = kernels.states[:, motion.space.position_indices]
-    middle = np.exp(kernels.log_weights) @ starts
+    where = motion.space.position_indices
+    ends = _ends(moved, where, STEP_DRAWS // 16)
+    starts = moved.kernels.states[:, where]
+    middle = np.exp(moved.kernels.log_weights) @ starts / np.exp(moved.kernels.log_weights).sum()
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
     if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
         return True
@@ -336,12 +351,10 @@ def _walls_near(kernels: Kernels, motion: Confined, control: Array) -> bool:
     return bool(fan.min() <= WALL_REACH_FACTOR * radius)
 
 
-def _ends(kernels: Kernels, motion: Confined, control: Array, count: int) -> Array:
+def _ends(moved: _Moved, where: list[int], count: int) -> Array:
     """Places where steps from each point end, spread evenly over their law, (K, count, 2)."""
-    where = motion.space.position_indices
-    centres, covariance = _spread(kernels.states, kernels.covariance, motion.motion, control)
-    root = np.linalg.cholesky(covariance[:, where][:, :, where])
-    return np.asarray(centres[:, None, where] + _normal_points(count) @ np.swapaxes(root, 1, 2))
+    root = np.linalg.cholesky(moved.covariance[:, where][:, :, where])
+    return np.asarray(moved.centres[:, None, where] + _normal_points(count) @ np.swapaxes(root, 1, 2))
 
 
 def _normal_points(count: int) -> Array:
