@@ -19,7 +19,7 @@ GROUND = {
     "compiled",
     "errors",
     "extensions",
-    "compiled_once",
+    "loop_cache",
     "numba_options",
     "raster",
     "text_files",

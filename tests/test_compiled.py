@@ -21,7 +21,7 @@ from numba.core.cpu_options import FastMathOptions
 from numba.core.errors import TypingError
 from numba.core.targetconfig import TargetConfig
 
-from rangefix import compiled, numba_options
+from rangefix import compiled, loop_cache, numba_options
 from rangefix.arrays import Array
 from rangefix.compiled import exp_below_zero, njit
 from rangefix.maps import FloorPlan, polygon_kernels
@@ -363,3 +363,41 @@ def wrappers(loop: Any) -> tuple[bool, bool]:
     names = compiled_once.fndesc
     code = compiled_once.library.get_llvm_str()
     return names.llvm_cpython_wrapper_name in code, names.llvm_cfunc_wrapper_name in code
+
+
+READ = """
+import sys
+from numba.core.base import BaseContext
+
+registered, register = [], BaseContext.refresh
+def refresh(context):
+    registered.append(context)
+    register(context)
+BaseContext.refresh = refresh
+
+from rangefix.maps import FloorPlan
+import numpy as np
+
+plan = FloorPlan(outer=[[0, 0], [4, 0], [4, 3], [0, 3]])
+ranges = plan.ranges(np.array([1.0, 1.0, 0.0]), np.zeros(1))
+print(ranges.tolist(), len(registered), "scipy.linalg" in sys.modules)
+"""
+
+
+def test_loops_in_the_cache_are_read_without_numbas_registries() -> None:
+    """They take a third of a second, and bring scipy.linalg."""
+    command = [sys.executable, "-c", READ]
+    subprocess.run(command, check=True, capture_output=True)  # fills the cache
+    told = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert told.stdout == "[2.0] 0 False\n"
+
+
+def test_a_cache_that_numba_keeps_otherwise_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop_cache, "PARTS", ("unheard_of",))
+
+    @njit(cache=True)
+    def twice(number: float) -> float:
+        return 2 * number
+
+    assert twice(1.0) == 2.0
+    assert "load_overload" not in vars(twice._cache)

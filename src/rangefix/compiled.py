@@ -4,7 +4,7 @@ Threads are Python's own, over loops that release the interpreter's lock: numba'
 to compile than all the rest (docs/decisions/0001). How many there are is still numba's to say.
 
 What was compiled is kept beside the source, else in the user's folder for caches, else nowhere: then each
-process compiles anew. Of processes that start together one compiles a loop (`compiled_once.py`). While it
+process compiles anew. Of processes that start together one compiles a loop (`loop_cache.py`). While it
 lasts a terminal says so.
 
 Open3D's dependencies bring a TBB that numba refuses with a warning; asked last, it is never tried. OpenMP's
@@ -27,8 +27,8 @@ import numba
 import numpy as np
 from numba.core import event
 
-from .compiled_once import compile_in_turn
 from .errors import CLEARED
+from .loop_cache import share_cache
 from .numba_options import compare_quickly
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
@@ -63,7 +63,7 @@ def njit(inner: bool = False, **options: Any) -> Callable[[Loop], Loop]:
         except RuntimeError:  # no locator of a cache suits
             compiled = numba.njit(**{**options, "cache": False})(loop)
         else:
-            compile_in_turn(compiled)
+            share_cache(compiled)
         return compiled
 
     return decorate
