@@ -36,6 +36,7 @@ from rangefix.filters.adaptive.gaussian_sums import (
     log_sum,
     reached,
 )
+from rangefix.filters.adaptive.mode_gaussians import Kernels
 from rangefix.filters.adaptive.search import NOTHING
 from rangefix.filters.adaptive.target import Work
 from rangefix.maps import FloorPlan, RectangularRoom
@@ -344,6 +345,7 @@ def test_no_polynomial_stands_for_what_is_none():
     assert SmoothSum.of(*bent(reach=1.0), 1.0, 0) is None
     centres = gaussians.centres.copy()
     centres[::2, 0] += 0.3
+    assert SmoothSum.of(gaussians, mean, np.diag([4e-4, 1e-4, 0.0]), 1.0, 0) is None
     apart, wide = replace(gaussians, centres=centres), covariance + np.diag([0.15**2, 0, 0])
     assert SmoothSum.of(apart, mean + np.array([0.15, 0, 0]), wide, 1e-2, 0) is None
 
@@ -377,6 +379,18 @@ def test_polynomials_change_what_is_found_by_less_than_is_stated(monkeypatch):
         assert (np.abs(one.mean - other.mean) / stds).max() < error
         assert (np.abs(one.covariance - other.covariance) / np.outer(stds, stds)).max() < error
         assert abs(one.log_evidence - other.log_evidence) < accuracy
+
+
+def test_walls_are_near_whatever_the_probability_of_what_moves():
+    """A mode of e^-1000 moves as any other: its middle is that of its points."""
+    motion = Confined(Odometry(POSE, floor=[0.02, 0.02, 0.02]), HOUSE, POSE)
+    near = []
+    for place in ([2.0, 2.0, 0.0], [4.9, 2.9, 0.0]):
+        states = place + 0.01 * np.random.default_rng(0).normal(size=(20, 3))
+        for share in (0.0, -1000.0):
+            kernels = Kernels(states, np.full(20, share - np.log(20)), 1e-6 * np.eye(3))
+            near.append(moves._walls_near(moves._moved(kernels, motion, np.zeros(3)), motion))
+    assert near == [False, False, True, True]
 
 
 def test_fans_tell_what_steps_walls_stop():

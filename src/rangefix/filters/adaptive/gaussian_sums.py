@@ -13,6 +13,7 @@ from numpy.polynomial.chebyshev import chebvander
 
 from ...arrays import TWO_PI, Array, BoolArray, IntArray
 from ...compiled import FUSED, exp_below_zero, in_threads, njit
+from ..space import is_definite
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 NEGLIGIBLE_SHARE = math.exp(-NEGLIGIBLE_NATS)
@@ -142,13 +143,15 @@ class SmoothSum:
         Args:
             gaussians: The terms.
             mean: Of the sum, (n,).
-            covariance: Of the sum, (n, n), positive definite.
+            covariance: Of the sum, (n, n).
             allowed: The most that `error` may be, nats.
             seed: Draws the points.
 
         Returns:
-            None where no polynomial is as good as that, or the sum itself is as quick.
+            None where no polynomial is as good as that, the sum itself is as quick, or has next to no width.
         """
+        if not is_definite(covariance):
+            return None
         root, logs = np.asarray(SMOOTH_RADIUS * np.linalg.cholesky(covariance), dtype=float), np.empty(0)
         for design in _designs(len(mean), seed):
             terms, fitted = design.fit.shape

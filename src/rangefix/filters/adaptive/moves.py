@@ -135,7 +135,7 @@ def predict_modes(
         predicted = Predicted(modes[0].space, walls.room if walls else None, tuple(parts), together, stayed)
         if sum(len(part.likely) for part in predicted.summed) <= MAX_POINTS_MOVED:
             seed = 0 if answer is None else 1  # what checks it is off elsewhere
-            return replace(predicted, parts=tuple(part.smoothed(allowed, seed) for part in parts))
+            return replace(predicted, parts=tuple(part.with_polynomial(allowed, seed) for part in parts))
     raise TooManyCells(
         f"the belief fills more than {MAX_POINTS_MOVED} cells before a move: "
         "measure first, take a narrower prior, or give a motion noise that has next to none"
@@ -342,8 +342,8 @@ def _walls_near(moved: _Moved, motion: Confined) -> bool:
     """Whether a wall stands, or free space ends, within a disc that holds all starts and ends of steps."""
     where = motion.space.position_indices
     ends = _ends(moved, where, STEP_DRAWS // 16)
-    starts = moved.kernels.states[:, where]
-    middle = np.exp(moved.kernels.log_weights) @ starts / np.exp(moved.kernels.log_weights).sum()
+    starts, log_weights = moved.kernels.states[:, where], moved.kernels.log_weights
+    middle = np.exp(log_weights - np.logaddexp.reduce(log_weights)) @ starts
     radius = max(np.hypot(*(starts - middle).T).max(), np.hypot(*(ends - middle).reshape(-1, 2).T).max())
     if not (motion.room.is_free(middle[None])[0] and motion.room.is_free(ends).all()):
         return True

@@ -53,8 +53,8 @@ class Part:
     blur: float = 0.0
     smooth: SmoothSum | None = None
 
-    def smoothed(self, allowed: float, seed: int) -> Part:
-        """With a polynomial for its Gaussians if it is off by no more than so many nats, and away from walls.
+    def with_polynomial(self, allowed: float, seed: int) -> Part:
+        """Away from walls with a polynomial for its Gaussians, if that is off by no more than allowed.
 
         Args:
             allowed: RMS over the part, nats.
