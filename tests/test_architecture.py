@@ -19,6 +19,7 @@ GROUND = {
     "compiled",
     "errors",
     "extensions",
+    "file_lock",
     "loop_cache",
     "numba_options",
     "raster",

@@ -9,7 +9,6 @@ other names for what this rests on, and a system without such locks, go on as nu
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +17,8 @@ from typing import Any
 
 from numba.core import runtime
 from numba.core.compiler_lock import global_compiler_lock
+
+from .file_lock import lock
 
 __all__ = ["share_cache"]
 
@@ -78,23 +79,19 @@ def _held(path: str) -> Iterator[None]:
 
 
 def _hold(path: str) -> int | None:
-    """The handle of a locked file; None if there is none."""
+    """The handle of a locked file; None if it cannot be opened, or others hold it for the longest wait."""
     try:
-        fcntl: Any = importlib.import_module("fcntl")
         handle = os.open(path, os.O_RDONLY)
-    except (ImportError, OSError):
+    except OSError:
         return None
     end = monotonic() + LONGEST_WAIT_S
     while True:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(handle)
         except BlockingIOError:
-            if monotonic() < end:
-                sleep(LOOK_AGAIN_S)
-                continue
-        except OSError:
-            pass
+            if monotonic() > end:
+                os.close(handle)
+                return None
+            sleep(LOOK_AGAIN_S)
         else:
             return handle
-        os.close(handle)
-        return None

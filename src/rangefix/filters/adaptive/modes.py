@@ -25,7 +25,7 @@ SEARCH_SHARE = 0.4  # of the work: beyond it no further mode is looked for
 MODE_SHARE = 0.1  # of the work: what the first lattice of one mode may take
 SHIFTS = (0.2, 0.8)  # steps by which a check's origin lies off, drawn with a fixed seed
 IDLE_HALVINGS, LEAST_PROGRESS = 4, 0.9  # after so many an error must have fallen to so much, or it stays
-START_RADIUS = 3.0  # standard deviations about a peak that are looked at first
+AXIS_RADIUS = 3.0  # standard deviations of a peak at which the density along an axis is looked at first
 
 
 def with_lattices(
@@ -208,7 +208,7 @@ def _axes(target: Target, peak: Array, information: Array) -> tuple[Array, Array
     values, vectors = np.linalg.eigh(unit[:, None] * information * unit)
     axes = unit[:, None] * vectors / np.sqrt(values)
     shares = 0.5 ** np.arange(MAX_AXIS_HALVINGS)
-    steps = START_RADIUS * shares[:, None, None, None] * np.array([1.0, -1.0])[:, None, None] * axes.T
+    steps = AXIS_RADIUS * shares[:, None, None, None] * np.array([1.0, -1.0])[:, None, None] * axes.T
     states = np.vstack([peak, peak + steps.reshape(-1, len(peak))])
     logs = target.log_density(target.sensor.space.wrap(states))
     if logs[0] == -np.inf:
