@@ -21,7 +21,7 @@ GROUND = {
     "extensions",
     "file_lock",
     "loop_cache",
-    "numba_options",
+    "quick_compiling",
     "raster",
     "text_files",
 }

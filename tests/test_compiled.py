@@ -8,20 +8,23 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeGuard
 
 import numba
 import numpy as np
 import pytest
-from numba.core import event
+from numba.core import event, types
+from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import Flags
 from numba.core.cpu_options import FastMathOptions
 from numba.core.errors import TypingError
-from numba.core.targetconfig import TargetConfig
+from numba.core.targetconfig import ConfigStack, TargetConfig
+from numba.core.types.functions import BaseFunction
+from numba.core.typing import signature
 
-from rangefix import compiled, loop_cache, numba_options
+from rangefix import compiled, loop_cache, quick_compiling
 from rangefix.arrays import Array
 from rangefix.compiled import exp_below_zero, njit
 from rangefix.maps import FloorPlan, polygon_kernels
@@ -31,7 +34,11 @@ from rangefix.maps.polygon import locate
 SOURCE, TESTS = Path(compiled.__file__).parent, Path(__file__).parent
 
 known_options = pytest.mark.skipif(
-    not numba_options.IS_KNOWN, reason="this numba keeps its options otherwise, and compares them itself"
+    not quick_compiling.OPTIONS_ARE_KNOWN,
+    reason="this numba compares its options itself",
+)
+known_calls = pytest.mark.skipif(
+    not quick_compiling.CALLS_ARE_KNOWN, reason="this numba finds the types of calls otherwise, by itself"
 )
 
 PREDICTED = """
@@ -57,7 +64,8 @@ BOTH = """
 import sys, time
 from pathlib import Path
 import numba
-from numba.core import event
+from numba.core import event, types
+from numba.core.codegen import CPUCodeLibrary
 from loops import plus_one
 
 begun, ready = Path(sys.argv[1], "begun"), Path(sys.argv[1], "ready")
@@ -250,34 +258,98 @@ def test_numbas_options_are_compared_as_by_numba_itself() -> None:
         return [(one == other, one != other, hash(one), one == 3) for one, other in pairs]
 
     before = compared()
-    numba_options.compare_quickly(True)
+    quick_compiling.compile_quickly(ours=False)
     try:
-        assert TargetConfig.__eq__ is not numba_options.WHOLE[0]
+        assert TargetConfig.__eq__ is not quick_compiling.COMPARED[0]
         assert compared() == before
     finally:
-        numba_options.compare_quickly(False)
-    assert (TargetConfig.__eq__, TargetConfig.__hash__) == numba_options.WHOLE
+        quick_compiling.as_numba_does()
+    assert (TargetConfig.__eq__, TargetConfig.__hash__) == quick_compiling.COMPARED
 
 
-@known_options
-def test_numbas_options_are_compared_quickly_only_while_loops_are_compiled() -> None:
+@pytest.mark.parametrize("module", ["rangefix.of_ours", "of_others"])
+def test_numba_is_spared_only_while_loops_are_compiled(module: str) -> None:
+    """LLVM optimises the functions of others' loops by themselves too."""
+    numbas = [
+        (TargetConfig, "__eq__"),
+        (BaseFunction, "get_call_type"),
+        (CPUCodeLibrary, "_optimize_functions"),
+    ]
     seen = []
+
+    def now() -> list[object]:
+        return [getattr(kind, name) for kind, name in numbas]
 
     class Looks(event.Listener):  # type: ignore[misc]
         def on_start(self, event: object) -> None:
-            seen.append(TargetConfig.__eq__ is not numba_options.WHOLE[0])
+            seen.append([one is not other for one, other in zip(now(), before, strict=True)])
 
         def on_end(self, event: object) -> None:
             pass
 
-    @njit()
     def thrice(value: float) -> float:
         return 3.0 * value
 
+    thrice.__module__ = module
+    before, ours = now(), module.startswith("rangefix.")
+    known = [
+        quick_compiling.OPTIONS_ARE_KNOWN,
+        quick_compiling.CALLS_ARE_KNOWN,
+        quick_compiling.PASSES_ARE_KNOWN and ours,
+    ]
     with event.install_listener("numba:compile", Looks()):  # type: ignore[no-untyped-call]
-        assert thrice(1.0) == 3.0
-    assert seen == [True]
-    assert TargetConfig.__eq__ is numba_options.WHOLE[0]
+        assert njit()(thrice)(1.0) == 3.0
+    assert seen == [known]
+    assert now() == before
+
+
+@known_calls
+def test_loops_that_call_the_same_divide_each_as_its_own_options_say() -> None:
+    def share(one: float, two: float) -> float:
+        return max(one, 0.0) / two
+
+    for model in ("numpy", "python", "numpy"):
+        loop = njit(error_model=model)(share)
+        assert loop(1.0, 2.0) == 0.5
+        if model == "python":
+            with pytest.raises(ZeroDivisionError):
+                loop(1.0, 0.0)
+        else:
+            assert loop(1.0, 0.0) == np.inf
+
+
+@known_calls
+def test_numba_asks_once_what_a_call_with_such_arguments_is() -> None:
+    """And finds the loop that the same options led to, though others were asked for in between."""
+    asked = []
+
+    class Sums:
+        """What numba keeps of a name: `get_call_type` writes down what does it."""
+
+        def __init__(self) -> None:
+            self._impl_keys: dict[object, object] = {}
+
+    def ask(sums: Sums, context: object, arguments: Sequence[object], named: dict[str, object]) -> object:
+        asked.append(options.top_or_none())
+        found = signature(types.float64, *arguments)
+        sums._impl_keys[found.args] = len(asked)
+        return found
+
+    options, sums = ConfigStack(), Sums()
+    quick, usual = Flags(), Flags()
+    quick.error_model = "numpy"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(quick_compiling, "ASK", ask)
+        patch.setattr(quick_compiling, "KNOWN_CALLS", {})
+        for flags, expected in ((quick, 1), (usual, 2), (quick, 1), (usual, 2)):
+            with options.enter(flags):
+                found = quick_compiling._ask_once(sums, None, [types.float64, types.float64], {})
+            assert found == signature(types.float64, types.float64, types.float64)
+            assert sums._impl_keys[found.args] == expected
+        with options.enter(quick):
+            quick_compiling._ask_once(sums, None, [types.float64, types.int64], {})
+            quick_compiling._ask_once(sums, None, [types.float64], {"start": types.int64})
+    assert len(asked) == 4
 
 
 def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:

@@ -29,7 +29,7 @@ from numba.core import event
 
 from .errors import CLEARED
 from .loop_cache import share_cache
-from .numba_options import compare_quickly
+from .quick_compiling import as_numba_does, compile_quickly
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when the OpenMP library is loaded
 setattr(numba.config, "THREADING_LAYER_PRIORITY", ["omp", "workqueue", "tbb"])  # noqa: B010 (it has no stub)
@@ -95,7 +95,7 @@ class _TakesLess(event.Listener):
     """What is dear while a loop of ours is compiled, and gives nothing.
 
     Millions of objects are made, which mostly stay: one looks for garbage seldom. LLVM optimises at a lower
-    level, unless `NUMBA_OPT` says at which. Options are compared quickly.
+    level, unless `NUMBA_OPT` says at which. What it does in vain is spared.
     """
 
     depth, threshold, level = 0, gc.get_threshold(), getattr(numba.config, "OPT", OPTIMISATION)
@@ -107,8 +107,9 @@ class _TakesLess(event.Listener):
             return
         self.threshold, self.level = gc.get_threshold(), getattr(numba.config, "OPT", OPTIMISATION)
         gc.set_threshold(OBJECTS)
-        compare_quickly(True)
-        if _is_ours(event) and "NUMBA_OPT" not in os.environ:
+        ours = _is_ours(event)
+        compile_quickly(ours)
+        if ours and "NUMBA_OPT" not in os.environ:
             setattr(numba.config, "OPT", type(self.level)(OPTIMISATION))  # noqa: B010 (it has no stub)
 
     def on_end(self, event: Any) -> None:
@@ -116,7 +117,7 @@ class _TakesLess(event.Listener):
         self.depth -= 1
         if self.depth == 0:
             gc.set_threshold(*self.threshold)
-            compare_quickly(False)
+            as_numba_does()
             setattr(numba.config, "OPT", self.level)  # noqa: B010 (it has no stub)
 
 
@@ -133,7 +134,7 @@ PER_LOG_2 = 1.4426950408889634
 LOG_2, LOG_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # the first has zeros at its end
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED, forceinline=True, inner=True)
 def exp_below_zero(power: float) -> float:
     """Exp of a number up to 0, to a unit in the last place, 1e-304 below -700; loops take several at once.
 

@@ -48,7 +48,7 @@ def moments(
     """
     count = len(pieces.counts)
     bounds = np.empty(count)
-    total = np.zeros(7)
+    total = np.empty(7)
     k = pieces.corners.shape[1] + 8
     work, spare, at, out = np.empty((k, 2)), np.empty((k, 2)), np.empty(2), np.empty(6)
     for run in range(first_run, last_run):
