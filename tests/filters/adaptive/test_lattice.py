@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rangefix.filters import pose_space, position_space
-from rangefix.filters.adaptive.lattice import Limits, Taken, TooManyCells, _Keys, ball, grow, halved
-from rangefix.filters.adaptive.mode_gaussians import sample_modes, smoothed
-from rangefix.filters.adaptive.quadrature import Accuracy
+from rangefix.filters.adaptive.lattices.lattice import Limits, Taken, TooManyCells, _Keys, ball, grow, halved
+from rangefix.filters.adaptive.lattices.mode_gaussians import sample_modes, smoothed
+from rangefix.filters.adaptive.lattices.quadrature import Accuracy
 
 SPACE = position_space()
 MEAN = np.array([1.0, -2.0])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rangefix.filters import pose_space
-from rangefix.filters.adaptive.lattice import Lattice, Limits, ball, grow
-from rangefix.filters.adaptive.moments import moments_of
+from rangefix.filters.adaptive.lattices.lattice import Lattice, Limits, ball, grow
+from rangefix.filters.adaptive.lattices.moments import moments_of
 
 SPACE = pose_space()
 ROOT = np.array([[0.3, 0.0, 0.0], [0.05, 0.1, 0.0], [0.02, -0.03, 0.2]])  # of each mode's covariance

@@ -26,17 +26,16 @@ from rangefix.filters import (
 )
 from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
 from rangefix.filters.adaptive import filter as filter_
-from rangefix.filters.adaptive.gaussian_sums import (
+from rangefix.filters.adaptive.lattices.mode_gaussians import Kernels
+from rangefix.filters.adaptive.prediction.gaussian_sums import (
     ALL_ROUND,
-    SMOOTH_RADIUS,
     Around,
     Gaussians,
-    SmoothSum,
     log_reached,
     log_sum,
     reached,
 )
-from rangefix.filters.adaptive.mode_gaussians import Kernels
+from rangefix.filters.adaptive.prediction.smooth_sums import SMOOTH_RADIUS, SmoothSum
 from rangefix.filters.adaptive.search import NOTHING
 from rangefix.filters.adaptive.target import Work
 from rangefix.maps import FloorPlan, RectangularRoom

@@ -18,11 +18,10 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
-from rangefix.filters.adaptive.filter import AdaptiveBelief
-from rangefix.filters.adaptive.lattice import Lattice, keys_of
-from rangefix.filters.adaptive.mode_gaussians import COARSEST_TOGETHER, smoothed
-from rangefix.filters.adaptive.moves import MAX_POINTS_MOVED, predict_modes
+from rangefix.filters.adaptive import AdaptiveBelief, AdaptivePointMassFilter, moves
+from rangefix.filters.adaptive.lattices.lattice import Lattice, keys_of
+from rangefix.filters.adaptive.lattices.mode_gaussians import COARSEST_TOGETHER, smoothed
+from rangefix.filters.adaptive.prediction.moves import MAX_POINTS_MOVED, predict_modes
 from rangefix.filters.adaptive.target import TooManyCells
 from rangefix.filters.models.odometry import Odometry
 from rangefix.maps import RectangularRoom
@@ -64,7 +63,7 @@ def test_few_cells_are_taken_together_as_before() -> None:
 
 def test_more_cells_still_are_refused_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     """Noise is one of the ways out."""
-    monkeypatch.setattr("rangefix.filters.adaptive.moves.MAX_POINTS_MOVED", 100)
+    monkeypatch.setattr("rangefix.filters.adaptive.prediction.moves.MAX_POINTS_MOVED", 100)
     with pytest.raises(TooManyCells, match="give a motion noise that has next to none"):
         predict_modes((gaussian(4.6),), None, Odometry(pose_space()), np.array([0.1, 0.3, -0.2]))
 

@@ -25,7 +25,7 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.adaptive.lattice import TooManyCells
+from rangefix.filters.adaptive.lattices.lattice import TooManyCells
 from rangefix.filters.adaptive.target import WORK, Work
 from rangefix.maps import FloorPlan, RectangularRoom
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from ...arrays import whole_number
 from ..exact import ExactPositionFilter
 from ..problem import Problem
-from .filter import LEAST_CELLS, LEAST_RAYS, AdaptivePointMassFilter, check_options
+from .filter import AdaptivePointMassFilter
+from .options import LEAST_CELLS, LEAST_RAYS, check_options
 from .range_table import TABLE_RAYS
 
 MOST_PIECES = 100_000  # of the map: more take longer to find than lattices take for many fixes

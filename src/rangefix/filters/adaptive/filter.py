@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, keep_whole
-from ..estimate import BriefRepr, Estimate, brief
+from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
 from ..models.correlated import refuse_shared_errors
@@ -17,60 +17,25 @@ from ..models.motion import Stationary
 from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..prior_ends import Answers, Ends, FarReaching, may_lie_beyond, open_ends, out_of_reach
-from ..problem import Prior, Problem, expects_map_ranges
+from ..problem import Prior, Problem
 from ..space import StateSpace, is_definite
+from .belief import AdaptiveBelief
 from .gauss_newton import Peaks
-from .mode_gaussians import sample_modes
+from .lattices.mode_gaussians import sample_modes
+from .lattices.quadrature import Accuracy, Quadrature
 from .modes import refined, verified, with_lattices
-from .moves import finer, predict_exactly, predict_modes
-from .predicted import Before, Predicted
-from .quadrature import Accuracy, Quadrature
+from .options import LEAST_CELLS, LEAST_RAYS, check_options, unknown_to_lattices
+from .prediction.moves import finer, predict_exactly, predict_modes
+from .prediction.predicted import Before, Predicted
 from .range_table import TABLE_RAYS, SearchTable, build_table, table_shape
 from .search import MAX_GUESSES_PER_PART, ModeSearch
-from .target import STATE_COST, WORK, Target, TooManyCells, Work
+from .target import Target, TooManyCells, Work
 
 PRIOR_DRAWS = 100_000  # that tell whether a prior's heading has a mean direction
-USUAL_STATES = 15_000  # that a fix looks at: guesses, climbs, a mode and its neighbour
-ACCURACIES = (1e-4, 0.5)  # that may be asked for
-LEAST_RAYS, LEAST_CELLS = 1000, 1000  # of the table, and that a mode may be allowed
-CHECKED_STATES = 16  # at which a sensor is asked whether it expects what its map says
 MOST_INHERITED = 1.0  # deviations: no error before a move counts for more after it
 FAR_BOUNDS = 100_000_000  # in the table of places far out in a Gaussian prior: 400 MB
 SMOOTH_SHARE = 0.02  # of the accuracy, in nats: by how much a polynomial for many Gaussians may be off
 MAX_SHORTFALL_NATS = 1e9  # of a perfect fit: beyond it a double has too few digits left to tell states apart
-
-
-@dataclass(frozen=True)
-class AdaptiveBelief:
-    """What was predicted, what has been measured since, and the posterior that follows.
-
-    Attributes:
-        prior: What was predicted; the problem's prior before the first move.
-        check: The same worked out from other points and with wider kernels; None before the first move.
-        measurements: Since then, (U, B); readings of different beams share a row.
-        posterior: Where it is; None before the first measurement after a move.
-        log_evidence: Of all that was measured before `prior`, nats.
-        possible: Whether some state allowed the last measurement; if not, the belief is the one before it.
-        inherited: Error of mean and covariance before the last move, deviations; at most 1.
-    """
-
-    prior: Prior | Predicted
-    check: Predicted | None
-    measurements: Array
-    posterior: Quadrature | None
-    log_evidence: float
-    possible: bool = True
-    inherited: float = 0.0
-
-    @property
-    def untouched(self) -> Prior | None:
-        """The problem's prior, as long as nothing was measured and no move predicted."""
-        return None if self.posterior is not None or isinstance(self.prior, Predicted) else self.prior
-
-    def __repr__(self) -> str:
-        if self.posterior is None:
-            return brief(self)
-        return brief(self, Estimate(self.posterior.moments.mean, self.posterior.moments.covariance))
 
 
 @dataclass(frozen=True, repr=False)
@@ -355,35 +320,6 @@ def resultant_of_draws(space: StateSpace, prior: Prior) -> float:
     """Length of the mean resultant vector of a prior's heading."""
     headings = prior.sample(PRIOR_DRAWS, np.random.default_rng(0))[:, space.names.index("heading")]
     return float(np.abs(np.exp(1j * headings).mean()))
-
-
-def unknown_to_lattices(problem: Problem) -> str:
-    """What of a problem's sensor the adaptive point-mass filter cannot take; "" if it takes all."""
-    if problem.sensor.max_incidence < np.pi / 2:
-        return "knows no largest incidence: use a BeamMixture"
-    beams, most = len(problem.sensor.bearings), int(WORK / USUAL_STATES - STATE_COST)
-    if beams > most:
-        return (
-            f"asks some {USUAL_STATES} states for {beams} ranges each, more than {WORK:.2g} rays: take at "
-            f"most {most} beams"
-        )
-    states = problem.prior.sample(CHECKED_STATES, np.random.default_rng(0))
-    return (
-        "" if expects_map_ranges(problem.sensor, states) else "needs a sensor that expects what its map says"
-    )
-
-
-def check_options(accuracy: float, drop: float) -> None:
-    """Refuse options that are out of bounds.
-
-    Raises:
-        ValueError: If one is.
-    """
-    finest, coarsest = ACCURACIES
-    if not finest <= accuracy <= coarsest:
-        raise ValueError(f"the accuracy must be in [{finest}, {coarsest}], got {accuracy}")
-    if not 0 < drop < 1e-2:
-        raise ValueError(f"the dropped density must be in (0, 0.01), got {drop}")
 
 
 def _joined(measurements: Array, fresh: Array) -> Array:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...arrays import Array
 from .gauss_newton import Peaks
-from .lattice import Lattice, Limits, ball, grow, halved, shifted
-from .quadrature import NOWHERE, Accuracy, Quadrature
+from .lattices.lattice import Lattice, Limits, ball, grow, halved, shifted
+from .lattices.quadrature import NOWHERE, Accuracy, Quadrature
 from .target import Target, TooManyCells
 
 PEAK_MARGIN_NATS = 40.0  # below the best score at which a peak still counts: jumps of the range stop climbs

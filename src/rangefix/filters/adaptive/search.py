@@ -9,9 +9,9 @@ import numpy as np
 from ...arrays import TWO_PI, Array, IntArray
 from ..problem import Prior, Problem
 from .gauss_newton import QUICK_BEAMS, STEPS, Peaks, box_scores, climb, quick_scores
+from .lattices.quadrature import NOWHERE, Accuracy, Quadrature
 from .modes import SEARCH_SHARE, with_lattices
-from .predicted import GUESS_BEAMS, Draws, Predicted
-from .quadrature import NOWHERE, Accuracy, Quadrature
+from .prediction.predicted import GUESS_BEAMS, Draws, Predicted
 from .range_bounds import shortfall_bounds
 from .range_table import SearchTable
 from .target import Target, Work

@@ -65,7 +65,7 @@ def point_mass(
         accuracy = ACCURACY if accuracy is None else accuracy
         if looks_for_modes(problem):
             from ..adaptive import AdaptivePointMassFilter  # with all that it imports: a tenth of a second
-            from ..adaptive.filter import ACCURACIES, LEAST_CELLS
+            from ..adaptive.options import ACCURACIES, LEAST_CELLS
 
             most = MODE_CELLS if most_cells is None else most_cells
             refuse_shared_errors(problem.sensor, "the point-mass filter without cell")
@@ -95,6 +95,6 @@ def looks_for_modes(problem: Problem) -> bool:
     """
     if problem.space.names != ("x1", "x2", "heading") or not isinstance(problem.motion, Stationary):
         return False
-    from ..adaptive.filter import unknown_to_lattices
+    from ..adaptive.options import unknown_to_lattices
 
     return not unknown_to_lattices(problem)

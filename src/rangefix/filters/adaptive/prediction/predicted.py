@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray
-from ..models.confined import Confined
-from ..problem import CanGoBack, Motion, RangeMap
-from ..space import LEAST_VARIANCE, StateSpace
-from .gauss_newton import quick_scores
-from .gaussian_sums import NEGLIGIBLE_NATS, Around, Gaussians, SmoothSum, log_reached, log_sum, reached
-from .target import STATE_COST, Target
+from ....arrays import LOG_TWO_PI, Array, BoolArray, IntArray
+from ...models.confined import Confined
+from ...problem import CanGoBack, Motion, RangeMap
+from ...space import LEAST_VARIANCE, StateSpace
+from ..gauss_newton import quick_scores
+from ..target import STATE_COST, Target
+from .gaussian_sums import NEGLIGIBLE_NATS, Around, Gaussians, log_reached, log_sum, reached
+from .smooth_sums import SmoothSum
 
 TERM_COST, SMOOTH_COST = 0.03, 1.0  # of a Gaussian at a point, and of a polynomial for many, in rays
 GUESS_BEAMS = 24  # that choose among predicted points

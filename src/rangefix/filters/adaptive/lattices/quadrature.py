@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, lambertw
 
-from ...arrays import Array, BoolArray
-from ..space import LEAST_RESULTANT, LEAST_VARIANCE, resultant_error
+from ....arrays import Array, BoolArray
+from ...space import LEAST_RESULTANT, LEAST_VARIANCE, resultant_error
 from .lattice import Lattice, Taken
 from .moments import Moments, is_cut, moments_of, sums_about, turns_from
 

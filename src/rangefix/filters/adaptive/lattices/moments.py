@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import sici
 
-from ...arrays import TWO_PI, Array, wrap
+from ....arrays import TWO_PI, Array, wrap
 from .lattice import Lattice
 
 

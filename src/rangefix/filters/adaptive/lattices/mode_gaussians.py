@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, IntArray
+from ....arrays import Array, IntArray
 from .lattice import Lattice, keys_of
 
 KERNEL_STEPS = 0.6  # of the lattice: Gaussians of this deviation add up to a smooth density, to 0.2 %

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import hadamard
 
-from ...arrays import Array, BoolArray, IntArray, wrap
-from ..space import StateSpace
-from .target import TooManyCells
+from ....arrays import Array, BoolArray, IntArray, wrap
+from ...space import StateSpace
+from ..target import TooManyCells
 
 BITS = 62  # of a number that stands for an index, shared out among its components
 

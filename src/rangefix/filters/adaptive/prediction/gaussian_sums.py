@@ -5,25 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 
-from ...arrays import TWO_PI, Array, BoolArray, IntArray
-from ...compiled import FUSED, exp_below_zero, in_threads, njit
-from ..space import is_definite
+from ....arrays import TWO_PI, Array, BoolArray, IntArray
+from ....compiled import FUSED, exp_below_zero, in_threads, njit
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 NEGLIGIBLE_SHARE = math.exp(-NEGLIGIBLE_NATS)
 WAYS_PER_SIDE = 30  # in which walls are looked for all round, of each side of the square |x1| + |x2| = 1
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
-SMOOTH_RADIUS = 3.5  # deviations from the mean up to which a polynomial stands for the log of a sum
-DEGREES, MOST_TERMS = (6, 8), 210  # of that polynomial: the first that is good enough
-FITTED, LEFT_OUT = 2.0, 0.5  # points that it is fitted to, and others that tell its error, for each term
-LEAST_OF_TERM = 2.0  # Gaussians for each term: of fewer the sum itself is as quick
-STATES_AT_ONCE = 4000  # at which polynomials are worked out
 
 
 @dataclass(frozen=True)
@@ -50,7 +42,7 @@ class Gaussians:
     @cached_property
     def weights(self) -> Array:
         """What powers of a state count in the exponents: 1, components and their products, (t, K)."""
-        offset = _short_way(self.centres - self.middle, self.is_angle)
+        offset = short_way(self.centres - self.middle, self.is_angle)
         pull = np.einsum("kij,kj->ki", self.precision, offset)
         level = self.log_scale - 0.5 * (pull * offset).sum(axis=1)
         rows, columns = _products(len(self.is_angle))
@@ -60,7 +52,7 @@ class Gaussians:
     @cached_property
     def reach(self) -> Array:
         """How far the angles of centres lie from the middle's at most, each."""
-        offset = _short_way(self.centres - self.middle, self.is_angle)
+        offset = short_way(self.centres - self.middle, self.is_angle)
         return np.asarray(np.abs(offset[:, self.is_angle]).max(axis=0, initial=0.0))
 
 
@@ -116,117 +108,6 @@ def log_sum(states: Array, gaussians: Gaussians) -> Array:
     return result
 
 
-@dataclass(frozen=True)
-class SmoothSum:
-    """A sum of many Gaussians whose log is a polynomial within an ellipsoid, and the sum itself beyond.
-
-    Attributes:
-        gaussians: The terms.
-        mean: Of the sum, (n,).
-        root: Of its covariance times the square of SMOOTH_RADIUS, (n, n).
-        coefficients: Of products of Chebyshev polynomials along the axes of `root`, (d + 1, ...), n axes.
-        error: Of the log at points that the polynomial was not fitted to, RMS, nats.
-    """
-
-    gaussians: Gaussians
-    mean: Array
-    root: Array
-    coefficients: Array
-    error: float
-
-    @staticmethod
-    def of(
-        gaussians: Gaussians, mean: Array, covariance: Array, allowed: float, seed: int
-    ) -> SmoothSum | None:
-        """By least squares at points drawn evenly over the ellipsoid.
-
-        Args:
-            gaussians: The terms.
-            mean: Of the sum, (n,).
-            covariance: Of the sum, (n, n).
-            allowed: The most that `error` may be, nats.
-            seed: Draws the points.
-
-        Returns:
-            None where no polynomial is as good as that, the sum itself is as quick, or has next to no width.
-        """
-        if not is_definite(covariance):
-            return None
-        root, logs = np.asarray(SMOOTH_RADIUS * np.linalg.cholesky(covariance), dtype=float), np.empty(0)
-        for design in _designs(len(mean), seed):
-            terms, fitted = design.fit.shape
-            if len(gaussians.centres) < LEAST_OF_TERM * terms:
-                break
-            fresh = design.points[len(logs) :]
-            logs = np.append(logs, log_sum(mean + fresh @ root.T, gaussians))
-            coefficients = np.zeros((design.degree + 1,) * len(mean))
-            coefficients[design.powers] = design.fit @ logs[:fitted]
-            away = logs[fitted:] - _polynomial(coefficients, design.points[fitted:])
-            error = float(np.sqrt(np.mean(away**2)))
-            if error <= allowed:
-                return SmoothSum(gaussians, mean, root, coefficients, error)
-        return None
-
-    def log(self, states: Array) -> Array:
-        """Log of the sum at states, (N, n) -> (N,)."""
-        away = _short_way(states - self.mean, self.gaussians.is_angle)
-        scaled = np.linalg.solve(self.root, away.T).T
-        inside = np.einsum("ki,ki->k", scaled, scaled) <= 1.0
-        logs = np.empty(len(states))
-        logs[inside] = _polynomial(self.coefficients, scaled[inside])
-        logs[~inside] = log_sum(states[~inside], self.gaussians)
-        return logs
-
-
-class _Design(NamedTuple):
-    """Where polynomials of one degree are fitted, in the unit ball of n axes, and how.
-
-    Attributes:
-        degree: Of the polynomials, d.
-        powers: Degrees along each axis of their terms, n times (t,).
-        points: Drawn evenly, (S, n): first those that are fitted to, then those that tell the error.
-        fit: Coefficients of values at the former, (t, F).
-    """
-
-    degree: int
-    powers: tuple[IntArray, ...]
-    points: Array
-    fit: Array
-
-
-@cache
-def _designs(axes: int, seed: int) -> list[_Design]:
-    """The designs for so many axes, each with all points of the one before."""
-    degrees = [degree for degree in DEGREES if math.comb(axes + degree, degree) <= MOST_TERMS]
-    rng, most = np.random.default_rng(seed), round((FITTED + LEFT_OUT) * MOST_TERMS)
-    normal = rng.standard_normal((most, axes))
-    points = normal * (rng.random((most, 1)) ** (1 / axes) / np.linalg.norm(normal, axis=1, keepdims=True))
-    designs = []
-    for degree in degrees:
-        every = product(range(degree + 1), repeat=axes)
-        powers = np.array([powers for powers in every if sum(powers) <= degree]).T
-        terms = powers.shape[1]
-        columns = np.ones((round(FITTED * terms), terms))
-        for axis, power in enumerate(powers):
-            columns *= chebvander(points[: len(columns), axis], degree)[:, power]
-        some = points[: round((FITTED + LEFT_OUT) * terms)]
-        designs.append(_Design(degree, tuple(powers), some, np.linalg.pinv(columns)))
-    return designs
-
-
-def _polynomial(coefficients: Array, points: Array) -> Array:
-    """Values at points of the unit ball, (N, n) -> (N,), of Chebyshev polynomials' products."""
-    degree, values = len(coefficients) - 1, np.empty(len(points))
-    for first in range(0, len(points), STATES_AT_ONCE):
-        part = slice(first, first + STATES_AT_ONCE)
-        last, *others = chebvander(points[part].T, degree)[::-1]
-        sums = coefficients.reshape(-1, degree + 1) @ last.T
-        for other in others:
-            sums = np.einsum("abk,kb->ak", sums.reshape(-1, degree + 1, sums.shape[1]), other)
-        values[part] = sums[0]
-    return values
-
-
 def log_reached(states: Array, gaussians: Gaussians, ends: Array, around: Around) -> Array:
     """The same, over those k alone from whose start no wall is met on the straight way to the end.
 
@@ -275,7 +156,7 @@ class _Exponents(NamedTuple):
     def of(states: Array, gaussians: Gaussians) -> _Exponents:
         """Those of some Gaussians at states, (N, n)."""
         is_angle = gaussians.is_angle
-        away = _short_way(states - gaussians.middle, is_angle)
+        away = short_way(states - gaussians.middle, is_angle)
         rows, columns = _products(len(is_angle))
         powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
         far_off = np.abs(away[:, is_angle]) + gaussians.reach > TWO_PI / 2
@@ -288,12 +169,12 @@ class _Exponents(NamedTuple):
         logs = self.powers[part] @ self.gaussians.weights
         for place in np.flatnonzero(self.round_about[part]):
             one = self.gaussians
-            short = _short_way(self.states[part][place] - one.centres, one.is_angle)
+            short = short_way(self.states[part][place] - one.centres, one.is_angle)
             logs[place] = one.log_scale - 0.5 * np.einsum("ki,kij,kj->k", short, one.precision, short)
         return np.asarray(logs)
 
 
-def _short_way(offset: Array, is_angle: BoolArray) -> Array:
+def short_way(offset: Array, is_angle: BoolArray) -> Array:
     """Offsets (N, n), in place, whose angles go the short way round."""
     offset[:, is_angle] -= TWO_PI * np.rint(offset[:, is_angle] / TWO_PI)
     return offset

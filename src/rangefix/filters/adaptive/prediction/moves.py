@@ -16,14 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import TWO_PI, Array, BoolArray
-from ..models.confined import Confined, stopped_probability
-from ..models.motion import Stationary
-from ..problem import CanGoBack, Motion
-from ..space import StateSpace
-from .gaussian_sums import ALL_ROUND, Around, Gaussians, reached
-from .lattice import Lattice, Limits, halved
-from .mode_gaussians import (
+from ....arrays import TWO_PI, Array, BoolArray
+from ...models.confined import Confined, stopped_probability
+from ...models.motion import Stationary
+from ...problem import CanGoBack, Motion
+from ...space import StateSpace
+from ..lattices.lattice import Lattice, Limits, halved
+from ..lattices.mode_gaussians import (
     COARSER_STILL,
     COARSEST_CHECK,
     COARSEST_TOGETHER,
@@ -34,9 +33,10 @@ from .mode_gaussians import (
     kept_count,
     smoothed,
 )
+from ..lattices.quadrature import Accuracy, Quadrature
+from ..target import Target, TooManyCells
+from .gaussian_sums import ALL_ROUND, Around, Gaussians, reached
 from .predicted import Before, NoiseFree, Part, Predicted, Stayed
-from .quadrature import Accuracy, Quadrature
-from .target import Target, TooManyCells
 
 MAX_POINTS_MOVED = 20_000
 FINE_POINTS_MOVED = 10_000  # up to which lattices are made finer before a move among walls
