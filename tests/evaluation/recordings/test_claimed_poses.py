@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from rangefix.arrays import Array, wrap
 from rangefix.evaluation.recordings.log import LaserDescription
-from rangefix.evaluation.recordings.readers.claimed_poses import ClaimedPoses
+from rangefix.evaluation.recordings.open_log import open_log
+from rangefix.evaluation.recordings.pose_files import PoseFiles
+from rangefix.evaluation.recordings.readers.claimed_poses import ClaimedPoses, read_claimed
 from rangefix.evaluation.recordings.readers.track import Track
-from rangefix.evaluation.recordings.replay import recorded, truth_by_time
+from rangefix.evaluation.recordings.replay import Believed, recorded, truth_by_time
 from rangefix.evaluation.recordings.score import Row, Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
 from rangefix.evaluation.recordings.steps import Step
+from rangefix.filters import pose_space
 
 from .conftest import ANGLES, ROOM
 
@@ -70,3 +75,17 @@ def test_a_pose_that_is_nearest_to_several_scans_is_judged_once() -> None:
     steps = [Step(number, 0.025 * number, None, nothing, np.zeros(3), np.empty(0)) for number in range(4)]
     found = list(recorded(claimed, problem, steps, truth_by_time(track)))
     assert [believed.truth is not None for believed in found] == [True, False, True, False]
+
+
+def test_times_of_today_s_clocks_come_back_to_the_microsecond(tmp_path: Path) -> None:
+    """Poses at 10 Hz, written as a replay does: ten digits alone are whole seconds, and one in ten is met."""
+    times, nothing = 1.73e9 + 0.1 * np.arange(20), np.full(len(ANGLES), np.nan)
+    np.savez(
+        tmp_path / "drive.npz", time_s=times, ranges_m=np.ones((20, 2)), bearings_deg=np.array([0.0, 9.0])
+    )
+    with PoseFiles(tmp_path, "poses", pose_space()) as files:
+        for number, time in enumerate(times, 1):
+            step = Step(number, float(time), None, nothing, np.zeros(3), np.empty(0))
+            files.write(Believed(step, np.ones(3), np.eye(3), 0.0, None, nothing, 0.0))
+    found = read_claimed(str(tmp_path / "poses.csv"), open_log(tmp_path / "drive.npz"))
+    np.testing.assert_allclose(found.times, times, rtol=0, atol=1e-6)

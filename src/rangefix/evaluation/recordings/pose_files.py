@@ -73,7 +73,7 @@ class PoseFiles:
     def _row(self, believed: Believed) -> list[str]:
         mean, covariance = believed.mean, believed.covariance
         values = [
-            believed.step.time_s, mean[0], mean[1], np.rad2deg(mean[2]),
+            mean[0], mean[1], np.rad2deg(mean[2]),
             covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[1, 1], covariance[1, 2],
             covariance[2, 2], believed.log_evidence,
         ]  # fmt: skip
@@ -82,7 +82,9 @@ class PoseFiles:
         values += [np.median(seen) if len(seen) else np.nan, believed.seconds]
         fit = believed.fit
         values += [np.nan, np.nan] if fit is None or not fit.readings else [fit.misfit, fit.threshold]
-        return [str(believed.step.scan), *(f"{value:.10g}" if value == value else "" for value in values)]
+        when = f"{believed.step.time_s:.9f}"  # seconds of today's clocks have ten digits before the point
+        cells = [f"{value:.10g}" if value == value else "" for value in values]
+        return [str(believed.step.scan), when, *cells]
 
     def _errors(self, believed: Believed) -> list[float]:
         """Truth (m, m, deg), error x - x^ (m, m, deg) and NEES, (7,); NaN where the truth is not known."""
