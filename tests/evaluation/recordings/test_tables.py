@@ -141,6 +141,7 @@ def test_cut_off_archive(tmp_path: Path) -> None:
         ("time_s,range_m@0\n1,2,3\n", "line 2: 3 cells, where there are 2 columns"),
         ("time_s,range_m@0\n1,x\n", "line 2: 'x' is no number"),
         ("time_s,range_m@0\n,1\n", "line 2: time_s is no finite number"),
+        ("time_s,range_m@0\n\n1,1\n\n,1\n", "line 5: time_s is no finite number"),
         ("time_s,range_m@x\n1,2\n", "needs the bearing in degrees"),
         ("time_s,colour\n1,2\n", "no column is called 'colour'"),
         ("time_s,time_s\n1,2\n", "twice"),

@@ -103,7 +103,7 @@ class TableLog(FileLog):
     @cached_property
     def sensor(self) -> LaserDescription:
         """The laser: bearings from the names of the columns, the rest from the first line."""
-        for row in self._rows():
+        for _, row in self._rows():
             told = {name: row[name] for name in LASER if name in row}
             try:
                 return described(self._bearings, told, self.options)
@@ -127,7 +127,7 @@ class TableLog(FileLog):
         places = [name for name in self._columns if name.startswith(RANGE)]
         has_odometry = all(name in self._columns for name in POSE)
         told: dict[str, float] = {}
-        for number, row in enumerate(self._rows(), start=2):
+        for number, row in self._rows():
             told = told or {name: row[name] for name in LASER if name in row}
             for name, value in told.items():
                 if not (row[name] == value or np.isnan(row[name])):
@@ -145,7 +145,8 @@ class TableLog(FileLog):
             far = beyond(ranges, laser.range_max_m)
             yield Scan(row["time_s"], readings(ranges, laser), pose, beyond_m=far)
 
-    def _rows(self) -> Iterator[dict[str, float]]:
+    def _rows(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Numbers of lines in the file, and what they hold by column."""
         columns = self._columns
         if "time_s" not in columns:
             raise RecordingError(f"{self.path}: no column time_s")
@@ -156,7 +157,7 @@ class TableLog(FileLog):
             except ValueError as error:
                 cell = str(error).partition(": ")[2]
                 raise RecordingError(f"{self.path}, line {number}: {cell} is no number") from None
-            yield dict(zip(columns, values, strict=True))
+            yield number, dict(zip(columns, values, strict=True))
 
 
 @dataclass(frozen=True)
