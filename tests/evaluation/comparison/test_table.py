@@ -44,6 +44,19 @@ def test_csv_holds_the_numbers_in_full(results: Results) -> None:
     assert lines[0]["estimator"] == "'=honest"  # no formula in a spreadsheet
 
 
+def test_csv_has_one_number_to_a_name(results: Results) -> None:
+    """What is called as in summary.csv is the same there; shares in per cent have another name."""
+    rows = {(row.estimator, row.beams): row for row in summarise(results)}
+    lines = list(csv.DictReader(io.StringIO(comparison_table(results, "csv"))))
+    for line in lines:
+        row = rows[line["estimator"].removeprefix("'"), line["beams"]]
+        flat = {name: value for name, value in row.flat().items() if isinstance(value, float)}
+        alike = [name for name in line if name in flat]
+        assert {"anees_low", "energy_score"} < set(alike)
+        np.testing.assert_array_equal([float(line[name]) for name in alike], [flat[name] for name in alike])
+        assert float(line["share_improbable_percent_high"]) == 100 * row.improbable.high
+
+
 def test_latex_is_a_tabular_of_equal_lines(results: Results) -> None:
     """Each line has as many cells as columns; labels are escaped; braces and environments match."""
     text = comparison_table(results, "latex")

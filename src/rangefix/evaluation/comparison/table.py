@@ -13,6 +13,7 @@ from typing import NamedTuple
 from ...errors import printable, suggestion
 from ..consistency.formatting import beams_in_words, factor, format_number, scaled, unit
 from ..consistency.intervals import UNKNOWN, Interval
+from ..consistency.metrics import COMPONENT
 from ..consistency.row import Row, csv_cell
 from ..consistency.summarise import summarise
 from ..consistency.verdict import decide
@@ -84,19 +85,25 @@ def _columns(rows: Sequence[Row]) -> list[Column]:
         variances["bound"] = [row.bound or (UNKNOWN,) * len(row.names) for row in rows]
     variances |= {"true": [row.g for row in rows], "claimed": [row.p for row in rows]}
     for i, name in enumerate(rows[0].names):
-        group, suffix = f"std of {name}, {unit(name)}", f"{name}_{unit(name).replace('/', '_per_')}"
+        group = f"std of {name}, {unit(name)}"
         for head, of in variances.items():
             shown = [scaled(components[i].sqrt(), factor(name)) for components in of]
-            columns.append(Column(f"{head}_std_{suffix}", group, head, shown))
+            columns.append(Column(_with_unit(f"{head}_std_{name}", unit(name)), group, head, shown))
     for metric, component in dict.fromkeys(each[:2] for row in rows for each in row.shown("terminal")):
         column = metric.column(component)
         figures = [metric.in_shown_unit(row.figures.get(column, UNKNOWN), component) for row in rows]
         label = metric.full_label(component)
-        columns.append(Column(column, label, "", figures, metric.honest is not None))
+        other = {"%": "percent", COMPONENT: unit(component)}.get(metric.unit, "")  # than in summary.csv
+        columns.append(Column(_with_unit(column, other), label, "", figures, metric.honest is not None))
     if any(math.isfinite(row.seconds) for row in rows):
         times = [scaled(Interval(row.seconds, *row.seconds_range), 1e3) for row in rows]
         columns.append(Column("ms_per_update", "ms per update", "", times))
     return columns
+
+
+def _with_unit(name: str, shown: str) -> str:
+    """The name of a column of CSV with its unit, if there is one."""
+    return f"{name}_{shown.replace('/', '_per_')}" if shown else name
 
 
 def _cell(interval: Interval, bounds: bool) -> str:
