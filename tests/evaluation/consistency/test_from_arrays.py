@@ -132,6 +132,15 @@ def test_noncredibility_is_zero_where_every_claim_is_g(errors):
     assert inclination.value == pytest.approx(0.0, abs=1e-9)
 
 
+def test_of_a_few_runs_the_index_is_still_not_negative():
+    """It is a mean of absolute values, and so are the ends of its interval: one was -11.5 dB."""
+    rng = np.random.default_rng(0)
+    for runs in (2, 3, 5, 8):
+        index, inclination = noncredibility(rng.normal(size=(runs, 2)), np.tile(np.eye(2), (runs, 1, 1)))
+        assert 0 <= index.low <= index.value <= index.high
+        assert inclination.low < inclination.value
+
+
 def test_noncredibility_of_an_exact_filter_with_varying_claims_is_positive():
     """The reason why it is read beside the exact filter's: rightly varying P is not 0 dB."""
     rng = np.random.default_rng(12)
@@ -171,7 +180,12 @@ def test_no_run_at_all():
 
 @pytest.mark.parametrize(
     ("truth", "mean", "covariance"),
-    [((5, 3), (5, 2), (5, 2, 2)), ((5, 2), (5, 2), (4, 2, 2)), ((5, 2), (2,), (5, 2, 2))],
+    [
+        ((5, 3), (5, 2), (5, 2, 2)),
+        ((5, 2), (5, 2), (4, 2, 2)),
+        ((5, 2), (2,), (5, 2, 2)),
+        ((0, 2), (0, 2), (0, 2, 2)),
+    ],
 )
 def test_shapes_are_checked(truth, mean, covariance):
     with pytest.raises(ValueError, match="mean"):

@@ -148,6 +148,10 @@ class AbsoluteLogRatio(LogRatio):
 
     absolute = True
 
+    def interval(self, level: float) -> Interval:
+        value, low, high = super().interval(level)
+        return Interval(value, max(low, 0.0), high)  # with the error of G samples may be negative
+
 
 Average = Literal["mean", "root mean", "ratio of means", "share", "log ratio", "absolute log ratio"]
 AVERAGES: dict[Average, type[Mean]] = {

@@ -91,8 +91,8 @@ def credibility(
             of one is not.
     """
     mean = np.asarray(mean, dtype=float)
-    if mean.ndim != 2:
-        raise ValueError(f"mean must have shape (M, n), got {mean.shape}")
+    if mean.ndim != 2 or not len(mean):
+        raise ValueError(f"mean must have shape (M, n) with a run at least, got {mean.shape}")
     runs, size = mean.shape
     try:
         truth = np.broadcast_to(np.asarray(truth, dtype=float), (runs, size))
