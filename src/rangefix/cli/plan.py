@@ -89,7 +89,8 @@ def plan(
         typer.Option(
             min=2,
             metavar="N",
-            help=f"Truths over which is averaged from the second beam on. Unless given: {TRUTHS}.",
+            help="Truths by which beams are looked for from the second on; the table averages over more "
+            f"where the exact filter can. Unless given: {TRUTHS}.",
         ),
     ] = None,
     seed: Seed = None,
