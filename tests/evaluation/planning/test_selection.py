@@ -50,6 +50,24 @@ def test_exhaustive_is_no_worse_and_exchange_finds_the_same() -> None:
     assert sorted(degrees(planner.plan(2, "exchange").steps)) == [0.0, 90.0]
 
 
+@pytest.mark.parametrize(
+    ("bearings", "wanted"),
+    [([180.0, 0.0, 90.0], [0.0, 90.0]), ([180.0, 0.0, 90.0, 270.0], [0.0, 90.0, 270.0])],
+)
+def test_sets_are_compared_by_the_information_of_all_their_beams(
+    bearings: list[float], wanted: list[float]
+) -> None:
+    """A fine beam adds most beside a coarse one of the same axis, 4 nats, and both bring no more: 4.3.
+
+    With a beam of the other axis, which adds 2.3, it brings 6.6. Of three beams only the sum tells, too.
+    """
+    stds = {180.0: 1.0, 0.0: 0.02, 90.0: 0.1, 270.0: 0.1}
+    problem, turned_to = make_problem(0.05), np.deg2rad(bearings)
+    sensor = replace(problem.sensor, bearings=turned_to, noise=Gaussian(tuple(map(stds.get, bearings))))
+    planner = Planner(replace(problem, sensor=sensor), turned_to, criterion="information", truths=4)
+    assert sorted(degrees(planner.plan(len(wanted), "exhaustive").steps)) == wanted
+
+
 @pytest.mark.study
 def test_what_is_promised_is_what_comes() -> None:
     """E trace P after two beams is the mean square of the errors of the posterior's mean, 5 standard errors.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
+from itertools import chain, combinations
 from math import comb
 
 import numpy as np
@@ -203,18 +203,24 @@ class BeamSets:
             )
         if beams == 1:
             return self.greedy(1)
-        sets = comb(count - 1, beams - 1)
+        sizes = range(1 if self.objective.adds_up else beams - 1, beams)
+        sets = sum(comb(count - 1, size) for size in sizes)
         self.time.begin(sets + beams, sets + max(MOST_POLISHED, beams))
-        tried: list[tuple[float, list[int]]] = []
-        for others in combinations(range(count - 1), beams - 1):
+        alone = self.objective.values(self.objective.prior) if self.objective.adds_up else np.zeros(count)
+        known: dict[tuple[int, ...], float] = {(each,): float(alone[each]) for each in range(count)}
+        for others in chain.from_iterable(combinations(range(count - 1), size) for size in sizes):
             text = f"sets with candidates {', '.join(str(each + 1) for each in others)}"
             self.tell(self.time.told(text))
             last = list(range(others[-1] + 1, count))
             beliefs = self.objective.beliefs(others, 0, self.objective.truths, "choice")
             values = np.mean([self.objective.values(belief, last) for belief in beliefs], axis=0)
-            tried += [(float(value), [*others, each]) for value, each in zip(values, last, strict=True)]
+            before = known[others] if self.objective.adds_up else 0.0
+            known |= {
+                (*others, each): before + float(value) for value, each in zip(values, last, strict=True)
+            }
             self.time.made()
-        best = [chosen for _, chosen in sorted(tried)[:FINAL_SETS]]
+        tried = sorted((value, chosen) for chosen, value in known.items() if len(chosen) == beams)
+        best = [list(chosen) for _, chosen in tried[:FINAL_SETS]]
         means = [self.objective.mean_after(chosen) for chosen in best]
         first = int(np.argmin([np.inf if mean is None else mean for mean in means]))
         least = means[first]

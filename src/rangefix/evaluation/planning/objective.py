@@ -85,6 +85,14 @@ class Objective:
         return np.asarray(np.sum([self.values(belief, beams) for belief in beliefs], axis=0))
 
     @property
+    def adds_up(self) -> bool:
+        """Whether the criterion is of the last beam alone, and of a set the sum over its beams.
+
+        Information is, by the chain rule; of a covariance what is left after all beams counts.
+        """
+        return self.criterion == "information"
+
+    @property
     def _needs_second(self) -> bool:
         return self.criterion in ("det", "largest")
 
