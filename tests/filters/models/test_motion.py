@@ -379,6 +379,25 @@ def test_is_clear_in_closed_form() -> None:
 
 
 @pytest.mark.parametrize(
+    ("control", "words"),
+    [
+        (np.zeros(2), r"shape \(..., 3\), got \(2,\)"),
+        (np.zeros((2, 4)), r"shape \(..., 3\), got \(2, 4\)"),
+        (np.array(1.0), r"shape \(..., 3\), got \(\)"),
+        (np.array([np.nan, 0.0, 0.0]), r"must be finite, got \[nan, 0.0, 0.0\]"),
+        (np.array([[0.0, 0.0, 0.0], [0.0, np.inf, 0.0]]), r"must be finite, got \[0.0, inf, 0.0\]"),
+    ],
+)
+@pytest.mark.parametrize("name", ["mean", "jacobian", "noise_covariance", "origins", "sample", "sample_runs"])
+def test_a_control_that_is_none_is_refused(name: str, control: np.ndarray, words: str) -> None:
+    """In words, whatever is asked: NaN went on into states, and other shapes ended in messages of numpy."""
+    rngs = [np.random.default_rng(run) for run in range(2)]
+    more = {"sample": rngs[:1], "sample_runs": [rngs]}.get(name, [])
+    with pytest.raises(ValueError, match=words):
+        getattr(Odometry(POSE, (0.1, 0.1, 0.1, 0.1)), name)(np.zeros((2, 3)), control, *more)
+
+
+@pytest.mark.parametrize(
     ("make", "match"),
     [
         (lambda: RandomWalk(POSE, -0.1), "at least zero"),
