@@ -304,8 +304,13 @@ def test_confined_steps_follow_the_stated_law(tries: int) -> None:
 
 
 def test_no_states_move_to_none() -> None:
-    motion = Confined(Odometry(POSE, ALPHAS), RectangularRoom(4.0, 6.0), POSE)
-    assert motion.sample(np.empty((0, 3)), CONTROL, np.random.default_rng(0)).shape == (0, 3)
+    """With a control for all, and with one for each."""
+    motion, rng = Confined(Odometry(POSE, ALPHAS), RectangularRoom(4.0, 6.0), POSE), np.random.default_rng(0)
+    assert motion.sample(np.empty((0, 3)), CONTROL, rng).shape == (0, 3)
+    assert motion.sample(np.empty((0, 3)), np.empty((0, 3)), rng).shape == (0, 3)
+    walk = Confined(RandomWalk(POSE, 0.1), RectangularRoom(4.0, 6.0), POSE)
+    for count in (0, 2):
+        assert walk.sample(np.ones((count, 3)), np.empty((count, 0)), rng).shape == (count, 3)
 
 
 def test_a_confined_object_with_no_way_out_stays() -> None:
