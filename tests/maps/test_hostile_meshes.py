@@ -61,10 +61,13 @@ def ply(kind: str = "binary_little_endian", scalar: str = "double", more: str = 
 
 
 AMPLE_OFF = "OFF\n13 1 0\n" + "".join(f"{i} {i * i} 0\n" for i in range(13)) + "3 0 2 12\n"
+FACES = "element face 1\nproperty list uchar int vertex_index"
 AMPLE_PLY = (
     "ply\nformat ascii 1.0\nelement vertex 13\nproperty float x\nproperty float y\nproperty float z\n"
-    "element face 1\nproperty list uchar int vertex_index\nend_header\n" + AMPLE_OFF[12:]
+    f"{FACES}\nend_header\n" + AMPLE_OFF[12:]
 )
+NO_VERTEX = AMPLE_PLY.partition(FACES)[0].replace("vertex 13", "vertex 0") + "end_header\n"
+TWO_LISTS = AMPLE_PLY.replace("end_header", f"{FACES}\nend_header") + "3 0 1 2\n"
 DEEP = "[" * 200_000
 BOMB = "<?xml version='1.0'?><!DOCTYPE x [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
     f"<!ENTITY {after} '{f'&{before};' * 10}'>" for before, after in itertools.pairwise("abcdefghijk")
@@ -126,6 +129,13 @@ EXTERNAL = json.dumps(
         ("short.ply", ply()[:-5], "cut short"),
         ("text.ply", ply("ascii")[:-5], "cut short"),
         ("strips.ply", ply().replace(b"element face", b"element tristrips"), "tristrips are not read"),
+        ("blank.obj", obj().replace("f 1 2 4", " f\t1 2 4"), "a line that begins with a blank"),
+        ("page.obj", obj().replace("f 1 2 4", "\ff 1 2 4"), "a line that begins with a blank"),
+        ("no_vertex.ply", NO_VERTEX, "no triangles among 0 vertices"),
+        ("minus.ply", ply("ascii").replace(b"3 0 1 3", b"-1 0 1 3"), "a list of -1 numbers"),
+        ("count.ply", ply("ascii").replace(b"3 0 1 3", b"inf 0 1 3"), "a count that is no whole number"),
+        ("twice.ply", TWO_LISTS, "face stands twice"),
+        ("type.ply", AMPLE_PLY.replace("list uchar", "list long"), "a type that is none"),
         ("infinite.ply", ply("ascii").replace(b"4.0 6.0", b"inf 6.0"), "not finite"),
         ("bomb.dae", BOMB, "not a mesh that can be read"),
         ("words.dae", "<COLLADA>", "not a mesh that can be read"),
@@ -181,6 +191,8 @@ def test_whole_files_are_read(tmp_path: Path) -> None:
         ("named.stl", named.encode()),
         ("room.obj", obj().encode()),
         ("comment.obj", obj().replace("v 4.0 0.0 0.0", "v 4.0 0.0 0.0 # corner").encode()),
+        ("folder.obj", obj().replace("f 1 2 4", "# C:\\maps\\\nf 1 2 4").encode()),
+        ("tab.off", off().replace("OFF\n", "OFF\t").encode()),
         ("old.ply", ply("ascii").replace(b"\n", b"\r")),
         ("filled.ply", ply() + bytes(16)),
         ("open.ply", ply("ascii").rstrip()),

@@ -233,6 +233,22 @@ DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COL
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
 
+SKIN = """<library_controllers><controller id="c"><skin source="#room">
+<source id="j"><Name_array id="ja" count="1">n</Name_array><technique_common>
+<accessor source="#ja" count="1" stride="1"><param name="JOINT" type="name"/></accessor>
+</technique_common></source>
+<source id="b"><float_array id="ba" count="16">1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</float_array><technique_common>
+<accessor source="#ba" count="1" stride="16"><param name="TRANSFORM" type="float4x4"/></accessor>
+</technique_common></source><source id="w"><float_array id="wa" count="1">1</float_array><technique_common>
+<accessor source="#wa" count="1" stride="1"><param name="WEIGHT" type="float"/></accessor>
+</technique_common></source>
+<joints><input semantic="JOINT" source="#j"/><input semantic="INV_BIND_MATRIX" source="#b"/></joints>
+<vertex_weights count="1"><input semantic="JOINT" source="#j" offset="0"/>
+<input semantic="WEIGHT" source="#w" offset="1"/><vcount>1</vcount><v>0 0</v></vertex_weights>
+</skin></controller></library_controllers>"""
+SKINNED = '<instance_controller url="#c"/></node>'
+
+
 @pytest.mark.parametrize(("up", "axes"), [("Z_UP", (0, 1, 2)), ("Y_UP", (0, 2, 1))])
 def test_collada(request, tmp_path, up, axes):
     """With the unit and the axis that it states, its squares cut, its node moved; no other file is read."""
@@ -254,6 +270,7 @@ def test_collada(request, tmp_path, up, axes):
         MeshRoom.load(path, sensor_height=0.9)
     text = DAE.format(url="", **told)
     for broken, words in (
+        (text.replace("<library_visual", f"{SKIN}<library_visual").replace("</node>", SKINNED), "bones"),
         (text.replace('polylist count="6"', 'polylist count="7"'), "6 of 7 faces are read"),
         (as_polygons(text, "<ph><p>0 1 3 2</p><h>0 1 3</h></ph>"), "faces with holes"),
     ):

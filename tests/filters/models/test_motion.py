@@ -304,8 +304,13 @@ def test_confined_steps_follow_the_stated_law(tries: int) -> None:
 
 
 def test_no_states_move_to_none() -> None:
-    motion = Confined(Odometry(POSE, ALPHAS), RectangularRoom(4.0, 6.0), POSE)
-    assert motion.sample(np.empty((0, 3)), CONTROL, np.random.default_rng(0)).shape == (0, 3)
+    """With a control for all, and with one for each."""
+    motion, rng = Confined(Odometry(POSE, ALPHAS), RectangularRoom(4.0, 6.0), POSE), np.random.default_rng(0)
+    assert motion.sample(np.empty((0, 3)), CONTROL, rng).shape == (0, 3)
+    assert motion.sample(np.empty((0, 3)), np.empty((0, 3)), rng).shape == (0, 3)
+    walk = Confined(RandomWalk(POSE, 0.1), RectangularRoom(4.0, 6.0), POSE)
+    for count in (0, 2):
+        assert walk.sample(np.ones((count, 3)), np.empty((count, 0)), rng).shape == (count, 3)
 
 
 def test_a_confined_object_with_no_way_out_stays() -> None:
@@ -376,6 +381,25 @@ def test_is_clear_in_closed_form() -> None:
     start = np.array([0.5, 3.0])
     ends = np.array([[0.5, 5.0], [3.5, 3.0], [2.0, 3.0], [5.0, 3.0], [3.5, 5.5], [0.5, 3.0]])
     assert in_line_of_sight(plan, start, ends).tolist() == [True, False, False, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("control", "words"),
+    [
+        (np.zeros(2), r"shape \(..., 3\), got \(2,\)"),
+        (np.zeros((2, 4)), r"shape \(..., 3\), got \(2, 4\)"),
+        (np.array(1.0), r"shape \(..., 3\), got \(\)"),
+        (np.array([np.nan, 0.0, 0.0]), r"must be finite, got \[nan, 0.0, 0.0\]"),
+        (np.array([[0.0, 0.0, 0.0], [0.0, np.inf, 0.0]]), r"must be finite, got \[0.0, inf, 0.0\]"),
+    ],
+)
+@pytest.mark.parametrize("name", ["mean", "jacobian", "noise_covariance", "origins", "sample", "sample_runs"])
+def test_a_control_that_is_none_is_refused(name: str, control: np.ndarray, words: str) -> None:
+    """In words, whatever is asked: NaN went on into states, and other shapes ended in messages of numpy."""
+    rngs = [np.random.default_rng(run) for run in range(2)]
+    more = {"sample": rngs[:1], "sample_runs": [rngs]}.get(name, [])
+    with pytest.raises(ValueError, match=words):
+        getattr(Odometry(POSE, (0.1, 0.1, 0.1, 0.1)), name)(np.zeros((2, 3)), control, *more)
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,28 @@ def test_gaussian_cut_off_by_half_a_room_in_closed_form() -> None:
     assert prior.covariance[1, 1] == pytest.approx(0.09 - 0.01 * 2 / np.pi, rel=2e-3)
 
 
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 45.0, 90.0])
+@pytest.mark.parametrize("std", [0.02, 0.001])
+def test_a_narrow_gaussian_cut_off_in_closed_form(degrees: float, std: float) -> None:
+    """Long and narrow, whole or centred on the wall x1 = 0: as one that is round, to a part in 200.
+
+    Narrower than cells along x1 and x2 it had 5 % of its probability in free space, or no width at all.
+    """
+    axes = turned(np.eye(2), degrees, 0.0)
+    covariance = axes.T @ np.diag([0.25, std**2]) @ axes
+    whole = GaussianPrior([2.0, 3.0], covariance / 9, PLACE, ROOM)
+    assert np.exp(whole.log_free) == pytest.approx(1.0, abs=1e-3)
+    away = np.linalg.inv(np.linalg.cholesky(covariance))
+    np.testing.assert_allclose(9 * away @ whole.covariance @ away.T, np.eye(2), atol=5e-3)
+    cut = GaussianPrior([0.0, 3.0], covariance, PLACE, ROOM)
+    assert np.exp(cut.log_free) == pytest.approx(0.5, abs=2.5e-3)
+    slope = covariance[0] / np.sqrt(covariance[0, 0])
+    shift = np.sqrt(2 / np.pi) * slope
+    np.testing.assert_allclose(away @ (cut.mean - [0.0, 3.0] - shift), 0.0, atol=5e-3)
+    left = away @ (covariance - np.outer(shift, shift) - cut.covariance) @ away.T
+    np.testing.assert_allclose(left, 0.0, atol=5e-3)
+
+
 def test_uniform_on_an_arc() -> None:
     """Across 180 deg: mean in the middle, variance width^2 / 12, nothing outside, any turn of the heading."""
     prior = Uniform(ROOM, POSE, headings=(2.5, 4.5))
@@ -220,6 +242,7 @@ SLIT = FloorPlan([[0, 0], [10, 0], [10, 1e-5], [2, 1e-5], [2, 6], [0, 6]])  # a 
         (lambda: gaussian([2, 3], WIDE), "x1, x2, heading needs a finite mean"),
         (lambda: gaussian([2, 3, np.nan], WIDE), "finite mean"),
         (lambda: gaussian([2, 3, 0], -WIDE), "positive definite"),
+        (lambda: gaussian([2, 3], np.diag([np.inf, 1.0]), space=PLACE), "covariance must be finite"),
         (lambda: gaussian([2, 3, 0], WIDE + np.triu(np.ones((3, 3)), 1) / 9), "symmetric"),
         (lambda: gaussian([9, 3, 0], NARROW, ROOM), "of the prior's probability is in free space"),
         (lambda: gaussian([90, 3, 0], NARROW, ROOM), "only 0 of the prior's probability"),

@@ -69,6 +69,8 @@ def test_it_is_the_gaussian_prior_where_both_can_say_it(std: float) -> None:
     [
         ({"std": 0.0}, "Gaussian with a finite mean"),
         ({"std": 1.0, "arc": (0.0, 1.0)}, "Gaussian with a finite mean"),
+        ({"mean": 1.0}, "a mean heading needs a std"),
+        ({"mean": 1.0, "arc": (0.0, 1.0)}, "a mean heading needs a std"),
         ({"arc": (1.0, 1.0)}, "low < high"),
         ({"arc": (0.0, 7.0)}, "low < high"),
     ],

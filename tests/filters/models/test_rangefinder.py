@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rangefix.arrays import Array
 from rangefix.filters import (
     BeamMixture,
     Gaussian,
@@ -222,6 +223,16 @@ def test_matched_maximum_range_is_consistent_and_ignoring_it_is_not() -> None:
     assert claimed[1][:, 1].mean() > 1.2 * claimed[0][:, 1].mean()
 
 
+class OneForAll(Gaussian):
+    """A noise that adds up beams, which is the rangefinder's work."""
+
+    def __init__(self) -> None:
+        super().__init__(0.1)
+
+    def log_density(self, measurement: Array, expected: Array) -> Array:
+        return np.asarray(super().log_density(measurement, expected).sum(axis=-1))
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
@@ -230,6 +241,7 @@ def test_matched_maximum_range_is_consistent_and_ignoring_it_is_not() -> None:
         ({"bearings": [0.0, -326.3]}, "in radians, within ten turns, got -326.3: are they in degrees?"),
         ({"noise": Gaussian([0.1, 0.1])}, "the noise is for 2 beams, the rangefinder has 1"),
         ({"noise": Gaussian([0.1, 0.1]), "bearings": [0.0, 1.0, 2.0]}, "the noise does not fit 3 beams"),
+        ({"noise": OneForAll()}, "must be one number for each beam, got one for all"),
         ({"max_range": 0.0}, "maximum range must be positive"),
         ({"max_range": np.nan}, "maximum range must be positive"),
         ({"max_incidence": 2.0}, "largest incidence"),

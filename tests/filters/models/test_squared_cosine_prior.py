@@ -46,6 +46,8 @@ def test_a_box_that_is_not_free_is_refused() -> None:
     room = FloorPlan([[0, 0], [6, 0], [6, 3], [3, 3], [3, 6], [0, 6]])
     with pytest.raises(ValueError, match="all free"):
         SquaredCosine(room, position_space())
+    with pytest.raises(ValueError, match="needs a finite box"):
+        SquaredCosine(ROOM, position_space(), [-np.inf, 1], [2, 2])
     with pytest.raises(ValueError, match="lower < upper"):
         SquaredCosine(ROOM, position_space(), [1, 1], [1, 2])
     with pytest.raises(ValueError, match="covers x1 and x2"):

@@ -67,6 +67,7 @@ def test_one_grammar(tmp_path, off):
     [
         ("room:4", "a room is given as room:WIDTHxLENGTH in metres, got 'room:4'"),
         ("room:-4x6", "width must be positive"),
+        ({"kind": "rectangle", "path": "plan.toml"}, "plan.toml: no map of kind .rectangle. is read from a"),
         ({"kind": "cube"}, "no map of kind 'cube' without a file of it; there are rectangle, floor-plan"),
         ({"kind": "mesh"}, "no map of kind 'mesh' without a file"),
         ({"kind": "rectangle", "width_m": 1.0}, "a room has `width` and `length`; found width"),

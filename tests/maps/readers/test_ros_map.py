@@ -240,6 +240,9 @@ def test_bad_images(tmp_path):
     (tmp_path / "map.pgm").write_bytes(whole)
     with pytest.raises(MapError, match="more than memory_gb = 1e-06"):
         open_map(path, memory_gb=1e-6)
+    for memory in (0.0, float("nan"), "2"):
+        with pytest.raises(MapError, match="memory_gb must be a positive number, got"):
+            open_map(path, memory_gb=memory)
 
 
 def test_an_image_elsewhere_may_be_allowed(tmp_path):

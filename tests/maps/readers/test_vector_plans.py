@@ -91,6 +91,16 @@ def test_rooms_side_by_side(tmp_path):
     assert plan.is_free([7.0, 1.0])
 
 
+def test_a_pillar_in_one_of_several_rooms(tmp_path):
+    """Nobody stands in it, as in one in a single room; it counted as a room, whose inside was free."""
+    rooms = [polygon([[x, 0], [x + 4, 0], [x + 4, 5], [x, 5], [x, 0]]) for x in (0, 4)]
+    pillar = polygon([[5, 1], [6, 1], [6, 2], [5, 2], [5, 1]])
+    plan = open_map(geojson(tmp_path / "plan.geojson", *rooms, *2 * [rooms[0]], pillar), unit="m")
+    assert list(plan.is_free([[5.5, 1.5], [4.5, 1.5], [1.0, 1.0]])) == [False, True, True]
+    assert plan.free_moments(*plan.bounds)[0] == pytest.approx(39.0)
+    np.testing.assert_allclose(plan.ranges([4.5, 1.5, 0.0], ROUND), [3.5, 0.5, 1.5, 0.5])
+
+
 def test_polygons_that_cover_one_another(tmp_path):
     """An outline that is drawn twice counts once; rooms that fill an outline leave nothing, which is told."""
     plan = open_map(geojson(tmp_path / "twice.geojson", *2 * [polygon(HALL)], polygon(PILLAR)), unit="m")
@@ -224,6 +234,20 @@ def test_blocks_on_the_layer_of_their_reference(tmp_path):
         open_map(path, layers=["0"])
 
 
+def test_layers_that_stand_in_blocks_alone_or_in_other_letters(tmp_path):
+    """A layer that only a block's lines name was said not to be there; CAD takes no note of capitals."""
+    drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
+    space.add_lwpolyline(HALL, dxfattribs={"layer": "WALLS"})
+    space.add_line((6, 0), (6, 3), dxfattribs={"layer": "Walls"})
+    drawing.blocks.new("inner").add_line(*WALL, dxfattribs={"layer": "INNER"})
+    space.add_blockref("inner", (0, 0), dxfattribs={"layer": "WALLS"})
+    drawing.saveas(path)
+    assert len(open_map(path, layers=["WALLS", "INNER"]).walls) == 2
+    assert len(open_map(path, layers=["walls"]).walls) == 1
+    with pytest.raises(MapError, match=r"no layer GATES; there are .*INNER, WALLS, Walls"):
+        open_map(path, layers=["WALLS", "GATES"])
+
+
 def test_dimensions_and_leaders_are_no_walls(tmp_path):
     """Their lines are not in the room; those of multilines are."""
     drawing, space, path = dxf(tmp_path / "plan.dxf", unit=6)
@@ -248,12 +272,13 @@ def test_what_may_be_walls_and_is_not_read_is_told(tmp_path):
     space.add_text("hall")
     space.add_solid([(3, 2), (4, 2), (3, 3), (4, 3)])
     space.add_trace([(5, 2), (6, 2), (5, 3), (6, 3)])
+    space.add_polyface().append_face([(3, 2, 0), (4, 2, 0), (4, 3, 0)])
     space.add_hatch().paths.add_polyline_path([(3, 2), (4, 2), (4, 3)])
     drawing.add_xref_def("walls.dwg", "WALLS")
     space.add_blockref("WALLS", (0, 0))
     drawing.saveas(tmp_path / "none.dxf")
     with pytest.raises(
-        MapError, match=r"no walls in it: left out: filled area \(2\), hatch \(1\), reference"
+        MapError, match=r"no walls in it: left out: filled area \(2\), hatch \(1\), mesh \(1\), ref"
     ):
         open_map(tmp_path / "none.dxf")
     space.add_lwpolyline(HALL)
@@ -262,7 +287,7 @@ def test_what_may_be_walls_and_is_not_read_is_told(tmp_path):
     plan = open_map(tmp_path / "plan.dxf")
     walls = "walls are lines, polylines, arcs, circles, ellipses and splines"
     assert plan.remarks == (
-        f"left out: filled area (2), hatch (1), reference to another file (1); {walls}",
+        f"left out: filled area (2), hatch (1), mesh (1), reference to another file (1); {walls}",
         "read though hidden in the drawing: FURNITURE; name the layers of its walls",
     )
     assert open_map(tmp_path / "plan.dxf", layers=["0"]).remarks == plan.remarks[:1]

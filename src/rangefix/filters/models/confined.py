@@ -76,7 +76,8 @@ class Confined:
         if control.ndim == 1:  # what depends on it is worked out once
             ends = self._tried(starts, lambda left: self.motion.sample(starts[left], control, rng))
         else:
-            controls = np.broadcast_to(control, (*shape, control.shape[-1])).reshape(len(starts), -1)
+            controls = np.broadcast_to(control, (*shape, width := control.shape[-1]))
+            controls = controls.reshape(len(starts), width)
             ends = self._tried(starts, lambda left: self.motion.sample(starts[left], controls[left], rng))
         return ends.reshape(*shape, states.shape[-1])
 

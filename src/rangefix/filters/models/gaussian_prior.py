@@ -16,6 +16,8 @@ from .uniform_prior import LATTICE, draw_free
 
 REACH = 6.0  # standard deviations that `support` covers: all but 2e-9 of each component
 MIN_FREE_PROBABILITY = 1e-4  # of the probability must be in free space
+WIDEST_CELL = 0.1  # of the least standard deviation; sums over wider cells pass over what lies between
+ACROSS, ALONG = LATTICE // 4, LATTICE * 4  # cells over a narrow prior: more where walls cut it off
 CIRCLE = 20_001  # points where the moments of a wide heading are summed
 
 
@@ -24,7 +26,8 @@ class GaussianPrior:
 
     With a room, the density is zero outside its free space and divided by the probability of being in it,
     summed over about 512 x 512 cells: exact to a part in 10^4 for most walls, to 0.7 % for one along the
-    cells' diagonal. `mean` and `covariance` are then those of what is left. `support` covers 6 standard
+    cells' diagonal. The cells lie along x1 and x2, or, where the prior is narrow for them, along its own
+    axes. `mean` and `covariance` are then those of what is left. `support` covers 6 standard
     deviations; what lies beyond is less than 2e-9 for each component.
 
     Args:
@@ -35,8 +38,8 @@ class GaussianPrior:
         room: A map whose walls cut the prior off, or None.
 
     Raises:
-        ValueError: If a shape does not fit, the covariance is not symmetric and positive definite, or less
-            than 1e-4 of the probability is in free space.
+        ValueError: If a shape does not fit, the covariance is not finite, symmetric and positive definite, or
+            less than 1e-4 of the probability is in free space.
     """
 
     def __init__(
@@ -50,11 +53,12 @@ class GaussianPrior:
                 f"covariance ({size}, {size}), got shapes {peak.shape} and {spread.shape}"
             )
         try:
-            if not np.allclose(spread, spread.T, rtol=1e-9, atol=0):
+            if not (np.isfinite(spread).all() and np.allclose(spread, spread.T, rtol=1e-9, atol=0)):
                 raise np.linalg.LinAlgError
             root = np.linalg.cholesky(spread)
         except np.linalg.LinAlgError:
-            raise ValueError("the prior's covariance must be symmetric and positive definite") from None
+            wanted = "finite, symmetric and positive definite"
+            raise ValueError(f"the prior's covariance must be {wanted}") from None
         self.space, self.room, self.root, self.log_free = space, room, root, 0.0
         self.peak = peak = space.wrap(peak)
         reach = REACH * np.sqrt(np.diagonal(spread))
@@ -122,13 +126,12 @@ def _cut_off(
     """
     free = 0.0
     if (upper > lower).all():
-        raster = Raster.over(lower, upper, LATTICE)
-        centres = raster.centres.reshape(-1, 2)
-        centres = centres[np.asarray(room.is_free(centres))]
         block = spread[np.ix_(where, where)]
+        centres, area = _lattice(peak[where], block, lower, upper)
+        centres = centres[np.asarray(room.is_free(centres))]
         deviation = centres - peak[where]
         logs = -0.5 * np.einsum("ni,ij,nj->n", deviation, np.linalg.inv(block), deviation)
-        weights = np.exp(logs) * np.prod(raster.step) / (TWO_PI * np.sqrt(np.linalg.det(block)))
+        weights = np.exp(logs) * area / (TWO_PI * np.sqrt(np.linalg.det(block)))
         free = float(weights.sum())
     if free < MIN_FREE_PROBABILITY:
         raise ValueError(f"only {free:.1g} of the prior's probability is in free space")
@@ -138,6 +141,22 @@ def _cut_off(
     gain = spread[:, where] @ np.linalg.inv(block)
     change = (deviation * weights[:, None]).T @ deviation - block
     return min(free, 1.0), peak + gain @ shift, spread + gain @ change @ gain.T
+
+
+def _lattice(middle: Array, block: Array, lower: Array, upper: Array) -> tuple[Array, float]:
+    """Cells over what a box holds of a Gaussian: centres, (K, 2), and the area of one, m^2.
+
+    Along x1 and x2, so that they end where the box does, as at walls; along its own axes where it is narrow.
+    """
+    raster = Raster.over(lower, upper, LATTICE)
+    variances, axes = np.linalg.eigh(block)
+    if np.max(raster.step) <= WIDEST_CELL * np.sqrt(variances[0]):
+        return raster.centres.reshape(-1, 2), float(np.prod(raster.step))
+    corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(2, -1).T
+    reach, ends = REACH * np.sqrt(variances), (corners - middle) @ axes
+    low, high = np.maximum(ends.min(axis=0), -reach), np.minimum(ends.max(axis=0), reach)
+    raster = Raster(low, (high - low) / (ACROSS, ALONG), (ACROSS, ALONG))
+    return middle + raster.centres.reshape(-1, 2) @ axes.T, float(np.prod(raster.step))
 
 
 def _wrapped(spread: Array, angles: list[int]) -> Array:

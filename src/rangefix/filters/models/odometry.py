@@ -145,7 +145,7 @@ class Odometry:
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """The states after one noisy move each, (..., n), headings wrapped."""
-        errors = self._errors(np.asarray(control, dtype=float))
+        errors = self._errors(_checked(control))
         states, control = _pair(states, control)
         draws = rng.standard_normal((len(errors), *states.shape[:-1]))
         if states.size >= MANY_VALUES and control.ndim == 1:
@@ -171,7 +171,7 @@ class Odometry:
 
     def body_covariance(self, control: Array) -> Array:
         """Covariance of the noise of (forward, right, turn), (..., 3) -> (..., 3, 3)."""
-        control = np.asarray(control, dtype=float)
+        control = _checked(control)
         result = np.zeros((*control.shape, 3))
         for error in self._errors(control):
             root = np.stack(np.broadcast_arrays(*error), axis=-1)
@@ -232,11 +232,24 @@ def _to_map(heading: Array, forward: Array | float, right: Array | float) -> tup
     return forward * sine + right * cosine, forward * cosine - right * sine
 
 
-def _pair(states: Array, control: Array) -> tuple[Array, Array]:
-    """States (..., n) and controls (..., 3) with their leading axes broadcast; a single control as it is."""
-    states, control = np.asarray(states, dtype=float), np.asarray(control, dtype=float)
+def _checked(control: Array) -> Array:
+    """A control as float64, (..., 3).
+
+    Raises:
+        ValueError: If it is of another shape, or not finite: a move that nobody knows moves to nowhere.
+    """
+    control = np.asarray(control, dtype=float)
     if control.shape[-1:] != (3,):
         raise ValueError(f"odometry's control is forward, right, turn: shape (..., 3), got {control.shape}")
+    if not np.isfinite(control).all():
+        first = control.reshape(-1, 3)[~np.isfinite(control).reshape(-1, 3).all(axis=1)][0]
+        raise ValueError(f"odometry's control must be finite, got {first.tolist()}")
+    return control
+
+
+def _pair(states: Array, control: Array) -> tuple[Array, Array]:
+    """States (..., n) and controls (..., 3) with their leading axes broadcast; a single control as it is."""
+    states, control = np.asarray(states, dtype=float), _checked(control)
     if control.ndim == 1:
         return states, control
     shape = np.broadcast_shapes(states.shape[:-1], control.shape[:-1])

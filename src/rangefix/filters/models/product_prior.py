@@ -87,7 +87,7 @@ class WithHeading(Product):
     Args:
         prior: The prior of all components but the heading.
         space: The whole space, `pose_space()`.
-        mean: Mean of a Gaussian heading, rad.
+        mean: Mean of a Gaussian heading, rad; refused without its standard deviation.
         std: Its standard deviation before it is wrapped onto the circle, rad; None for a uniform heading.
         arc: Ends of the arc of a uniform heading, rad, low < high <= low + 2 pi; the whole circle unless
             given, whose mean is said to be 0.
@@ -107,6 +107,8 @@ class WithHeading(Product):
     ) -> None:
         if std is not None and (arc is not None or not (0 < std < np.inf and np.isfinite(mean))):
             raise ValueError("a heading is Gaussian with a finite mean and std > 0, or lies in an arc")
+        if std is None and mean != 0.0:
+            raise ValueError(f"a mean heading needs a std: without one {mean:g} rad has no effect")
         if std is None:
             low, high = (0.0, TWO_PI) if arc is None else (float(end) for end in arc)
             check_arc(low, high, "an arc of headings needs")

@@ -104,6 +104,8 @@ class Rangefinder:
             shape = np.shape(self.noise.log_density(np.ones_like(bearings), np.ones_like(bearings)))
         except ValueError as error:
             raise ValueError(f"the noise does not fit {bearings.size} beams: {error}") from None
+        if not shape:
+            raise ValueError("the noise's log density must be one number for each beam, got one for all")
         if shape != bearings.shape:
             raise ValueError(f"the noise is for {shape[-1]} beams, the rangefinder has {bearings.size}")
         bearings.setflags(write=False)

@@ -26,7 +26,7 @@ class SquaredCosine:
         lower, upper: Corners (x1, x2) of the box, m; the map's bounds unless given.
 
     Raises:
-        ValueError: If the space has other components, or the box is empty or not all free.
+        ValueError: If the space has other components, or the box is empty, not finite or not all free.
     """
 
     def __init__(
@@ -39,6 +39,8 @@ class SquaredCosine:
         if space.names != ("x1", "x2"):
             raise ValueError(f"a squared-cosine prior covers x1 and x2, not {', '.join(space.names)}")
         low, high = box_of(room, lower, upper)
+        if not np.isfinite([low, high]).all():
+            raise ValueError(f"a squared-cosine prior needs a finite box, got {low} and {high}")
         raster = Raster.over(low, high, LATTICE)
         blocked = ~np.asarray(room.is_free(raster.centres)).ravel()
         if blocked.any():

@@ -19,23 +19,20 @@ def read_obj(path: Path) -> tuple[Array, IntArray]:
     Raises:
         ValueError: If it is broken or cut short.
     """
-    content = (
-        path.read_bytes()
-        .removeprefix(BOM_UTF8)
-        .replace(b"\r\n", b"\n")
-        .replace(b"\r", b"\n")
-        .replace(b"\\\n", b" ")
-    )
+    content = path.read_bytes().removeprefix(BOM_UTF8).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"#" in content:  # a comment ends with its line, also with a backslash at its end, as of a folder
+        content = re.sub(rb"#[^\n]*", b"", content)
+    content = content.replace(b"\\\n", b" ")
     if content[content.rfind(b"\n") + 1 :].split()[:1] in ([b"v"], [b"f"]):
         raise ValueError("its last line has no end: cut short? If it is whole, end it with a newline")
     vertices, faces, before = [], [], []
     for line in content.split(b"\n"):
         if line.startswith((b"v ", b"v\t")):
-            vertices.append(line[2:].partition(b"#")[0])
+            vertices.append(line[2:])
         elif line.startswith((b"f ", b"f\t")):
-            faces.append(line[2:].partition(b"#")[0])
+            faces.append(line[2:])
             before.append(len(vertices))
-        elif line[:1] in b" \t" and line.lstrip()[:2] in (b"v ", b"f "):
+        elif line[:1].isspace() and line.split(None, 1)[:1] in ([b"v"], [b"f"]):
             raise ValueError("a line that begins with a blank: vertices and faces begin their lines")
     corners = whole(numbers_in(re.sub(rb"/\S*", b"", b"\n".join(faces)), "a corner"), "a corner")
     counts = np.array([len(face.split()) for face in faces], dtype=np.int64)

@@ -27,7 +27,7 @@ def read_off(path: Path) -> tuple[Array, IntArray]:
         else content.split(b"\n")
     )
     lines = [line for line in lines if line.strip()]
-    kind, _, rest = (lines[0].strip() if lines else b"").partition(b" ")
+    kind, rest = [*(lines[0].split(None, 1) if lines else []), b"", b""][:2]
     if kind in KINDS and rest.strip().upper() == b"BINARY":
         raise ValueError("it is binary: save it as text")
     if kind not in KINDS:

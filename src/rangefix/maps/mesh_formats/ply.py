@@ -112,8 +112,12 @@ def _header(text: str) -> tuple[str, list[Element]]:
             elements[-1].properties.append(Property(words[2], SCALARS.get(words[1], "")))
         else:
             raise ValueError(f"a line of its header is none: {line.strip()[:60]!r}")
-        if elements and elements[-1].properties and not elements[-1].properties[-1].kind:
+        last = elements[-1].properties[-1:] if elements else []
+        if last and not (last[0].kind and (last[0].length or words[1:2] != ["list"])):
             raise ValueError(f"a type that is none: {line.strip()[:60]!r}")
+    names = [element.name for element in elements]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"element {', '.join(twice)} stands twice in its header")
     if order is None:
         raise ValueError("a format that is neither ascii nor binary")
     return order, elements
@@ -127,12 +131,13 @@ class _Words:
 
     def table(self, element: Element) -> Array:
         """Rows of numbers alone."""
-        return self._take(element.rows * len(element.properties)).reshape(element.rows, -1)
+        width = len(element.properties)
+        return self._take(element.rows * width).reshape(element.rows, width)
 
     def lists(self, element: Element, wanted: int) -> tuple[IntArray, IntArray]:
         """One list of each row, one after the other, and their lengths."""
         if len(element.properties) == 1 and wanted == 0 and element.rows:
-            width = 1 + int(self.numbers[self.place]) if self.place < len(self.numbers) else 1
+            width = 1 + (self._count(self.place) if self.place < len(self.numbers) else 0)
             table = self.numbers[self.place : self.place + width * element.rows]
             if len(table) == width * element.rows and (table[::width] == width - 1).all():
                 table = self._take(len(table)).reshape(-1, width)
@@ -140,7 +145,10 @@ class _Words:
         taken, lengths = [np.empty(0)], []
         for _ in range(element.rows):
             for number, each in enumerate(element.properties):
-                length = int(whole(self._take(1), "a count")[0]) if each.length else 1
+                length = 1
+                if each.length:
+                    self._take(1)
+                    length = self._count(self.place - 1)
                 values = self._take(length)
                 if number == wanted:
                     taken.append(values)
@@ -150,6 +158,13 @@ class _Words:
     def more(self) -> bool:
         """Whether anything is left."""
         return self.place < len(self.numbers)
+
+    def _count(self, place: int) -> int:
+        """How many numbers a list has, which stands there."""
+        count = int(whole(self.numbers[place : place + 1], "a count")[0])
+        if count < 0:
+            raise ValueError(f"a list of {count} numbers")
+        return count
 
     def _take(self, count: int) -> Array:
         if not 0 <= count <= len(self.numbers) - self.place:

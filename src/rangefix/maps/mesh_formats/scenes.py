@@ -16,6 +16,7 @@ from .triangulate import triangulated
 
 SURFACES = (4, 5)  # modes of glTF that are read: triangles and strips; those below are points and lines
 UNREAD = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"}
+MOVED = "shapes that bones or weights move are not read: save it as it stands"
 TURNS = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 
 
@@ -66,7 +67,7 @@ def _refuse_unread(told: dict[str, Any], parts: list[Any]) -> None:
         raise ValueError("fans of triangles are not read: save it as triangles")
     weighted = any(any(each.get("weights", [])) for each in (*nodes, *meshes))
     if weighted or any("skin" in node for node in nodes):
-        raise ValueError("shapes that bones or weights move are not read: save it as it stands")
+        raise ValueError(MOVED)
     for part in parts:
         used = [part.get("attributes", {}).get("POSITION"), part.get("indices")]
         for accessor in [accessors[key] for key in used if key is not None]:
@@ -142,6 +143,8 @@ def _read_collada(path: str) -> tuple[Array, IntArray, str, float]:
     points, faces, start = [], [], 0
     if scene.scene is None:
         raise ValueError("it has no scene")
+    if next(iter(scene.scene.objects("controller")), None) is not None:
+        raise ValueError(MOVED)
     for geometry in scene.scene.objects("geometry"):
         for part in geometry.primitives():
             if isinstance(part, collada.lineset.BoundLineSet) or part.vertex_index is None:

@@ -66,6 +66,12 @@ def _is_elsewhere(reference: Any) -> bool:
     return block is None or bool(block.block.is_xref)
 
 
+def entity_kind(entity: Any) -> str:
+    """The type of an entity; that of a mesh for a polyline that is a net of faces."""
+    faces = entity.dxftype() == "POLYLINE" and (entity.is_poly_face_mesh or entity.is_polygon_mesh)
+    return "MESH" if faces else str(entity.dxftype())
+
+
 def left_out(kinds: Sequence[str]) -> list[str]:
     """What is told of entities that are not read and may be walls, by the types of all that are not read."""
     counts = Counter(OTHERS[kind] for kind in kinds if kind in OTHERS)

@@ -131,8 +131,10 @@ def open_map(source: PathLike | Mapping[str, Any], folder: PathLike = ".", **opt
         options["outline"] = open_map(Path(folder) / outline)
     if path is None and kind in (None, "rectangle", "floor-plan"):
         return plan_of(options)
-    if path is None or kind not in READERS:
+    if path is None:
         raise MapError(f"no map of kind {kind!r} without a file of it; there are rectangle, floor-plan")
+    if kind not in READERS:
+        raise MapError(f"{path}: no map of kind {kind!r} is read from a file; there are {', '.join(READERS)}")
     return _read(path, kind, options)
 
 

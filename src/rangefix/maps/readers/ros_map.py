@@ -74,6 +74,8 @@ def read_ros_map(
         MapError: If the .yaml or the image is broken, elsewhere or too large, or the map cannot be; one line
             that names the file.
     """
+    if not (isinstance(memory_gb, int | float) and memory_gb > 0):
+        raise MapError(f"{path}: memory_gb must be a positive number, got {memory_gb!r}")
     told = read_yaml(path)
     image = image_path(path, told.image, image_anywhere)
     shades, opaque = _grey_and_opaque(image, memory_gb)

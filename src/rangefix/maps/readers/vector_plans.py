@@ -18,7 +18,7 @@ from ...text_files import read_text
 from ..base import MapError, check_point
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import UNITS, refuse_encoding
-from .dxf_parts import CURVES, hidden_layers, left_out, parts, stated_metres
+from .dxf_parts import CURVES, entity_kind, hidden_layers, left_out, parts, stated_metres
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -103,7 +103,7 @@ def read_dxf(
     Args:
         path: The file.
         unit: Of its numbers; what its header says unless given, else metres if the size is one of a building.
-        layers: Layers to read; all unless given.
+        layers: Layers to read, in letters of any case; all unless given.
         reachable_from: A point of the area that is meant, m; the largest enclosed one unless given.
 
     Raises:
@@ -119,17 +119,17 @@ def read_dxf(
     stated = None if unit else stated_metres(drawing, path)
     scale = _metres(unit, path) if unit else stated or 1.0
     known = {layer.dxf.name for layer in drawing.layers} | {each.dxf.layer for each in drawing.modelspace()}
-    if missing := sorted(set(layers or ()) - known):
-        raise MapError(f"{path}: no layer {', '.join(missing)}; there are {', '.join(sorted(known))}")
+    wanted = None if layers is None else {layer.casefold() for layer in layers}  # of any case, as in CAD
     lines, others, drawn = [], [], set()
     try:
         for number, (entity, layer) in enumerate(islice(parts(drawing.modelspace()), MOST_CURVES + 1)):
             if number == MOST_CURVES:
                 raise MapError(f"{path}: more than {MOST_CURVES} entities; name the layers of its walls")
-            if layers is not None and layer not in layers:
+            known.add(layer)
+            if wanted is not None and layer.casefold() not in wanted:
                 continue
-            if entity.dxftype() not in CURVES:
-                others.append(entity.dxftype())
+            if (kind := entity_kind(entity)) not in CURVES:
+                others.append(kind)
             else:
                 drawn.add(layer)
                 curve = ezdxf.path.make_path(entity).flattening(SAGITTA / scale)
@@ -141,6 +141,9 @@ def read_dxf(
         raise MapError(f"{path}: a broken drawing (a block holds itself)") from None
     except (ValueError, TypeError, ezdxf.DXFError) as error:
         raise MapError(f"{path}: a broken drawing ({one_line(error)})") from None
+    folded = {layer.casefold() for layer in known}
+    if missing := sorted(layer for layer in set(layers or ()) if layer.casefold() not in folded):
+        raise MapError(f"{path}: no layer {', '.join(missing)}; there are {', '.join(sorted(known))}")
     lines = [line for line in lines if line.length > 0]
     told = [*left_out(others), *([] if layers else hidden_layers(drawing, drawn))]
     if not lines and told:
@@ -289,7 +292,18 @@ def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, li
                 "or the outline with its pillars"
             )
         return _one_polygon(outline, path), []
-    return _one_polygon(shapely.unary_union(polygons), path), [polygon.boundary for polygon in polygons]
+    rooms, pillars = _rooms_and_pillars(polygons, shapely)
+    free = shapely.unary_union(rooms).difference(shapely.unary_union(pillars))
+    return _one_polygon(free, path), [room.boundary for room in rooms]
+
+
+def _rooms_and_pillars(polygons: list[Any], shapely: Any) -> tuple[list[Any], list[Any]]:
+    """Polygons that no other contains, such as one that is drawn twice, and those that one does."""
+    inner, outer = shapely.STRtree(shapely.buffer(polygons, NEAR)).query(polygons, predicate="within")
+    pairs = set(zip(inner.tolist(), outer.tolist(), strict=True))
+    within = {one for one, other in pairs if (other, one) not in pairs}
+    rooms = [polygon for place, polygon in enumerate(polygons) if place not in within]
+    return rooms, [polygons[place] for place in sorted(within)]
 
 
 def _check_start(reachable_from: ArrayLike | None, outline: Any, shapely: Any, path: Path) -> None:
