@@ -24,9 +24,10 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.adaptive import AdaptivePointMassFilter, moves
+from rangefix.filters.adaptive import AdaptivePointMassFilter
 from rangefix.filters.adaptive import filter as filter_
 from rangefix.filters.adaptive.lattices.mode_gaussians import Kernels
+from rangefix.filters.adaptive.prediction import moves
 from rangefix.filters.adaptive.prediction.gaussian_sums import (
     ALL_ROUND,
     Around,

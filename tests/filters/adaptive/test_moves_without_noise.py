@@ -18,9 +18,10 @@ from rangefix.filters import (
     pose_space,
     position_space,
 )
-from rangefix.filters.adaptive import AdaptiveBelief, AdaptivePointMassFilter, moves
+from rangefix.filters.adaptive import AdaptiveBelief, AdaptivePointMassFilter
 from rangefix.filters.adaptive.lattices.lattice import Lattice, keys_of
 from rangefix.filters.adaptive.lattices.mode_gaussians import COARSEST_TOGETHER, smoothed
+from rangefix.filters.adaptive.prediction import moves
 from rangefix.filters.adaptive.prediction.moves import MAX_POINTS_MOVED, predict_modes
 from rangefix.filters.adaptive.target import TooManyCells
 from rangefix.filters.models.odometry import Odometry
