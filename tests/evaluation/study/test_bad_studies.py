@@ -128,6 +128,9 @@ SEVERAL = {  # what is added to the study -> what is said, line by line
     DRIVE + "steps = 3\nconfined = false\ntries = 5\n": (
         "motion.tries: has no effect with confined = false",
     ),
+    DRIVE + 'waypoints_m = [[1, 1], [2, 2]]\n[assumed.motion]\nkind = "random-walk"\nstd_m = 0.1\n': (
+        "assumed.motion.kind: random-walk needs steps, and the drive is that of [motion]: write steps there",
+    ),
     DRIVE + "waypoints_m = [[1, 1], [1, 1], [2, 2], [2, 2]]\n": (
         "motion: waypoint 2 is where the one before it is; waypoint 4 is where",
     ),

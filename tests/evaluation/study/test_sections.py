@@ -258,7 +258,7 @@ def test_a_true_pose_for_all_runs():
             noise('kind = "student-t"\nscale_m = 0.05\ndof = 3\ndofs = 2'),
             r"sensor\.noise\.dofs: .*mean dof\?",
         ),
-        (noise('kind = "gaussian"\nstd_m = [1, 2]'), r"sensor: std_m has 2 numbers for 4 beams"),
+        (noise('kind = "gaussian"\nstd_m = [1, 2]'), r"sensor.noise.std_m: has 2 numbers for 4 beams"),
         (noise('kind = "gaussian"\nstd_m = [1, -2, 3, 4]'), r"noise\.std_m\[2\]: must be greater than 0"),
         (
             noise(
