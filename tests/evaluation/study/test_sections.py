@@ -225,6 +225,7 @@ def test_a_true_pose_for_all_runs():
         (UNKNOWN + "[prior]\nheading_deg = 3\n", r"prior\.heading_deg: as one number needs heading_std_deg"),
         (UNKNOWN + "[prior]\nheading_deg = [3, 3]\n", r"prior\.heading_deg: is empty or more than a turn"),
         (UNKNOWN + "[prior]\nheading_deg = [3, 400]\n", r"prior\.heading_deg: is empty or more than a turn"),
+        (UNKNOWN + "[prior]\nheading_deg = [360, 0]\n", r"prior\.heading_deg: is empty or more than a turn"),
         ('[prior]\nkind = "gaussian"\nstd_m = 1\n', r"prior\.mean_m: is missing: for example"),
         ('[prior]\nkind = "gaussian"\nmean_m = [1, 1]\n', r"prior\.std_m: is missing \(standard deviation"),
         (
