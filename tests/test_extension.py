@@ -241,6 +241,35 @@ def test_what_does_not_fit_is_left_out_with_a_warning(folder: Path) -> None:
     assert "rangefix.motions: 'odometry' is left out" in done.stderr
 
 
+def test_a_name_that_is_taken_is_left_out_with_a_warning(folder: Path) -> None:
+    """By another package, or as a second kind of a section: that broke every study with such a map."""
+    source, info = folder / "site" / "little.py", folder / "site" / "other-1.0.dist-info"
+    source.write_text(source.read_text().replace('Literal["square"]', 'Literal["square", "rectangle"]'))
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[rangefix.motions]\ndrift = little:RandomWalk\n")
+    (done,) = several(folder, "validate point")
+    assert done.returncode == 0
+    assert "rangefix.maps: 'square' is left out: it must be a MapSection of a new kind" in done.stderr
+    assert "rangefix.motions: 'drift' (little:RandomWalk) is left out: another package has one" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("raise KeyError('mass')", "DriftMotion.build failed: KeyError: mass (little.py, line "),
+        ("return None", "DriftMotion.build gives nothing"),
+    ],
+)
+def test_a_motion_that_cannot_be_built_is_told_in_a_line(folder: Path, code: str, says: str) -> None:
+    source = folder / "site" / "little.py"
+    source.write_text(source.read_text().replace("return RandomWalk(space, [self.std_m, self.std_m])", code))
+    (done,) = several(folder, "run study.toml")
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"rangefix: study.toml:8: motion: {says}")
+    assert "Traceback" not in done.stderr
+
+
 def test_a_metric_and_a_figure(folder: Path) -> None:
     """The metric stands in --json, summary.csv, a gate and the report; the figure is drawn and shown."""
     ran, plotted, reported = several(

@@ -17,10 +17,17 @@ def extensions(group: str) -> dict[str, object]:
         group: "rangefix.maps", "rangefix.motions", "rangefix.metrics" or "rangefix.figures".
 
     Returns:
-        The loaded objects. One that cannot be loaded is left out with a warning that says why.
+        The loaded objects. One that cannot be loaded, or takes the name of one before it, is left out with a
+        warning that says why.
     """
     loaded: dict[str, object] = {}
-    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
+    for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
+        if entry.name in loaded:
+            text = (
+                f"{group}: {entry.name!r} ({entry.value}) is left out: another package has one of that name"
+            )
+            warnings.warn(text, RuntimeWarning, stacklevel=2)
+            continue
         try:
             loaded[entry.name] = entry.load()
         except Exception as error:  # whatever a stranger's module raises

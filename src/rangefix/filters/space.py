@@ -127,6 +127,19 @@ class StateSpace:
         return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
 
 
+def with_another_heading(space: StateSpace, states: Array) -> Array:
+    """States (M, ..., n) and, where the heading is estimated, one more with another heading behind them.
+
+    Maps may go another way, with another rounding, where all headings are the same, as they are for a single
+    state: with it along, ranges at a state are the same whichever others are asked for.
+    """
+    if not space.is_angle.any():
+        return states
+    along = states[:1].copy()
+    along[..., space.is_angle] += 1.0
+    return np.concatenate([states, along])
+
+
 def deviations_apart(
     space: StateSpace, one: tuple[Array, Array, object], other: tuple[Array, Array, object]
 ) -> Array:

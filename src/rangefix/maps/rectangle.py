@@ -141,6 +141,8 @@ class RectangularRoom:
             -1,
         )
         gradients = range_gradients(ranges, sines, cosines, normals)
+        turn = cosines * gradients[..., 0] - sines * gradients[..., 1]  # rounded as from inside
+        gradients[..., 2] = turn * np.where(met, ranges, 0.0)
         return Hits(ranges.reshape(shape), normals.reshape(*shape, 2), gradients.reshape(*shape, 3))
 
     def walls_along(self, directions: ArrayLike) -> Array:

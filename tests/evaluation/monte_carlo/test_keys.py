@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import sys
@@ -187,3 +188,16 @@ def test_the_source_of_a_motion_from_elsewhere_is_in_the_keys(
     (tmp_path / "waltzing.py").write_text(f"{source}# in three\n")
     assert not all_keys(made) & before
     sys.modules.pop("waltzing")
+
+
+def test_limits_of_an_estimator_are_in_its_keys(experiment: Experiment) -> None:
+    """Trials that took too long are made anew without a limit; memory counts for plug-ins alone."""
+    both = {"ours": NamedEstimator("ekf"), "theirs": NamedEstimator("its_module:Its")}
+
+    def trials(**limits: float) -> dict[str, str]:
+        return keys.part_keys(dataclasses.replace(experiment, estimators=both, **limits))[1]
+
+    usual, endless, small = trials(), trials(timeout=0), trials(plugin_memory_gb=1.0)
+    assert len({usual["ours"], endless["ours"], trials(timeout=5.0)["ours"]}) == 3
+    assert usual["theirs"] != endless["theirs"]
+    assert (small["ours"] == usual["ours"], small["theirs"] == usual["theirs"]) == (True, False)

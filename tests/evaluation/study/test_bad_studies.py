@@ -49,7 +49,12 @@ BAD = [  # what is changed, into what, and what is said
     (
         "runs = 12",
         'name = "../../elsewhere"',
-        "1: name: names a folder: no slashes, and not dots alone, got '..",
+        "1: name: names a folder: no slashes, no control characters, and not dots alone, got '..",
+    ),
+    (
+        "runs = 12",
+        'name = "a\\u0000b"',
+        "1: name: names a folder: no slashes, no control characters, and not dots alone, got 'a",
     ),
     ("runs = 12", "timeout_s = -1", "1: timeout_s: must be at least 0, got -1"),
     (
@@ -127,6 +132,9 @@ SEVERAL = {  # what is added to the study -> what is said, line by line
     ),
     DRIVE + "steps = 3\nconfined = false\ntries = 5\n": (
         "motion.tries: has no effect with confined = false",
+    ),
+    DRIVE + 'waypoints_m = [[1, 1], [2, 2]]\n[assumed.motion]\nkind = "random-walk"\nstd_m = 0.1\n': (
+        "assumed.motion.kind: random-walk needs steps, and the drive is that of [motion]: write steps there",
     ),
     DRIVE + "waypoints_m = [[1, 1], [1, 1], [2, 2], [2, 2]]\n": (
         "motion: waypoint 2 is where the one before it is; waypoint 4 is where",

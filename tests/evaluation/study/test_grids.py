@@ -34,6 +34,7 @@ def test_a_list_is_a_grid():
         "x a=2 b=u",
         "x a=2 b=v",
     ]
+    assert list(variants(a=[0.12345671, 0.12345672])) == ["x a=0.12345671", "x a=0.12345672"]
     assert variants() == {"x": {}}
     assert variants(on=[True, False]).keys() == {"x on=true", "x on=false"}
 

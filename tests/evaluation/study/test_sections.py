@@ -225,6 +225,7 @@ def test_a_true_pose_for_all_runs():
         (UNKNOWN + "[prior]\nheading_deg = 3\n", r"prior\.heading_deg: as one number needs heading_std_deg"),
         (UNKNOWN + "[prior]\nheading_deg = [3, 3]\n", r"prior\.heading_deg: is empty or more than a turn"),
         (UNKNOWN + "[prior]\nheading_deg = [3, 400]\n", r"prior\.heading_deg: is empty or more than a turn"),
+        (UNKNOWN + "[prior]\nheading_deg = [360, 0]\n", r"prior\.heading_deg: is empty or more than a turn"),
         ('[prior]\nkind = "gaussian"\nstd_m = 1\n', r"prior\.mean_m: is missing: for example"),
         ('[prior]\nkind = "gaussian"\nmean_m = [1, 1]\n', r"prior\.std_m: is missing \(standard deviation"),
         (
@@ -258,7 +259,7 @@ def test_a_true_pose_for_all_runs():
             noise('kind = "student-t"\nscale_m = 0.05\ndof = 3\ndofs = 2'),
             r"sensor\.noise\.dofs: .*mean dof\?",
         ),
-        (noise('kind = "gaussian"\nstd_m = [1, 2]'), r"sensor: std_m has 2 numbers for 4 beams"),
+        (noise('kind = "gaussian"\nstd_m = [1, 2]'), r"sensor.noise.std_m: has 2 numbers for 4 beams"),
         (noise('kind = "gaussian"\nstd_m = [1, -2, 3, 4]'), r"noise\.std_m\[2\]: must be greater than 0"),
         (
             noise(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_a_good_study_is_what_it_says():
         ('kind = "rectangle"\n', "", 5, r"map\.kind: is missing"),
         ("std_m = 0.05", "std_m = nan", 12, r"sensor\.std_m: must be a finite number, got nan"),
         ("std_m = 0.05", "std_m = [0.1, inf, 0.1]", 12, r"sensor\.std_m\[2\]: must be a finite number"),
-        ("std_m = 0.05", "std_m = [0.1, 0.1]", 10, r"sensor: std_m has 2 numbers for 3 beams"),
+        ("std_m = 0.05", "std_m = [0.1, 0.1]", 12, r"sensor.std_m: has 2 numbers for 3 beams"),
         ("std_m = 0.05\n", "", 10, r"sensor\.std_m: is missing \(standard deviation"),
         ("[326.3, 0.0, 33.7]", "[]", 11, r"sensor\.bearings_deg: needs at least 1"),
         ("bearings_deg = [326.3, 0.0, 33.7]\n", "", 10, "sensor: give either bearings_deg"),
@@ -374,3 +375,21 @@ j = 1
     assert lines[("v", 0, "i")] == 11
     assert lines[("v", 1, "i")] == 13
     assert lines[("v", 1, "w", "j")] == 15
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        'title = "a\u2028b"',
+        "# next\x85line",
+        'runs = 5  # not """',
+        "title = \"it'''s\"",
+        'title = """Room [4 x\n6]"""',
+        "title = '''\nruns = [\n'''",
+    ],
+)
+def test_lines_count_as_tomllib_counts_them(first):
+    """Whatever stands in strings and comments before a key."""
+    text = f"{first}\n[sensor]\nstd_m = 1\n"
+    assert tomllib.loads(text)["sensor"] == {"std_m": 1}
+    assert key_lines(text)["sensor", "std_m"] == text[: text.index("std_m")].count("\n") + 1

@@ -217,3 +217,24 @@ def test_bad_options_are_refused(make, options):
 def test_filterpy_is_imported_only_when_used():
     code = "import sys, rangefix.filters.kalman.unscented; print('filterpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+
+
+@pytest.mark.parametrize("size", [1, 2, 7])
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_a_run_alone_gives_what_it_gives_among_others(name, size):
+    """At an unknown heading, bit for bit: means in the room and outside, and beams that do not return."""
+    problem = problem_in(pose_space())
+    problem = replace(problem, sensor=replace(problem.sensor, max_range=5.0))
+    rng = np.random.default_rng(4)
+    belief = beliefs(problem, 28, rng)
+    belief = replace(belief, mean=belief.mean + [3.0, 0.0, 0.0] * (np.arange(28) % 4 == 0)[:, None])
+    measurement = rng.uniform(1.0, 5.0, (28, 3))
+    measurement[::3, 1] = INF
+    estimator = PAIRS[name][1](problem)
+    whole = estimator.update(belief, measurement, [rng] * 28)
+    for start in range(0, 28, size):
+        part = slice(start, start + size)
+        few = GaussianBelief(belief.mean[part], belief.covariance[part], belief.log_evidence[part])
+        found = estimator.update(few, measurement[part], [rng] * len(few.mean))
+        for field in ("mean", "covariance", "log_evidence"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(whole, field)[part])

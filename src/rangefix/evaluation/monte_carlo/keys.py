@@ -151,7 +151,8 @@ def part_keys(experiment: Experiment, code: str | None = None) -> tuple[str, dic
             if isinstance(builder, NamedEstimator)
             else _identity(builder)
         )
-        limits = experiment.timeout_of(label), experiment.plugin_memory_gb
+        timeout = experiment.timeout_of(label)
+        limits = [timeout, experiment.plugin_memory_gb] if timeout else str(experiment.limit_here(label))
         trials[label] = hash_of(world, who, plugin_source(builder), limits, experiment.beliefs)
     return world, trials
 

@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from ...arrays import Array
 from ...filters import Motion, Prior, Rangefinder, Sensor, Uniform, sample_runs
+from ...filters.space import with_another_heading
 from ..experiment import Experiment
 from ..isolation import blas_on_one_thread
 from ..seeds import streams
@@ -68,14 +69,8 @@ def _readings(sensor: Sensor, states: Array, expected: Array, rngs: Sequence[Gen
 
 
 def _expected(sensor: Sensor, states: Array) -> Array:
-    """Ranges without noise, (M, T, n) -> (M, T, B), each the same whichever others are asked for.
-
-    Maps may go another way, with another rounding, where all headings are the same, as they are for a single
-    state: so a state with another heading goes along.
-    """
-    along = states[:1].copy()
-    along[..., sensor.space.is_angle] += 1.0
-    return np.asarray(sensor.expected(np.concatenate([states, along]))[:-1])
+    """Ranges without noise, (M, T, n) -> (M, T, B), each the same whichever others are asked for."""
+    return np.asarray(sensor.expected(with_another_heading(sensor.space, states))[: len(states)])
 
 
 def follow(motion: Motion, starts: Array, controls: Array, rngs: Sequence[Generator]) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import one_line
 from ...filters import Problem, RangeMap
+from ...filters.plugin_line import plugin_line
 from ...maps.readers.open_map import with_options_called
 from .check_estimators import STAND_IN, check_estimators
 from .mistakes import Mistakes
@@ -21,6 +22,7 @@ from .sections.drives import Drive
 
 T = TypeVar("T")
 MOST_EXTENT_M = 1e6
+OWN = __name__.partition(".")[0]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     room = _room(study, mistakes) if mistakes.sound("map") else None
     drive = None
     if room is not None and mistakes.sound("motion"):
-        drive = mistakes.attempt(("motion",), partial(study.motion.drive, room))
+        drive = mistakes.attempt(("motion",), partial(_asked, study.motion, study.motion.drive, room))
     truth = _problem(study, room, drive, mistakes)
     assumed = _assumed(study, room, drive, mistakes) if truth else None
     start = _start(study, room, assumed or truth, mistakes) if room else None
@@ -66,7 +68,25 @@ def build_world(study: StudySections, mistakes: Mistakes) -> World | None:
     check_estimators(study.estimators, assumed or truth, study.folder, mistakes, space)
     if truth is None:
         return None
-    return World(truth, assumed, drive, study.motion.controls(drive), start)
+    controls = mistakes.attempt(("motion",), partial(_asked, study.motion, study.motion.controls, drive))
+    return World(truth, assumed, drive, controls, start)
+
+
+def _asked(section: Section, method: Callable[..., T], *arguments: object) -> T:
+    """What a method of a section gives; of one of another package, whatever it raises is a mistake.
+
+    Raises:
+        ValueError: What is wrong with the section; of one of another package also with its code.
+    """
+    try:
+        return method(*arguments)
+    except ValueError:
+        raise
+    except Exception as error:
+        if type(section).__module__.startswith(f"{OWN}."):
+            raise
+        told = f"{type(section).__name__}.{method.__name__} failed: {type(error).__name__}: {one_line(error)}"
+        raise ValueError(f"{told}{plugin_line(error.__traceback__)}") from error
 
 
 def _room(study: StudySections, mistakes: Mistakes, at: tuple[str, ...] = ("map",)) -> RangeMap | None:
@@ -117,7 +137,9 @@ def _problem(
     if room and mistakes.sound("motion"):  # it may begin where the drive does
         prior = built("prior", partial(study.prior.build, room, space, start))
     sensor = built("sensor", partial(study.sensor.build, place, space))
-    motion = built("motion", partial(study.motion.build, place, space))
+    motion = built("motion", partial(_asked, study.motion, study.motion.build, place, space))
+    if motion is None and mistakes.sound("motion"):
+        mistakes.add(("motion",), f"{type(study.motion).__name__}.build gives nothing")
     if room is None or prior is None or sensor is None or motion is None:
         return None
     return Problem(space, motion, sensor, prior)

@@ -182,7 +182,7 @@ def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
 
 def _too_deep(source: str, line: int, text: str) -> str:
     """The mistake, with the key on whose line it is."""
-    start = text.splitlines()[line - 1].lstrip("[ ")
+    start = text.split("\n")[line - 1].lstrip("[ ")
     key = start.partition("=")[0].strip()
     key = key if len(key) <= MOST_NAME else f"{key[:MOST_NAME]}..."
     return f"{source}:{line}: {key}: names, lists or tables lie more than {MOST_DEEP} deep in one another"
@@ -198,14 +198,27 @@ def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
     if isinstance(raw.get("assumed"), dict):
         filled["assumed"] = {}
         for name, told in raw["assumed"].items():
-            merged = inherited(name, filled.get(name, _with_kind(name, {})), told)
+            true = filled.get(name, _with_kind(name, {}))
+            merged = inherited(name, true, told)
             model = _model(name, merged)
-            fixed = model.fixed & told.keys() if model else ()
+            fixed = model.fixed & told.keys() if model else set[str]()
             for key in fixed:
                 mistakes.add(("assumed", name, key), "the drive is that of [motion]: leave it out")
-            if not fixed:
+            lacks = _lacked(model, merged) - fixed - _lacked(_model(name, true), true)
+            for key in lacks:
+                text = f"needs {key}, and the drive is that of [motion]: write {key} there"
+                mistakes.add(("assumed", name, "kind"), f"{merged['kind']} {text}")
+            if not fixed | lacks:
                 filled["assumed"][name] = merged
     return filled
+
+
+def _lacked(model: type[Section] | None, told: Any) -> set[str]:
+    """Keys that [assumed] cannot tell, and that a section must have and has not."""
+    if model is None:
+        return set()
+    fields = model.model_fields
+    return {key for key in model.fixed if key not in told and key in fields and fields[key].is_required()}
 
 
 def _given_map(name: str) -> Any:

@@ -17,6 +17,7 @@ from .sections.state import StateSection, TruthSection
 
 MOST_RUNS = 10**9
 LONGEST_NAME, LONGEST_TITLE = 200, 2000
+FOLDER_NAME = r"^[^/\\\x00-\x1f\x7f]*[^/\\\x00-\x1f\x7f.][^/\\\x00-\x1f\x7f]*$"
 
 
 class AssumedSection(Section):
@@ -37,9 +38,7 @@ class StudySections(Section):
     """The sections and keys of a study, as its file has them."""
 
     model_config = ConfigDict(defer_build=True)
-    name: str = Field(
-        default="study", min_length=1, max_length=LONGEST_NAME, pattern=r"^[^/\\]*[^/\\.][^/\\]*$"
-    )
+    name: str = Field(default="study", min_length=1, max_length=LONGEST_NAME, pattern=FOLDER_NAME)
     title: str = Field(default="", max_length=LONGEST_TITLE)
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)

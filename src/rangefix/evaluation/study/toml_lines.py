@@ -12,7 +12,14 @@ _ARRAY = re.compile(rf"^\s*\[\[\s*({_DOTTED})\s*\]\]")
 _KEY = re.compile(rf"^\s*({_DOTTED})\s*=")
 MOST_DEEP = 40  # names, lists and tables in one another
 _BRACKET = re.compile(r"[\[\]{}]")
-_SKIPPED = re.compile(r'"(?:\\.|[^"\\])*"|\'[^\']*\'|#.*')  # strings and comments hold no brackets of ours
+WITHIN = "\0"  # begins a line that begins within a string
+_SKIPPED = (
+    re.compile(  # strings and comments hold no keys and brackets of ours; one without an end is the rest
+        r""""{3}(?:\\.|[^\\])*?(?:"{3,5}|\\?\Z)|'{3}.*?(?:'{3,5}|\Z)"""
+        r"""|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*""",
+        re.DOTALL,
+    )
+)
 
 
 _DEEP_NAME = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){{{MOST_DEEP},}}""")
@@ -26,12 +33,17 @@ def deep_line(text: str) -> int | None:
     if name := _DEEP_NAME.search(text):
         return text.count("\n", 0, name.start()) + 1
     depth = 0
-    for number, line in enumerate(text.splitlines(), start=1):
-        for mark in _BRACKET.findall(_SKIPPED.sub("", line)):
+    for number, line in enumerate(_bare_lines(text), start=1):
+        for mark in _BRACKET.findall(line):
             depth = depth + 1 if mark in "[{" else max(0, depth - 1)
             if depth > MOST_DEEP:
                 return number
     return None
+
+
+def _bare_lines(text: str) -> list[str]:
+    """The lines without strings and comments; only a newline ends one, as tomllib counts them."""
+    return _SKIPPED.sub(lambda skipped: f"\n{WITHIN}" * skipped[0].count("\n"), text).split("\n")
 
 
 def key_lines(text: str) -> dict[Path, int]:
@@ -39,12 +51,9 @@ def key_lines(text: str) -> dict[Path, int]:
     lines: dict[Path, int] = {}
     counts: dict[Path, int] = {}
     table: Path = ()
-    depth, quote = 0, ""
-    for number, line in enumerate(text.splitlines(), start=1):
-        if quote:
-            quote = "" if quote in line else quote
-            continue
-        if depth == 0:
+    depth = 0
+    for number, (line, bare) in enumerate(zip(text.split("\n"), _bare_lines(text), strict=True), start=1):
+        if depth == 0 and not bare.startswith(WITHIN):
             if match := _ARRAY.match(line):
                 base = _names(match[1])
                 table = (*base, counts.get(base, 0))
@@ -60,11 +69,6 @@ def key_lines(text: str) -> dict[Path, int]:
                 names = _names(match[1])
                 for end in range(1, len(names) + 1):
                     lines.setdefault((*table, *names[:end]), number)
-                line = line[match.end() :]
-        for mark in ('"""', "'''"):
-            if line.count(mark) % 2:
-                quote = mark
-        bare = _SKIPPED.sub("", line)
         depth += bare.count("[") + bare.count("{") - bare.count("]") - bare.count("}")
     return lines
 

@@ -126,13 +126,6 @@ def cholesky(matrices: Array) -> Array:
     return root
 
 
-def look(sensor: Sensor, states: Array) -> tuple[Array, Array]:
-    """Expected ranges (M, B) and their derivatives (M, B, n), of one cast where the sensor is ours."""
-    if type(sensor) is Rangefinder:
-        return sensor.look(states)
-    return sensor.expected(states), sensor.jacobian(states)
-
-
 def condition(
     covariance: Array, slopes: Array, innovation: Array, noise: Array, used: BoolArray
 ) -> tuple[Array, Array, Array]:

@@ -11,6 +11,7 @@ from ..estimate import BriefRepr, Estimate, brief
 from ..models.correlated import refuse_shared_errors
 from ..models.rangefinder import Rangefinder
 from ..problem import Problem, Sensor
+from ..space import with_another_heading
 
 NEAREST, FARTHEST = 1e-5, 1e5  # of sigma points, standard deviations: 2e-5 of a deviation are lost there
 MAX_JOINT_BEAMS = 4000  # of filters that take a measurement in by the joint covariance of its beams
@@ -99,3 +100,16 @@ def refuse_noise(sensor: Sensor) -> None:
     refuse_shared_errors(sensor, "a Kalman filter")
     if isinstance(sensor, Rangefinder):
         sensor.noise.variance(np.ones(len(sensor.bearings)))
+
+
+def look(sensor: Sensor, states: Array) -> tuple[Array, Array]:
+    """Expected ranges (M, B) and their derivatives (M, B, n), of one cast where the sensor is ours.
+
+    Those of a run are the same whichever other runs are looked at.
+    """
+    states, runs = with_another_heading(sensor.space, states), len(states)
+    if type(sensor) is Rangefinder:
+        expected, slopes = sensor.look(states)
+    else:
+        expected, slopes = sensor.expected(states), sensor.jacobian(states)
+    return expected[:runs], slopes[:runs]

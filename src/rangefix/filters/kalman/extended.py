@@ -11,8 +11,8 @@ from numpy.random import Generator
 from ...arrays import Array, sum_terms
 from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
-from .batch import GaussianFilter, accept_definite, condition, look, refuse_impossible
-from .belief import GaussianBelief, LinearisedOptions
+from .batch import GaussianFilter, accept_definite, condition, refuse_impossible
+from .belief import GaussianBelief, LinearisedOptions, look
 from .no_returns import log_besides_innovation
 
 

@@ -20,7 +20,7 @@ from ..models.noise import Gaussian, RangeProportional, ScaledNoise
 from ..models.rangefinder import Rangefinder, some_beams
 from ..models.wrapped_noise import LostBeams, WrapsNoise, law_and_weight, reading_bias, wider_gaussian
 from ..problem import Noise, Sensor
-from .belief import GaussianBelief
+from .belief import GaussianBelief, look
 
 STEPS = np.arange(-8.0, 8.01, 0.25)[:, None]  # deviations: of the range, and of noise from the limit
 FAR_STEPS = np.array([-40, -30, -23, -18, -14, -11, -9, 9, 11, 14, 18, 23, 30, 40.0])[:, None]  # the latter
@@ -31,11 +31,11 @@ def with_missing_returns(sensor: Sensor, belief: GaussianBelief, measurement: Ar
     """A belief whose evidence also counts the readings (M, B) that are inf or -inf: see `is_counted`."""
     if not np.isinf(measurement).any() or not (counted := is_counted(sensor, measurement)).any():
         return belief
-    expected = sensor.expected(belief.mean)
+    expected, slopes = look(sensor, belief.mean)
     counted &= np.isfinite(expected)  # where no wall is expected no return is sure
     if not counted.any():
         return belief
-    slopes = np.moveaxis(sensor.jacobian(belief.mean), -1, 0)  # (n, M, B)
+    slopes = np.moveaxis(slopes, -1, 0)  # (n, M, B)
     rows = np.moveaxis(belief.covariance, 0, -1)[..., None]  # (n, n, M, 1)
     cross = [sum_terms(row * slopes) for row in rows]
     variance = sum_terms(slope * each for slope, each in zip(slopes, cross, strict=True))

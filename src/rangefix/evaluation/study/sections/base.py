@@ -127,8 +127,9 @@ class WithExtensions:
         kinds = kinds_of(self.union)
         for name, section in extensions(self.group).items():
             fits = isinstance(section, type) and issubclass(section, self.base)
-            if fits and name in kinds_of(section).keys() - kinds:
-                kinds |= kinds_of(section)
+            offered = kinds_of(section) if fits else {}
+            if name in offered and not offered.keys() & kinds:
+                kinds |= offered
             else:
                 what = f"it must be a {self.base.__name__} of a new kind = {name!r}"
                 text = f"{self.group}: {name!r} is left out: {what}"

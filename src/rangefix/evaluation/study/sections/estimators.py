@@ -74,7 +74,10 @@ class EstimatorSection(Section):
 
 def _shown(value: Any) -> str:
     """A value as it stands in a study."""
-    return f"{value:g}" if isinstance(value, float) else json.dumps(value, default=str).strip('"')
+    if isinstance(value, float):
+        short = f"{value:g}"
+        return short if float(short) == value else repr(value)
+    return json.dumps(value, default=str).strip('"')
 
 
 def _are_numbers(value: Any) -> bool:

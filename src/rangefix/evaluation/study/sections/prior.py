@@ -51,7 +51,7 @@ class PriorSection(Section):
             if self.heading_std_deg is not None:
                 raise Misfit("heading_std_deg", "needs one number for heading_deg, not the ends of an arc")
             low, high = self.heading_deg
-            if high == low or abs(high - low) > 360:
+            if high in (low, low - 360) or abs(high - low) > 360:
                 raise Misfit("heading_deg", "is empty or more than a turn: leave it out for any heading")
         elif self.heading_deg is not None and self.heading_std_deg is None:
             raise Misfit(

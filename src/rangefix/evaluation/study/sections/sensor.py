@@ -14,7 +14,7 @@ from ....filters.models.beam_noise import BeamMixture, Quantised
 from ....filters.models.correlated import Correlated, PlaceError
 from ....filters.models.noise import CumulativeNoise, Gaussian, RangeProportional, StudentT, check_spread
 from ....filters.models.wrapped_noise import LARGEST_BIAS_M, Biased, LostBeams, Tempered
-from .base import Angle, Misfit, NotNegative, Positive, Section
+from .base import Angle, Misfit, NotNegative, Positive, Section, refuse
 
 MOST_BEAMS = 100_000
 
@@ -222,9 +222,15 @@ class SensorSection(Section):
         if self.min_range_m >= self.max_range_m:
             raise Misfit("min_range_m", f"must be below max_range_m = {self.max_range_m:g}")
         beams = len(self.bearings)
-        for name, value in [("std_m", self.std_m), *(self.noise or ())]:
-            if isinstance(value, list) and len(value) != beams:
-                raise ValueError(f"{name} has {len(value)} numbers for {beams} beams: give one for each")
+        values: list[tuple[str, tuple[str, ...], object]] = [("std_m", (), self.std_m)]
+        values += [("noise", (key,), value) for key, value in self.noise or ()]
+        refuse(
+            [
+                Misfit(key, f"has {len(value)} numbers for {beams} beams: give one for each", *further)
+                for key, further, value in values
+                if isinstance(value, list) and len(value) != beams
+            ]
+        )
         return self
 
     @property
