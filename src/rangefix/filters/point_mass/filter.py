@@ -62,9 +62,9 @@ class PointMassFilter(BriefRepr):
         shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
 
     Raises:
-        ValueError: If the cell size is not positive, most_cells is no whole number, there are too many cells
-            or ranges, no cell is in free space, or heading_cell is given for a known heading or beside
-            several sizes.
+        ValueError: If the cell size or memory_gb is not positive, most_cells is no whole number, the shift is
+            out of bounds, there are too many cells or ranges, no cell is in free space, or heading_cell is
+            given for a known heading or beside several sizes.
     """
 
     problem: Problem
@@ -80,6 +80,10 @@ class PointMassFilter(BriefRepr):
             self.problem.motion, "the fixed-grid point-mass filter", "adaptive-point-mass or particle"
         )
         keep_whole(self, "most_cells", 1)
+        if not self.memory_gb > 0:
+            raise ValueError(f"memory_gb must be positive, got {self.memory_gb}")
+        if not 0 <= self.shift <= 1:
+            raise ValueError(f"the grid's shift must be from 0 to 1 cell, got {self.shift}")
         self.cells  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property
@@ -96,8 +100,14 @@ class PointMassFilter(BriefRepr):
         """The prior's probability of each cell, the same for all runs.
 
         Raises:
-            ValueError: If the prior is not the problem's and reaches beyond the grid.
+            ValueError: If the prior is not the problem's, and of other components or reaches beyond the grid.
         """
+        space = self.problem.space
+        if prior is not self.problem.prior:
+            if prior.support[0].shape != (space.size,):
+                raise ValueError(f"this prior is not over {', '.join(space.names)}, the problem's components")
+            if not self.grid.holds(prior, space):
+                raise ValueError("this prior reaches beyond the grid: build the estimator for it")
         runs, beams = len(rngs), len(self.problem.sensor.bearings)
         one = self._first if prior is self.problem.prior else self._of_one_run(prior)
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in one.estimate))
@@ -227,7 +237,7 @@ class PointMassFilter(BriefRepr):
         """Log probability of each cell under a prior, (1, G).
 
         Raises:
-            ValueError: If the prior is not the problem's and reaches beyond the grid.
+            ValueError: If it is not the problem's, and allows no cell.
         """
         if prior is self.problem.prior:
             return self.grid.log_mass[None]
