@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray, keep_whole
+from ...arrays import LOG_TWO_PI, Array, IntArray, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
 from ..measurement import check_measurement
@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import LEAST_RESULTANT, deviations_apart, is_definite, resultant_error
+from ..space import deviations_apart, is_definite, may_lack_direction
 from .belief import PointMassBelief, mixed, runs_of, some_runs
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
@@ -183,7 +183,10 @@ class PointMassFilter(BriefRepr):
             apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
         if (ends := open_ends(belief.prior)) is not None:
             apart[leaning(space, ends, (estimate.mean, estimate.covariance, estimate.log_evidence))] = np.inf
-        apart[self._may_lack_direction(belief, apart)] = np.inf
+        lacking = may_lack_direction(
+            space, estimate.covariance, apart, lambda run: self._resultant(belief, run)
+        )
+        apart[lacking] = np.inf
         return np.where(np.asarray(estimate.log_evidence) > -np.inf, apart, 0.0)
 
     def resultant(self, belief: PointMassBelief) -> Array:
@@ -206,23 +209,6 @@ class PointMassFilter(BriefRepr):
         weights = np.exp(logs - logs.max())
         headings = self.grid.centres[which, self.problem.space.names.index("heading")]
         return float(np.abs(weights @ np.exp(1j * headings)) / weights.sum())
-
-    def _may_lack_direction(self, belief: PointMassBelief, error: Array) -> BoolArray:
-        """In which runs headings may have no mean, (M,), as far as such an error of the moments, (M,), tells.
-
-        The length of the mean resultant vector, which is off by as much, is only worked out where the claimed
-        variance v leaves it open: it is no less than 1 - v / 2, for 2 (1 - cos d) <= d^2.
-        """
-        space = self.problem.space
-        lacking = np.zeros(len(error), bool)
-        if space.heading is not None:
-            return lacking
-        place = space.names.index("heading")
-        variances = belief.estimate.covariance[:, place, place]
-        off = resultant_error(error, variances)
-        for run in np.flatnonzero(~(1 - variances / 2 - off >= LEAST_RESULTANT)):
-            lacking[run] = not self._resultant(belief, int(run)) - off[run] >= LEAST_RESULTANT
-        return lacking
 
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:
         """What these cells answer to all that another grid's belief has been told."""
