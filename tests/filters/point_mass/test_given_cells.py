@@ -8,6 +8,9 @@ import pytest
 from rangefix.evaluation import Experiment, NamedEstimator, decide, run, summarise
 from rangefix.filters import (
     Gaussian,
+    GaussianPrior,
+    Mixture,
+    Prior,
     Problem,
     Rangefinder,
     Stationary,
@@ -112,3 +115,64 @@ def test_the_resultant_of_a_known_heading_is_not_told() -> None:
     belief = turning.update(turning.init(prior, rngs(2)), np.array([[np.inf], [1.0]]), rngs(2))
     assert turning.resultant(belief)[0] == 1.0
     assert turning.error(belief)[0] == 0.0
+
+
+def test_another_prior_within_the_grid_is_taken() -> None:
+    """A part of the room and of the circle, across the cut at pi: the same as cells of its own say."""
+    space = pose_space()
+    sensor = Rangefinder(ROOM, BEARINGS, Gaussian(0.3), space)
+    whole = Uniform(ROOM, space, lower=[1.0, 1.0], upper=[3.0, 4.0], headings=(3.0, 4.0))
+    part = Uniform(
+        ROOM, space, lower=[1.5, 2.0], upper=[2.5, 3.0], headings=(3.25 - 2 * np.pi, 3.75 - 2 * np.pi)
+    )
+    reading = sensor.expected(np.array([[2.1, 2.4, 3.4]]))
+    answers = []
+    for assumed in (whole, part):
+        world = Problem(space, Stationary(space), sensor, assumed)
+        estimator = PointMassFilter(world, [0.05, 0.05, 0.025])
+        belief = estimator.update(estimator.init(part, rngs(1)), reading, rngs(1))
+        answers.append(estimator.estimate(belief))
+    for one, other in zip(*answers, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("prior", "match"),
+    [
+        (Uniform(ROOM, SPACE), "reaches beyond the grid"),
+        (GaussianPrior([1.4, 1.0], np.diag([0.1, 0.01]) ** 2, SPACE), "reaches beyond the grid"),
+        (GaussianPrior(np.zeros(3), np.eye(3), pose_space()), "not over x1, x2"),
+    ],
+)
+def test_a_prior_that_the_grid_does_not_hold_is_refused(prior: Prior, match: str) -> None:
+    """It was cut off at the grid's ends in silence, with an error of a thousandth of a deviation."""
+    small = Uniform(ROOM, SPACE, lower=[0.5, 0.5], upper=[1.5, 1.5])
+    world = Problem(SPACE, Stationary(SPACE), Rangefinder(ROOM, BEARINGS, Gaussian(0.05), SPACE), small)
+    with pytest.raises(ValueError, match=match):
+        PointMassFilter(world, 0.05).init(prior, rngs(1))
+
+
+def test_a_prior_between_the_cells_of_a_grid_is_refused() -> None:
+    """In the box about the grid, in places that the problem's prior does not allow."""
+    parts = [Uniform(ROOM, SPACE, lower=[low] * 2, upper=[low + 1.0] * 2) for low in (0.5, 2.5)]
+    sensor = Rangefinder(ROOM, BEARINGS, Gaussian(0.05), SPACE)
+    estimator = PointMassFilter(Problem(SPACE, Stationary(SPACE), sensor, Mixture(parts)), 0.05)
+    with pytest.raises(ValueError, match="reaches beyond the grid"):
+        estimator.init(Uniform(ROOM, SPACE, lower=[1.0, 1.0], upper=[3.0, 3.0]), rngs(1))
+    estimator.init(parts[1], rngs(1))
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"shift": -0.5}, "shift must be from 0 to 1"),
+        ({"shift": 5.0}, "shift must be from 0 to 1"),
+        ({"shift": np.nan}, "shift must be from 0 to 1"),
+        ({"memory_gb": np.nan}, "memory_gb must be positive"),
+        ({"memory_gb": 0.0}, "memory_gb must be positive"),
+    ],
+)
+def test_shifts_and_memory_out_of_bounds_are_refused(options: dict[str, float], match: str) -> None:
+    """A shift of five cells left out those at the far end; of NaN GB there was no limit."""
+    with pytest.raises(ValueError, match=match):
+        PointMassFilter(problem(0.05), 0.1, **options)  # type: ignore[arg-type]

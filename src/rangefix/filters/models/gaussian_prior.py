@@ -91,7 +91,7 @@ class GaussianPrior:
         def draw(count: int) -> Array:
             return np.asarray(self.peak + rng.standard_normal((count, self.space.size)) @ self.root.T)
 
-        return draw_free(draw, size, self.room, self.space, "give the prior a wider spread")
+        return draw_free(draw, size, self.room, self.space, "give the prior another mean or spread")
 
     def log_density(self, states: Array) -> Array:
         """Log density, summed over the turns that lead to a heading; -inf in walls: (..., n) -> (...)."""

@@ -17,7 +17,7 @@ from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
 LEAST_FREE = 1e-4  # of a box: in less, draws by rejection find nothing
-BATCHES = 1000  # of candidates before sampling gives up
+BATCHES = 30_000  # of candidates before sampling gives up: of LEAST_FREE three times what is wanted
 DRAWN_AT_LEAST = 16  # candidates in a batch
 
 

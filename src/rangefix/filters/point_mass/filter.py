@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array, BoolArray, IntArray, keep_whole
+from ...arrays import LOG_TWO_PI, Array, IntArray, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
 from ..measurement import check_measurement
@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import LEAST_RESULTANT, deviations_apart, is_definite, resultant_error
+from ..space import deviations_apart, is_definite, may_lack_direction
 from .belief import PointMassBelief, mixed, runs_of, some_runs
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
@@ -62,9 +62,9 @@ class PointMassFilter(BriefRepr):
         shift: By which share of a cell the grid begins before the prior's support, 0 to 1.
 
     Raises:
-        ValueError: If the cell size is not positive, most_cells is no whole number, there are too many cells
-            or ranges, no cell is in free space, or heading_cell is given for a known heading or beside
-            several sizes.
+        ValueError: If the cell size or memory_gb is not positive, most_cells is no whole number, the shift is
+            out of bounds, there are too many cells or ranges, no cell is in free space, or heading_cell is
+            given for a known heading or beside several sizes.
     """
 
     problem: Problem
@@ -80,6 +80,10 @@ class PointMassFilter(BriefRepr):
             self.problem.motion, "the fixed-grid point-mass filter", "adaptive-point-mass or particle"
         )
         keep_whole(self, "most_cells", 1)
+        if not self.memory_gb > 0:
+            raise ValueError(f"memory_gb must be positive, got {self.memory_gb}")
+        if not 0 <= self.shift <= 1:
+            raise ValueError(f"the grid's shift must be from 0 to 1 cell, got {self.shift}")
         self.cells  # noqa: B018 (refuses what does not fit, and is cast before the first update)
 
     @cached_property
@@ -96,8 +100,14 @@ class PointMassFilter(BriefRepr):
         """The prior's probability of each cell, the same for all runs.
 
         Raises:
-            ValueError: If the prior is not the problem's and reaches beyond the grid.
+            ValueError: If the prior is not the problem's, and of other components or reaches beyond the grid.
         """
+        space = self.problem.space
+        if prior is not self.problem.prior:
+            if prior.support[0].shape != (space.size,):
+                raise ValueError(f"this prior is not over {', '.join(space.names)}, the problem's components")
+            if not self.grid.holds(prior, space):
+                raise ValueError("this prior reaches beyond the grid: build the estimator for it")
         runs, beams = len(rngs), len(self.problem.sensor.bearings)
         one = self._first if prior is self.problem.prior else self._of_one_run(prior)
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in one.estimate))
@@ -173,7 +183,10 @@ class PointMassFilter(BriefRepr):
             apart[unsure] = np.where(reference.log_evidence > -np.inf, both, np.inf)
         if (ends := open_ends(belief.prior)) is not None:
             apart[leaning(space, ends, (estimate.mean, estimate.covariance, estimate.log_evidence))] = np.inf
-        apart[self._may_lack_direction(belief, apart)] = np.inf
+        lacking = may_lack_direction(
+            space, estimate.covariance, apart, lambda run: self._resultant(belief, run)
+        )
+        apart[lacking] = np.inf
         return np.where(np.asarray(estimate.log_evidence) > -np.inf, apart, 0.0)
 
     def resultant(self, belief: PointMassBelief) -> Array:
@@ -197,23 +210,6 @@ class PointMassFilter(BriefRepr):
         headings = self.grid.centres[which, self.problem.space.names.index("heading")]
         return float(np.abs(weights @ np.exp(1j * headings)) / weights.sum())
 
-    def _may_lack_direction(self, belief: PointMassBelief, error: Array) -> BoolArray:
-        """In which runs headings may have no mean, (M,), as far as such an error of the moments, (M,), tells.
-
-        The length of the mean resultant vector, which is off by as much, is only worked out where the claimed
-        variance v leaves it open: it is no less than 1 - v / 2, for 2 (1 - cos d) <= d^2.
-        """
-        space = self.problem.space
-        lacking = np.zeros(len(error), bool)
-        if space.heading is not None:
-            return lacking
-        place = space.names.index("heading")
-        variances = belief.estimate.covariance[:, place, place]
-        off = resultant_error(error, variances)
-        for run in np.flatnonzero(~(1 - variances / 2 - off >= LEAST_RESULTANT)):
-            lacking[run] = not self._resultant(belief, int(run)) - off[run] >= LEAST_RESULTANT
-        return lacking
-
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:
         """What these cells answer to all that another grid's belief has been told."""
         log_mass = self._prior_mass(belief.prior)
@@ -227,7 +223,7 @@ class PointMassFilter(BriefRepr):
         """Log probability of each cell under a prior, (1, G).
 
         Raises:
-            ValueError: If the prior is not the problem's and reaches beyond the grid.
+            ValueError: If it is not the problem's, and allows no cell.
         """
         if prior is self.problem.prior:
             return self.grid.log_mass[None]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arrays import TWO_PI, Array, BoolArray, IntArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray, wrap
 from ..problem import Prior
 from ..space import StateSpace
 
@@ -84,6 +84,21 @@ class Grid:
     def goes_round(self) -> bool:
         """Whether the last axis is a whole circle of headings."""
         return self.turns > 1 and abs(self.turns * float(self.step[-1]) - TWO_PI) < 1e-9
+
+    def holds(self, prior: Prior, space: StateSpace) -> bool:
+        """Whether a prior ends within the box and allows no centre of it that is none of these cells."""
+        (low, high), size = prior.support, self.step * self.shape
+        away, half = 0.5 * (low + high) - self.lower - 0.5 * size, 0.5 * (high - low)
+        away = np.where(space.is_angle, wrap(away), away)
+        beyond = np.abs(away) + half > 0.5 * size * (1 + 1e-9)
+        if (beyond & ~(space.is_angle & (size > TWO_PI - 1e-9))).any():
+            return False
+        missing = np.flatnonzero(self.cell_at < 0)
+        for start in range(0, len(missing), CELLS_AT_ONCE):
+            numbers = np.stack(np.unravel_index(missing[start : start + CELLS_AT_ONCE], self.shape), -1)
+            if (prior.log_density(self.lower + self.step * (numbers + 0.5)) > -np.inf).any():
+                return False
+        return True
 
     @cached_property
     def box(self) -> Box:

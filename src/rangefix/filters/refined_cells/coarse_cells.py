@@ -27,6 +27,7 @@ from .range_model import (
     corners,
     model_about,
     prior_model,
+    quadratic,
 )
 from .sight_lines import SightLines
 
@@ -182,7 +183,7 @@ def _asked(
     first = (logs > -np.inf).argmax(axis=1)[:, None]
     inside = np.where(logs > -np.inf, np.arange(places.shape[1]), first)
     here = np.flatnonzero(np.take_along_axis(logs, first, axis=1)[:, 0] > -np.inf)
-    centres, steps, logs = centres[here], steps[here], logs[here]
+    centres, steps, logs, spots = centres[here], steps[here], logs[here], places[here]
     places = np.take_along_axis(places[here], inside[here][..., None], axis=1)
     seen = np.asarray(sensor.expected(places))[..., beams]
     prior = prior_model(problem, centres, steps)
@@ -195,7 +196,9 @@ def _asked(
     spread = len(places[0]) - 2**size
     mass = np.exp(logs[:, :spread]).mean(axis=1) * steps.prod(axis=1)
     most = np.maximum(prior.most, logs.max(axis=1))
-    off = np.where((logs == -np.inf).any(axis=1), np.inf, prior.off)
+    ends = (logs == -np.inf).any(axis=1)
+    fitted = quadratic(prior.level, prior.slope, prior.curve, spots - centres[:, None])
+    off = np.where(ends, np.inf, np.maximum(prior.off, np.abs(fitted - logs).max(axis=1)))
     bands = _two_bands(seen, side)
     straight = bend < SAME_WALL_M
     bands[straight] = _whole_bands(ranges, slopes, seen, steps)[straight]

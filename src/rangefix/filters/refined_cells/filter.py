@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import Ends, FarReaching, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import deviations_apart, is_definite
+from ..space import deviations_apart, is_definite, may_lack_direction
 from .coarse_cells import CoarseCells, cover
 from .likelihood import Likelihood
 from .refinement import Refined, Refinement
@@ -189,6 +189,8 @@ class RefinedPointMassFilter(BriefRepr):
         are still wide) and of the difference to what a second lattice answers, shifted against the first;
         SAFETY times that where the noise is not Gaussian, for both meet the same steps of its density. Of
         what may lie where far cells end, 40 deviations from a Gaussian prior's mean, nothing is known: inf.
+        Nor is anything where headings may be so evenly spread that none is their mean: lattices agree there
+        by chance.
         """
         mean, covariance, log_evidence = belief.estimate
         errors = belief.error.copy()
@@ -206,7 +208,37 @@ class RefinedPointMassFilter(BriefRepr):
         answers = mean[some], covariance[some], np.asarray(log_evidence)[some]
         lost = out_of_reach(self.problem.sensor, self.problem.prior, belief.readings[some], answers)
         errors[some[lost]] = np.inf
-        return errors if self.problem.sensor.gaussian_stds is not None else SAFETY * errors
+        if self.problem.sensor.gaussian_stds is None:
+            errors *= SAFETY
+        possible = np.flatnonzero(np.asarray(log_evidence) > -np.inf)
+        lacking = may_lack_direction(
+            self.problem.space,
+            covariance[possible],
+            errors[possible],
+            lambda place: self._resultant(belief, int(possible[place])),
+        )
+        errors[possible[lacking]] = np.inf
+        return errors
+
+    def resultant(self, belief: RefinedBelief) -> Array:
+        """Length of the mean resultant vector of the heading, (M,): see `CanTellDirection`.
+
+        1 where no place is possible any more.
+
+        Raises:
+            NotImplementedError: If the heading is known.
+        """
+        if self.problem.space.heading is not None:
+            raise NotImplementedError("the heading is known")
+        return np.array([self._resultant(belief, run) for run in range(len(belief.readings))])
+
+    def _resultant(self, belief: RefinedBelief, run: int) -> float:
+        """That of one run."""
+        if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
+            return 1.0
+        centres, _, logs = self.boxes(belief, run)
+        weights = np.exp(logs - logs.max())
+        return float(np.abs(weights @ np.exp(1j * centres[:, 2])) / weights.sum())
 
     def sample(self, belief: RefinedBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Draws from the cells, with the claimed mean and covariance, (M, size, n).

@@ -16,6 +16,8 @@ INSET_SHARE = 0.005  # of a cell's size: its corners are asked within, for at an
 INSET_M = 5e-5  # m or rad: the most of it, five times as far as a map is sure of the side of a wall
 LEAST_COSINE = 0.02  # of how a wall is met against how it is met at the centre: beyond it the model ends
 LEAST_RANGE = 1e-6  # m; of a model that begins in a wall
+STEP_NATS = 1.0  # by which it may be off a quadratic before it counts as even, and is asked again in the end
+MOST_UNSEEN_NATS = 3.0  # above what was asked that a prior may be where it is so uneven
 QUADRATIC_NATS = 1e-3  # by which a log prior may be off a quadratic before it counts as uneven
 
 
@@ -105,7 +107,8 @@ def prior_model(problem: Problem, centre: Array, step: Array) -> PriorModel:
     space, size = problem.space, problem.space.size
     signs, faces = corners(size), np.concatenate([np.eye(size), -np.eye(size)])
     reach = corner_reach(step)
-    places = np.concatenate([np.zeros((1, size)), faces, signs]) * reach[:, None]  # (N, S, n)
+    # the last ones tell steps between the others, through which a quadratic always leads
+    places = np.concatenate([np.zeros((1, size)), faces, signs, 0.5 * signs]) * reach[:, None]  # (N, S, n)
     logs = np.asarray(problem.prior.log_density(space.wrap(centre[:, None] + places)))
     ends = (logs == -np.inf).any(axis=1)
     free = places[np.arange(len(logs)), (logs > -np.inf).argmax(axis=1)] * ~space.is_angle
@@ -115,7 +118,7 @@ def prior_model(problem: Problem, centre: Array, step: Array) -> PriorModel:
     ahead, behind, at_corners = (
         finite[:, 1 : size + 1],
         finite[:, size + 1 : 2 * size + 1],
-        finite[:, 2 * size + 1 :],
+        finite[:, 2 * size + 1 : 2 * size + 1 + len(signs)],
     )
     slope = 0.5 * (ahead - behind) / reach
     curve = np.zeros((len(centre), size, size))
@@ -125,13 +128,21 @@ def prior_model(problem: Problem, centre: Array, step: Array) -> PriorModel:
             mixed = at_corners @ (signs[:, i] * signs[:, j]) / len(signs)
             curve[:, i, j] = curve[:, j, i] = mixed / (reach[:, i] * reach[:, j])
     slope[ends], curve[ends] = 0.0, 0.0
-    fitted = finite[:, :1] + np.einsum("nsi,ni->ns", places, slope)
-    fitted = fitted + 0.5 * np.einsum("nsi,nij,nsj->ns", places, curve, places)
+    fitted = quadratic(finite[:, 0], slope, curve, places)
     off = np.where(ends, np.inf, np.abs(fitted - finite).max(axis=1))
+    steps = off > STEP_NATS  # as where a part of a mixture ends: beyond it a quadratic would rise on
+    level, slope[steps], curve[steps] = np.where(steps, logs.max(axis=1), level), 0.0, 0.0
     most, least = logs.max(axis=1), np.where(logs > -np.inf, logs, np.inf).min(axis=1)
     with np.errstate(invalid="ignore"):
-        most = np.where(most > -np.inf, most + 0.5 * (most - least), -np.inf)
+        slack = np.minimum(0.5 * (most - least), np.where(steps, MOST_UNSEEN_NATS, np.inf))
+        most = np.where(most > -np.inf, most + slack, -np.inf)
     return PriorModel(level, slope, curve, most, free, off)
+
+
+def quadratic(level: Array, slope: Array, curve: Array, places: Array) -> Array:
+    """Of cells, (N,), (N, n) and (N, n, n), at places about their centres, (N, S, n) -> (N, S)."""
+    lines = level[:, None] + np.einsum("nsi,ni->ns", places, slope)
+    return np.asarray(lines + 0.5 * np.einsum("nsi,nij,nsj->ns", places, curve, places))
 
 
 def moved_prior(prior: PriorModel, offset: Array) -> PriorModel:

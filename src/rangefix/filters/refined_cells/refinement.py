@@ -21,7 +21,16 @@ from .halving import BENT_SCALES, Halving
 from .likelihood import IMPOSSIBLE_NATS, Likelihood
 from .pool import Pool, weighted_moments
 from .quadrature import boxes_of, integrate, nodes
-from .range_model import QUADRATIC_NATS, PriorModel, RangeModel, bends, corner_reach, corners, prior_model
+from .range_model import (
+    QUADRATIC_NATS,
+    PriorModel,
+    RangeModel,
+    bends,
+    corner_reach,
+    corners,
+    prior_model,
+    quadratic,
+)
 
 REST_SHARE = 1e-6  # of a belief: what all cells that were not looked at may hold
 WORTH_HALVING = 1e-3  # of the worst cell's error: the others may prove to hold less
@@ -299,10 +308,12 @@ class Refinement:
         cut = np.flatnonzero((pool.off > QUADRATIC_NATS) & (pool.log_mass > -np.inf))
         if len(cut):
             places, shares = nodes(CUT_NODES, space.size)
-            points = pool.centre[cut][:, None] + places * pool.step[cut][:, None]
-            logs = self.problem.prior.log_density(space.wrap(points))
+            away, level = places * pool.step[cut][:, None], pool.level[cut]
+            logs = self.problem.prior.log_density(space.wrap(pool.centre[cut][:, None] + away))
+            taken = quadratic(level, pool.slope[cut], pool.curve[cut], away) - level[:, None]
             with np.errstate(divide="ignore"):
-                pool.log_mass[cut] += np.log(np.exp(logs - pool.level[cut][:, None]) @ shares)
+                held = np.log(np.exp(logs - level[:, None]) @ shares)
+            pool.log_mass[cut] += held - np.log(np.exp(taken) @ shares)
         log_total = log_sums(pool.run, pool.log_mass, runs)
         share = np.exp(pool.log_mass - np.where(log_total > -np.inf, log_total, 0.0)[pool.run])
         mean, covariance = joined_moments(space, pool, share, runs)
