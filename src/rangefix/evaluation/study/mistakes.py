@@ -30,7 +30,7 @@ FORMS = {  # what pydantic calls a mistake -> what we say
     "literal_error": "must be {expected}",
     "string_too_short": "must not be empty",
     "string_too_long": "must have at most {max_length} letters",
-    "string_pattern_mismatch": "names a folder: no slashes, no control characters, and not dots alone",
+    "string_pattern_mismatch": "names a folder: no slashes, and not dots alone",
     "float_type": "must be a number",
     "int_type": "must be a whole number",
     "string_unicode": "holds a byte that is no UTF-8: rename it",

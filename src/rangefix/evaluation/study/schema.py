@@ -17,7 +17,6 @@ from .sections.state import StateSection, TruthSection
 
 MOST_RUNS = 10**9
 LONGEST_NAME, LONGEST_TITLE = 200, 2000
-FOLDER_NAME = r"^[^/\\\x00-\x1f\x7f]*[^/\\\x00-\x1f\x7f.][^/\\\x00-\x1f\x7f]*$"
 
 
 class AssumedSection(Section):
@@ -38,7 +37,9 @@ class StudySections(Section):
     """The sections and keys of a study, as its file has them."""
 
     model_config = ConfigDict(defer_build=True)
-    name: str = Field(default="study", min_length=1, max_length=LONGEST_NAME, pattern=FOLDER_NAME)
+    name: str = Field(
+        default="study", min_length=1, max_length=LONGEST_NAME, pattern=r"^[^/\\]*[^/\\.][^/\\]*$"
+    )
     title: str = Field(default="", max_length=LONGEST_TITLE)
     runs: int = Field(default=1000, ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, ge=0)
