@@ -95,7 +95,7 @@ class _TakesLess(event.Listener):
     """What is dear while a loop of ours is compiled, and gives nothing.
 
     Millions of objects are made, which mostly stay: one looks for garbage seldom. LLVM optimises at a lower
-    level, unless `NUMBA_OPT` says at which. What it does in vain is spared.
+    level, unless `NUMBA_OPT` says at which. Numba is spared what it does in vain.
     """
 
     depth, threshold, level = 0, gc.get_threshold(), getattr(numba.config, "OPT", OPTIMISATION)

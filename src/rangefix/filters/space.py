@@ -161,6 +161,12 @@ def deviations_apart(
     return np.where(np.isnan(apart), np.inf, apart)
 
 
+def resultant_of_cells(headings: Array, logs: Array) -> float:
+    """Length of the mean resultant vector of headings, rad, (K,), of such log weights, (K,)."""
+    weights = np.exp(logs - logs.max())
+    return float(np.abs(weights @ np.exp(1j * headings)) / weights.sum())
+
+
 def resultant_error(error: Array | float, variance: Array | float) -> Array:
     """How far the length of a heading's mean resultant vector may be off where moments are by so much.
 

@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import deviations_apart, is_definite, may_lack_direction
+from ..space import deviations_apart, is_definite, may_lack_direction, resultant_of_cells
 from .belief import PointMassBelief, mixed, runs_of, some_runs
 from .cell_ranges import CellRanges, cast_cells
 from .grid import Grid, build_grid
@@ -206,9 +206,7 @@ class PointMassFilter(BriefRepr):
         if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
             return 1.0
         which, logs = self._heavy_cells(belief, run)
-        weights = np.exp(logs - logs.max())
-        headings = self.grid.centres[which, self.problem.space.names.index("heading")]
-        return float(np.abs(weights @ np.exp(1j * headings)) / weights.sum())
+        return resultant_of_cells(self.grid.centres[which, self.problem.space.names.index("heading")], logs)
 
     def _told_the_same(self, belief: PointMassBelief) -> Estimate:
         """What these cells answer to all that another grid's belief has been told."""

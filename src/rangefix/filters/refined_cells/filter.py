@@ -19,7 +19,7 @@ from ..optional_methods import Image
 from ..prior_ends import Ends, FarReaching, may_lie_beyond, open_ends, out_of_reach
 from ..problem import Prior, Problem
 from ..sampling import cell_draws, gaussian_draws
-from ..space import deviations_apart, is_definite, may_lack_direction
+from ..space import deviations_apart, is_definite, may_lack_direction, resultant_of_cells
 from .coarse_cells import CoarseCells, cover
 from .likelihood import Likelihood
 from .refinement import Refined, Refinement
@@ -237,8 +237,7 @@ class RefinedPointMassFilter(BriefRepr):
         if np.asarray(belief.estimate.log_evidence)[run] == -np.inf:
             return 1.0
         centres, _, logs = self.boxes(belief, run)
-        weights = np.exp(logs - logs.max())
-        return float(np.abs(weights @ np.exp(1j * centres[:, 2])) / weights.sum())
+        return resultant_of_cells(centres[:, 2], logs)
 
     def sample(self, belief: RefinedBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Draws from the cells, with the claimed mean and covariance, (M, size, n).
