@@ -15,7 +15,7 @@ from rangefix.evaluation import Experiment, credibility, decide, run, summarise
 from rangefix.evaluation.consistency.metrics import RunBlock
 from rangefix.evaluation.consistency.null_distribution import NullSums
 from rangefix.evaluation.consistency.verdict import short_factor
-from rangefix.evaluation.results import KEPT_DRAWS, keep_draws, kept_offsets, load
+from rangefix.evaluation.results import KEPT_DRAWS, Whitening, keep_draws, load
 from rangefix.evaluation.results.draws import whitened
 from rangefix.filters import build
 
@@ -82,7 +82,7 @@ def test_draws_are_kept_to_three_digits_in_any_unit():
     rng = np.random.default_rng(4)
     offsets = rng.standard_normal((5, KEPT_DRAWS, 2)) * [1e-6, 1e5]
     covariance = np.broadcast_to(np.diag([1e-12, 1e10]), (5, 2, 2))
-    back = kept_offsets(keep_draws(offsets, covariance), covariance)
+    back = Whitening.of(covariance).placed(keep_draws(offsets, covariance))
     assert back == pytest.approx(offsets, rel=1e-3, abs=1e-12)
     nowhere = keep_draws(offsets, np.zeros((5, 2, 2)))  # a claim of certainty
     assert np.isfinite(nowhere).all()
@@ -135,7 +135,7 @@ def test_draws_of_older_folders_are_read():
     rng, claim = np.random.default_rng(10), np.array([[[4.0, 1.5], [1.5, 1.0]]])
     offsets = rng.standard_normal((1, KEPT_DRAWS, 2)) @ np.linalg.cholesky(claim[0]).T
     older = (offsets / np.sqrt([4.0, 1.0])).astype(np.float16)
-    assert kept_offsets(whitened(older, claim), claim) == pytest.approx(offsets, abs=0.02)
+    assert Whitening.of(claim).placed(whitened(older, claim)) == pytest.approx(offsets, abs=0.02)
 
 
 def test_wrong_tails_are_named():

@@ -24,7 +24,7 @@ from ..results import BeliefScores, HalfArray, SavedBounds, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
-from .scores import crps, energy_score, is_positive, log_score, nees
+from .scores import Eigen, crps, energy_score, log_score
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
@@ -81,14 +81,19 @@ class RunBlock:
         return np.asarray(self.status[self.status != Status.PENDING.code])
 
     @cached_property
+    def eigen(self) -> Eigen:
+        """The covariances in their principal axes."""
+        return Eigen.of(self.covariance)
+
+    @property
     def positive(self) -> BoolArray:
         """Which covariances are positive definite, (K,)."""
-        return is_positive(self.covariance)
+        return self.eigen.positive
 
     @cached_property
     def nees(self) -> Array:
         """Normalised estimation errors squared e' P^-1 e, (K,)."""
-        return nees(self.errors, self.covariance)
+        return self.eigen.nees(self.errors)
 
     @property
     def effective_particles(self) -> Array | None:

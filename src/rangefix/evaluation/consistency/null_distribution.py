@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...arrays import Array, BoolArray, IntArray, sum_terms
-from ..results import KEPT_DRAWS, HalfArray, keep_draws, kept_offsets
+from ..results import KEPT_DRAWS, HalfArray, Whitening
 from ..results.draws import FARTHEST
 from .belief_scores import rank_histogram
 from .intervals import LEVEL, Interval, Moments, uniform_p_value
-from .scores import SLAB, nees
+from .scores import SLAB
 
 if TYPE_CHECKING:
     from .metrics import RunBlock
@@ -145,18 +145,21 @@ class NullSums:
 
     def _add(self, block: RunBlock, runs: IntArray) -> None:
         assert block.draws is not None
-        covariance, size, errors = block.covariance[runs], len(self.names), block.errors[runs]
-        truths = keep_draws(errors[:, None], covariance)
+        size, errors, whitening = len(self.names), block.errors[runs], Whitening.of(block.covariance[runs])
+        truths = whitening.keep(errors[:, None])
         kept = np.concatenate([block.draws[runs], truths], axis=1)
-        placed = kept_offsets(kept, covariance)  # the draws, and at last the truth, rounded as they are
-        squared = nees(placed, covariance) / size
+        placed = whitening.placed(kept)  # the draws, and at last the truth, rounded as they are
+        squared = block.eigen.take(runs).nees(placed) / size
         offsets, rounded = placed[:, :-1], placed[:, -1]
         squares = np.where(np.isfinite(squared), squared, 0.0)[:, :-1]  # a claim of certainty, judged as such
         limit = FAR**2 / size
         bounded = [np.minimum(squares * by, limit) for by in (LARGE_FACTOR, 1 / LARGE_FACTOR)]
-        figures = np.concatenate([np.stack([squares, *bounded], axis=-1), offsets, offsets**2], axis=-1)
-        for place in range(min(GROUPS, len(runs))):
-            self.sums[(self.runs + place) % GROUPS] += figures[place::GROUPS].sum(0)
+        columns = np.moveaxis(offsets, -1, 0)
+        figures = np.stack([squares, *bounded, *columns, *columns**2])
+        whole = len(runs) - len(runs) % GROUPS
+        totals = figures[:, :whole].reshape(len(figures), -1, GROUPS, KEPT_DRAWS).sum(1)
+        totals[:, : len(runs) - whole] += figures[:, whole:]
+        self.sums[(self.runs + np.arange(GROUPS)) % GROUPS] += np.moveaxis(totals, 0, -1)
         self.runs += len(runs)
         self.claimed.add(squares.mean(1))
         true = block.nees[runs] / size

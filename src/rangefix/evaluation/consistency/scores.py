@@ -8,9 +8,11 @@ rules, prediction, and estimation", J. Am. Stat. Assoc. 102, 2007).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ...arrays import Array, BoolArray, sum_terms
+from ...arrays import Array, BoolArray, IntArray, sum_terms
 from .intervals import LEVEL
 
 DIRECTIONS = 60  # over which the energy score averages: off by less than 3e-4 of itself, and less than usual
@@ -19,26 +21,57 @@ TINY = 1e-100  # m; a claimed spread of nothing counts as this
 BINS = 10
 
 
+class Eigen(NamedTuple):
+    """Covariances P, whitened by their diagonals, in their principal axes: worked out once for all uses.
+
+    Attributes:
+        values: Eigenvalues, (..., n).
+        vectors: Row i over std_i, (..., n, n).
+        positive: Which P are positive definite, as `is_positive` judges, (...).
+    """
+
+    values: Array
+    vectors: Array
+    positive: BoolArray
+
+    @classmethod
+    def of(cls, covariance: Array) -> Eigen:
+        """Of P, (..., n, n)."""
+        covariance = np.asarray(covariance, dtype=float)
+        size = covariance.shape[-1]
+        variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+        sound = np.asarray(np.isfinite(covariance).all((-2, -1)) & (variances > 0).all(-1))
+        stds = np.sqrt(np.where(sound[..., None], variances, 1.0))
+        some = np.where(sound[..., None, None], covariance, np.eye(size))
+        scaled = some / stds[..., None] / stds[..., None, :]
+        values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, -1, -2)))
+        return cls(values, vectors / stds[..., None], sound & (values[..., 0] > size * 1e-14))
+
+    def take(self, runs: IntArray) -> Eigen:
+        """Those of some runs."""
+        return Eigen(self.values[runs], self.vectors[runs], self.positive[runs])
+
+    def nees(self, errors: Array) -> Array:
+        """What the function `nees` gives: (M, n) -> (M,), or (M, S, n) -> (M, S)."""
+        errors = np.asarray(errors, dtype=float)
+        roots = np.sqrt(np.where(self.positive[..., None], self.values, 1.0))
+        several = errors if errors.ndim == self.vectors.ndim else errors[..., None, :]
+        with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
+            parts = np.matmul(several, self.vectors / roots[..., None, :])
+            squares = sum_terms(part**2 for part in np.moveaxis(parts, -1, 0))
+        if not self.positive.all():
+            certain = np.where((several == 0).all(-1), 0.0, np.inf)
+            squares = np.where(self.positive[..., None], squares, certain)
+        return squares if several is errors else squares[..., 0]
+
+
 def is_positive(covariance: Array) -> BoolArray:
     """Whether each covariance is positive definite beyond rounding: (..., n, n) -> (...).
 
     Judged on the correlation matrix, so that the units of the components do not matter: its smallest
     eigenvalue must exceed n 1e-14.
     """
-    return _eigen(covariance)[2]
-
-
-def _eigen(covariance: Array) -> tuple[Array, Array, BoolArray]:
-    """Eigenvalues and vectors of P whitened by its diagonal (row i over std_i), and whether P is positive."""
-    covariance = np.asarray(covariance, dtype=float)
-    size = covariance.shape[-1]
-    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
-    sound = np.asarray(np.isfinite(covariance).all((-2, -1)) & (variances > 0).all(-1))
-    stds = np.sqrt(np.where(sound[..., None], variances, 1.0))
-    scaled = np.where(sound[..., None, None], covariance, np.eye(size)) / stds[..., None] / stds[..., None, :]
-    values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, -1, -2)))
-    positive = sound & (values[..., 0] > size * 1e-14)
-    return values, vectors / stds[..., None], positive
+    return Eigen.of(covariance).positive
 
 
 def nees(errors: Array, covariance: Array) -> Array:
@@ -47,15 +80,7 @@ def nees(errors: Array, covariance: Array) -> Array:
     Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
     not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
     """
-    errors = np.asarray(errors, dtype=float)
-    values, vectors, positive = _eigen(covariance)
-    roots = np.sqrt(np.where(positive[..., None], values, 1.0))
-    several = errors if errors.ndim == vectors.ndim else errors[..., None, :]
-    with np.errstate(over="ignore"):  # a spread of 1e-200 m: inf is right
-        parts = np.matmul(several, vectors / roots[..., None, :])
-        squares = sum_terms(part**2 for part in np.moveaxis(parts, -1, 0))
-    result = np.where(positive[..., None], squares, np.where((several == 0).all(-1), 0.0, np.inf))
-    return result if several is errors else result[..., 0]
+    return Eigen.of(covariance).nees(errors)
 
 
 def along_principal_axes(errors: Array, covariance: Array) -> Array:

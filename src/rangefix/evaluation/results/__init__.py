@@ -1,7 +1,7 @@
 """What a study yields, in memory and in a folder."""
 
 from .belief_images import FILE, Picture, load_pictures
-from .draws import KEPT_DRAWS, HalfArray, keep_draws, kept_offsets
+from .draws import KEPT_DRAWS, HalfArray, Whitening, keep_draws
 from .files import (
     ResultsError,
     hash_of,

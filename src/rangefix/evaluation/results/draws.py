@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,37 +15,48 @@ FARTHEST = 6e4  # claimed standard deviations; half precision ends at 65504
 LEAST_EIGENVALUE = 1e-13  # of a claim as a correlation matrix, which is not positive definite below
 
 
+class Whitening(NamedTuple):
+    """How draws from beliefs are whitened by the claims, and placed again.
+
+    Attributes:
+        there: Matrices W, so that x' W has the covariance I, (..., n, n): from Cholesky's factor, which is
+            unique. Where the claim is not positive definite, the deviations of the components alone count.
+    """
+
+    there: Array
+
+    @classmethod
+    def of(cls, covariance: Array) -> Whitening:
+        """By claims (..., n, n)."""
+        covariance, stds = np.asarray(covariance, dtype=float), _stds(covariance)
+        unit = np.eye(covariance.shape[-1])
+        scaled = np.where(np.isfinite(covariance), covariance, 0.0) / stds / np.swapaxes(stds, -1, -2)
+        sound = np.linalg.eigvalsh(scaled)[..., 0] > LEAST_EIGENVALUE
+        inverse = np.linalg.inv(np.linalg.cholesky(np.where(sound[..., None, None], scaled, unit)))
+        return cls(np.asarray(np.swapaxes(inverse / stds, -1, -2)))
+
+    def keep(self, offsets: Array) -> HalfArray:
+        """What `keep_draws` gives."""
+        return np.clip(offsets @ self.there, -FARTHEST, FARTHEST).astype(np.float16)
+
+    def placed(self, draws: HalfArray) -> Array:
+        """What `keep` was given (..., S, n), but for rounding; draws kept as the same are the same."""
+        back, columns = np.linalg.inv(self.there), np.moveaxis(draws.astype(float), -1, 0)
+        back = np.moveaxis(back, (-2, -1), (0, 1))[..., None]
+        return np.stack([sum_terms(map(np.multiply, columns, rows)) for rows in back.swapaxes(0, 1)], axis=-1)
+
+
 def keep_draws(offsets: Array, covariance: Array) -> HalfArray:
     """Draws less the estimate (..., S, n), whitened by the claim (..., n, n): three digits in any direction.
 
     In deviations of the components alone a thin ridge would be lost in the rounding of its length.
     """
-    return np.clip(offsets @ _whitening(covariance), -FARTHEST, FARTHEST).astype(np.float16)
-
-
-def kept_offsets(draws: HalfArray, covariance: Array) -> Array:
-    """What `keep_draws` was given, but for rounding; the same of draws that are kept as the same."""
-    back, columns = np.linalg.inv(_whitening(covariance)), np.moveaxis(draws.astype(float), -1, 0)
-    back = np.moveaxis(back, (-2, -1), (0, 1))[..., None]
-    return np.stack([sum_terms(map(np.multiply, columns, rows)) for rows in back.swapaxes(0, 1)], axis=-1)
+    return Whitening.of(covariance).keep(offsets)
 
 
 def whitened(draws: HalfArray, covariance: Array) -> HalfArray:
     """Draws that are kept in deviations of the components, as folders of older versions have them."""
     return keep_draws(draws.astype(float) * _stds(covariance), covariance)
-
-
-def _whitening(covariance: Array) -> Array:
-    """Matrices W, so that x' W has the covariance I, (..., n, n): from Cholesky's factor, which is unique.
-
-    Where the claim is not positive definite, the deviations of the components alone count.
-    """
-    covariance, stds = np.asarray(covariance, dtype=float), _stds(covariance)
-    unit = np.eye(covariance.shape[-1])
-    scaled = np.where(np.isfinite(covariance), covariance, 0.0) / stds / np.swapaxes(stds, -1, -2)
-    sound = np.linalg.eigvalsh(scaled)[..., 0] > LEAST_EIGENVALUE
-    inverse = np.linalg.inv(np.linalg.cholesky(np.where(sound[..., None, None], scaled, unit)))
-    return np.asarray(np.swapaxes(inverse / stds, -1, -2))
 
 
 def _stds(covariance: Array) -> Array:
