@@ -101,6 +101,25 @@ def test_a_pillar_in_one_of_several_rooms(tmp_path):
     np.testing.assert_allclose(plan.ranges([4.5, 1.5, 0.0], ROUND), [3.5, 0.5, 1.5, 0.5])
 
 
+def test_rooms_that_fill_a_hole(tmp_path):
+    """A corridor round rooms: they are rooms as any side by side are; they counted as a hole, unmentioned."""
+    core = [[2, 1], [6, 1], [6, 4], [2, 4], [2, 1]]
+    rooms = [polygon([[x, 1], [x + 2, 1], [x + 2, 4], [x, 4], [x, 1]]) for x in (2, 4)]
+    for number, inner in enumerate(([polygon(core)], rooms)):
+        plan = open_map(geojson(tmp_path / f"{number}.geojson", polygon(HALL, core), *inner), unit="m")
+        assert plan.free_moments(*plan.bounds)[0] == pytest.approx(40.0)
+        assert plan.remarks[0].startswith("1 hole of a polygon is filled by others, which count as rooms")
+        assert list(plan.is_free([[3.0, 2.0], [5.0, 2.0], [1.0, 1.0]])) == [True, True, True]
+        np.testing.assert_allclose(plan.ranges([3.0, 2.0, 0.0], ROUND), [2, 1 if number else 3, 1, 1])
+        np.testing.assert_allclose(plan.ranges([1.0, 2.0, 0.0], ROUND), [3, 1, 2, 1])
+
+
+def test_a_pillar_drawn_as_a_hole_with_something_in_it(tmp_path):
+    shaft = (0.2 * np.array(PILLAR) + 0.8 * np.array([4.5, 1.5])).tolist()
+    plan = open_map(geojson(tmp_path / "plan.geojson", polygon(HALL, PILLAR), polygon(shaft)), unit="m")
+    assert plan.free_moments(*plan.bounds)[0] == pytest.approx(39.0)
+
+
 def test_polygons_that_cover_one_another(tmp_path):
     """An outline that is drawn twice counts once; rooms that fill an outline leave nothing, which is told."""
     plan = open_map(geojson(tmp_path / "twice.geojson", *2 * [polygon(HALL)], polygon(PILLAR)), unit="m")

@@ -237,9 +237,9 @@ def _plan_of(
     if broken := next((each for each in polygons if not each.is_valid), None):
         raise MapError(f"{path}: a polygon crosses itself: {shapely.is_valid_reason(broken)}")
     if polygons:
-        outline, walls = _of_polygons(polygons, shapely, path)
+        outline, walls, told = _of_polygons(polygons, shapely, path)
         _check_start(reachable_from, outline, shapely, path)
-        walls += lines
+        walls, remarks = walls + lines, [*remarks, *told]
     else:
         outline, walls = _of_lines(lines, shapely, path, reachable_from)
     inner = shapely.unary_union(walls).intersection(outline) if walls else shapely.LineString()
@@ -279,11 +279,13 @@ def _corners(ring: Any, shapely: Any) -> list[tuple[float, float]]:
     return [(x, y) for x, y in shapely.simplify(ring, NEAR).coords[:-1]]
 
 
-def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, list[Any]]:
-    """Outline and inner walls: an outline with what nobody stands in, or rooms side by side."""
+def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, list[Any], list[str]]:
+    """Outline, inner walls and remarks: an outline with what nobody stands in, or rooms side by side."""
     largest = max(polygons, key=lambda polygon: shapely.Polygon(polygon.exterior).area)
     others = [polygon for polygon in polygons if not polygon.equals(largest)]  # one may be drawn twice
-    whole = shapely.Polygon(largest.exterior).buffer(NEAR)
+    within = shapely.unary_union(others).buffer(NEAR)
+    open_holes = [hole for hole in map(shapely.Polygon, largest.interiors) if not within.contains(hole)]
+    whole = shapely.unary_union([largest, *open_holes]).buffer(NEAR)  # rooms that fill a hole are rooms
     if all(whole.contains(other) for other in others):
         outline = largest.difference(shapely.unary_union(others))
         if outline.is_empty:
@@ -291,10 +293,13 @@ def _of_polygons(polygons: list[Any], shapely: Any, path: Path) -> tuple[Any, li
                 f"{path}: the polygons within another fill it, and nobody stands in those: keep the rooms, "
                 "or the outline with its pillars"
             )
-        return _one_polygon(outline, path), []
+        return _one_polygon(outline, path), [], []
     rooms, pillars = _rooms_and_pillars(polygons, shapely)
     free = shapely.unary_union(rooms).difference(shapely.unary_union(pillars))
-    return _one_polygon(free, path), [room.boundary for room in rooms]
+    filled = len(largest.interiors) - len(open_holes)
+    holes = f"{filled} hole{'s' * (filled > 1)} of a polygon {'are' if filled > 1 else 'is'} filled by others"
+    told = [f"{holes}, which count as rooms: leave them out if nobody stands there"] if filled else []
+    return _one_polygon(free, path), [room.boundary for room in rooms], told
 
 
 def _rooms_and_pillars(polygons: list[Any], shapely: Any) -> tuple[list[Any], list[Any]]:
