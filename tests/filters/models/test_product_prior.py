@@ -64,6 +64,15 @@ def test_it_is_the_gaussian_prior_where_both_can_say_it(std: float) -> None:
     np.testing.assert_allclose(one.support, other.support)
 
 
+def test_a_heading_that_turns_many_times_is_even():
+    """Its density was a sum over all turns: gigabytes for a standard deviation of 1e5 rad."""
+    states = np.column_stack([np.tile([1.0, 1.0], (7, 1)), np.linspace(-3.0, 3.0, 7)])
+    even, wide = make(), make(mean=1.0, std=1e6)
+    cut_tails = 1e-12
+    np.testing.assert_allclose(wide.log_density(states), even.log_density(states), rtol=0, atol=cut_tails)
+    assert wide.covariance[2, 2] == pytest.approx(np.pi**2 / 3, rel=1e-8)
+
+
 @pytest.mark.parametrize(
     ("heading", "words"),
     [
