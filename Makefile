@@ -57,8 +57,10 @@ endif
 test: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 3 --dist worksteal -m "not benchmark and not study and not fuzz and not chaos"
+	@echo "Types are checked while the tests run; what is found comes last."
+	@$(BIN)/mypy > $(VENV)/types.txt 2>&1 & types=$$!; \
+	$(BIN)/python -m pytest -n 3 --dist worksteal -m "not benchmark and not study and not fuzz and not chaos"; tests=$$?; \
+	wait $$types; status=$$?; cat $(VENV)/types.txt; test $$tests = 0 && test $$status = 0
 
 study: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 -m study

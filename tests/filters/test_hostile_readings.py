@@ -10,6 +10,7 @@ from .hostile import RUNS, UPDATES, Attack, suffer
 
 IN_TESTS, IN_STUDIES = 2000, 100_000  # updates of a run, of each estimator
 CASES = range(IN_TESTS // (RUNS * UPDATES))
+IN_CHANGES = CASES[::2]  # tried for every change; the others in studies
 # runs of those that take milliseconds for each
 FEW = {"adaptive-point-mass": 5, "exact": 5, "particle": 5, "point-mass": 2}
 CELLS = "rangefix.filters.point_mass:PointMassFilter"  # of a given size: what `point-mass` is with `cell`
@@ -17,7 +18,12 @@ LATTICES = "rangefix.filters.adaptive:AdaptivePointMassFilter"
 
 
 @pytest.mark.parametrize(
-    ("name", "number"), [(name, number) for name in (*BUILT_IN, CELLS) for number in CASES]
+    ("name", "number"),
+    [
+        pytest.param(name, number, marks=[] if number in IN_CHANGES else pytest.mark.study)
+        for name in (*BUILT_IN, CELLS)
+        for number in CASES
+    ],
 )
 def test_hostile_updates(name: str, number: int) -> None:
     """Moments are finite, covariances positive definite, and a usual run is the same among hostile ones."""
@@ -27,9 +33,9 @@ def test_hostile_updates(name: str, number: int) -> None:
 @pytest.mark.parametrize(
     "number",
     [
-        *CASES[::4],
+        *CASES[::8],
         1037,  # a beam without a return, and then too close
-        *(pytest.param(number, marks=pytest.mark.study) for number in CASES[2::4]),
+        *(pytest.param(number, marks=pytest.mark.study) for number in CASES[2::2] if number % 8),
     ],
 )
 def test_hostile_updates_of_lattices(number: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -196,8 +197,13 @@ def test_rounding_in_closed_form(std: float, lost: float) -> None:
     np.testing.assert_allclose(found.position_std, expected, rtol=0.03)
 
 
-@pytest.mark.parametrize("bias", [-0.3, 0.05, 0.1, 1.0])
-@pytest.mark.parametrize("noise", [Gaussian(0.05), Gaussian(0.01), StudentT(0.02, 3.0)])
+@pytest.mark.parametrize(
+    ("noise", "bias"),
+    [
+        *product([Gaussian(0.05), Gaussian(0.01)], [-0.3, 0.05, 0.1, 1.0]),
+        *product([StudentT(0.02, 3.0)], [-0.3, 0.1]),
+    ],
+)
 def test_a_bias_that_is_known_costs_nothing(noise: CumulativeNoise, bias: float) -> None:
     """Readings less the bias are those without one."""
     problem = located(two_arms(SHORTER), [0.0, 180.0])

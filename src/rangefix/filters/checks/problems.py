@@ -64,7 +64,7 @@ class Hall:
     def ranges(self, poses: Array, bearings: Array) -> Array:
         """(wall - x) / direction for the nearer of the walls ahead: (..., 3), (B,) -> (..., B) m."""
         ahead, _ = self._walls(poses, bearings)
-        return np.asarray(ahead.min(-1))
+        return np.minimum(*ahead)
 
     def gradients(self, poses: Array, bearings: Array) -> Array:
         """Derivatives of `ranges` by x1, x2 and heading, (..., B, 3)."""
@@ -73,21 +73,24 @@ class Hall:
     def cast(self, poses: Array, bearings: Array) -> HallHits:
         """Ranges, normals and gradients at once."""
         ahead, direction = self._walls(poses, bearings)
-        side = ahead.argmin(-1)[..., None]
-        along = np.take_along_axis(direction, side, -1)
-        slope = np.where(np.arange(2) == side, -1.0 / along, 0.0)
-        turned = np.stack([direction[..., 1], -direction[..., 0]], -1)
-        by_heading = ahead.min(-1) * -np.take_along_axis(turned, side, -1)[..., 0] / along[..., 0]
-        normals = np.where(np.arange(2) == side, -np.sign(direction), 0.0)
-        return HallHits(ahead.min(-1), normals, np.concatenate([slope, by_heading[..., None]], -1))
+        nearest, first = np.minimum(*ahead), ahead[0] <= ahead[1]
+        along = np.where(first, *direction)
+        by_heading = nearest * np.where(first, -direction[1], direction[0]) / along
+        slopes = np.where(first, -1.0 / along, 0.0), np.where(first, 0.0, -1.0 / along)
+        signs = -np.sign(direction[0]), -np.sign(direction[1])
+        normals = np.stack([np.where(first, signs[0], 0.0), np.where(first, 0.0, signs[1])], -1)
+        return HallHits(nearest, normals, np.stack([*slopes, by_heading], -1))
 
-    def _walls(self, poses: Array, bearings: Array) -> tuple[Array, Array]:
-        """How far each beam runs to the walls across x1 and across x2, and its direction: (..., B, 2)."""
+    def _walls(self, poses: Array, bearings: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """How far each beam runs to the walls across x1 and across x2, and its direction, (..., B) each."""
         angle = poses[..., 2, None] + bearings
-        direction = np.stack([np.sin(angle), np.cos(angle)], -1)
+        direction = np.sin(angle), np.cos(angle)
         with np.errstate(divide="ignore"):
-            ahead = (np.where(direction > 0, UPPER, LOWER) - poses[..., None, :2]) / direction
-        return ahead, direction
+            across1, across2 = (
+                (np.where(towards > 0, UPPER[i], LOWER[i]) - poses[..., i, None]) / towards
+                for i, towards in enumerate(direction)
+            )
+        return (across1, across2), direction
 
 
 @dataclass(frozen=True)
