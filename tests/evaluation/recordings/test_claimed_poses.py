@@ -152,3 +152,6 @@ def test_a_replay_s_own_table_with_semicolons_is_told_as_such(tmp_path: Path) ->
     table.write_text(table.read_text().replace(",", ";"))
     with pytest.raises(RecordingError, match="separated by semicolons, and commas are read"):
         read_claimed(str(table), open_log(tmp_path / "d.npz"))
+    table.write_text("")
+    with pytest.raises(RecordingError, match="no column time_s"):
+        read_claimed(str(table), open_log(tmp_path / "d.npz"))

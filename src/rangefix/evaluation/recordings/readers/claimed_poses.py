@@ -109,7 +109,7 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
 def _poses_of_table(path: Path) -> Iterator[tuple[float, Array, Array]]:
     lines = table_lines(path)
     wanted = (*POSE, *COVARIANCE)
-    names = column_names(path, next(lines, (0, []))[1])
+    names = column_names(path, next(lines, (0, []))[1], set(wanted))
     if missing := [name for name in wanted if name not in names]:
         raise RecordingError(
             f"{path}: no column {', '.join(missing)}; a table of poses has "

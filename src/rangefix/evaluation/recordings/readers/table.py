@@ -82,7 +82,7 @@ class TableLog(FileLog):
     def _columns(self) -> list[str]:
         for _, cells in table_lines(self.path):
             known = {"time_s", *POSE, *LASER}
-            names = column_names(self.path, cells)
+            names = column_names(self.path, cells, known)
             for name in names:
                 if name not in known and not name.startswith(RANGE):
                     raise RecordingError(

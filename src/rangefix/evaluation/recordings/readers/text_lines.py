@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from pathlib import Path
 
 from ....text_files import LOOKED_AT, NotText, line_in_utf8, refuse_other_text
@@ -53,19 +53,21 @@ def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         yield number, cells
 
 
-def column_names(path: Path, cells: list[str]) -> list[str]:
+def column_names(path: Path, cells: list[str], known: Set[str]) -> list[str]:
     """The names of a table's columns, of the cells of its first line.
 
     Args:
         path: The table.
         cells: What was read between commas.
+        known: Names that one of them must have, were it parted otherwise.
 
     Raises:
         RecordingError: If they are separated by something else, or a name stands there twice.
     """
     names = [cell.strip() for cell in cells]
     for mark, shown in ((";", "semicolons"), ("\t", "tabs")):
-        if len(names) == 1 and mark in names[0]:
+        parts = [part.strip(' "') for part in "".join(names).split(mark)]
+        if len(names) == 1 < len(parts) and not known.isdisjoint(parts):
             raise RecordingError(f"{path}: its cells are separated by {shown}, and commas are read")
     for place, name in enumerate(names):
         if name in names[:place]:
