@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from rangefix.maps import FloorPlan, MapError, MeshRoom
+from rangefix.maps import FloorPlan, MapError, MeshRoom, OccupancyMap
 from rangefix.maps.describe import describe
 
 from .conftest import box, joined
@@ -104,6 +104,15 @@ def test_what_a_map_is_said_to_be():
     assert describe(mesh(*RING, floor)).rooms == 1
     plan = FloorPlan(SQUARE, walls=[(0, 3, 1.5, 3), (2.4, 3, 4, 3)])
     assert str(describe(plan)) == "floor-plan, 24.0 m^2 free (100% of the outline) in 2 rooms, 6 walls"
+
+
+def test_free_space_beyond_the_walls_is_no_share_of_their_outline() -> None:
+    """A hut of 1 m^2 in a field of 100 m^2 that may be entered, as unknown cells: it was 8250 % free."""
+    cells = np.zeros((100, 100), dtype=int)
+    cells[45:56, 45:56] = 1
+    found = describe(OccupancyMap(cells, resolution=0.1))
+    assert np.isnan(found.share)
+    assert str(found) == "occupancy, 98.8 m^2 free in 1 room, 4 walls"
 
 
 def test_heights_below_are_those_of_a_ray(avz):

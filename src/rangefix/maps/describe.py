@@ -17,6 +17,7 @@ from .rectangle import RectangularRoom
 LONGEST = 500  # cells along the longer side of the free space
 DOOR = 1.0  # m; areas are rooms of their own where openings between them are narrower
 LEAST_ROOM = 0.25  # m^2 that are farther than half a door from walls
+MOST_SHARE = 1.05  # of the outline; areas by cells are a little off
 USUAL_CELLS = (0.001, 1.0)  # m, of a robot's map
 USUAL_SIDES = (1.0, 3000.0)  # m, of the box about a map: those of others are hardly in metres
 KINDS = {MeshRoom: "mesh", OccupancyMap: "occupancy", FloorPlan: "floor-plan", RectangularRoom: "rectangle"}
@@ -30,7 +31,8 @@ class Description:
         kind: What a study calls such a map; the name of its class for those of others.
         lower, upper: Corners of the box about all walls and the free space, m.
         free_m2: Area where an object can be, m^2; by cells of `raster` where the map does not know it.
-        share: Of the area of the walls' convex hull (or of the outline that was given) that is free.
+        share: Of the area of the walls' convex hull (or of the outline that was given) that is free; NaN
+            where free space lies beyond it, as where unknown cells are free.
         rooms: Free areas between which there are only openings under 1 m.
         walls: How many segments its walls are.
         walls_m: Their length, m.
@@ -84,7 +86,7 @@ def describe(room: Any) -> Description:
         lower=(float(low[0]), float(low[1])),
         upper=(float(high[0]), float(high[1])),
         free_m2=area,
-        share=area / _outline_area(room, segments),
+        share=_share(room, area, segments),
         rooms=max(1, int(np.count_nonzero(sizes >= LEAST_ROOM))),
         walls=len(segments),
         walls_m=float(np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum()),
@@ -119,12 +121,14 @@ def _crossed(segments: np.ndarray, raster: Raster) -> BoolArray:
     return crossed
 
 
-def _outline_area(room: Any, segments: np.ndarray) -> float:
+def _share(room: Any, area: float, segments: np.ndarray) -> float:
+    """Of the outline that is free, where an outline is about it."""
     from .free_space import hull_area
 
     if isinstance(room, MeshRoom):
-        return room.free_space.outline_area
-    return hull_area(segments) if len(segments) else float("nan")
+        return area / room.free_space.outline_area
+    outline = hull_area(segments) if len(segments) else float("nan")
+    return area / outline if area <= MOST_SHARE * outline else float("nan")
 
 
 def _remarks(room: Any) -> list[str]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from rangefix.arrays import Array, wrap
-from rangefix.evaluation.recordings.log import LaserDescription
+from rangefix.evaluation.recordings.log import LaserDescription, RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import PoseFiles
 from rangefix.evaluation.recordings.readers.claimed_poses import ClaimedPoses, read_claimed
@@ -89,3 +90,68 @@ def test_times_of_today_s_clocks_come_back_to_the_microsecond(tmp_path: Path) ->
             files.write(Believed(step, np.ones(3), np.eye(3), 0.0, None, nothing, 0.0))
     found = read_claimed(str(tmp_path / "poses.csv"), open_log(tmp_path / "drive.npz"))
     np.testing.assert_allclose(found.times, times, rtol=0, atol=1e-6)
+
+
+def path_of(count: int = 30) -> tuple[Array, Array]:
+    """Times and poses of half a round in a room, heading along the way."""
+    turn = np.linspace(0, np.pi, count)
+    poses = np.column_stack([2 + np.sin(turn), 3 - 1.5 * np.cos(turn), np.zeros(count)])
+    poses[:, 2] = np.arctan2(np.gradient(poses[:, 0]), np.gradient(poses[:, 1]))
+    return 0.1 * np.arange(count), poses
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("right", ""),
+        ("nanoseconds", "29 of the 30 poses of a.csv are before the first scan or after the last"),
+        ("six digits", "29 poses of a.csv are at the time of another, but elsewhere"),
+        ("millimetres", "30 of the 30 poses of a.csv are outside the map: are they in metres"),
+        ("yaw", "The robot of a.csv moves as its headings say if they count the other way round"),
+        ("radians", "The robot of a.csv moves as its headings say if they are in radians"),
+    ],
+)
+def test_poses_in_other_units_are_asked_about(what: str, words: str) -> None:
+    """As odometry and the truth are: 1 of 30 scans was judged, or ANEES / 3 was 120, without a word."""
+    times, poses = path_of()
+    scans = float(times[0]), float(times[-1])
+    if what == "nanoseconds":
+        times = 1e9 * times
+    if what == "six digits":
+        times = np.full(30, 0.0)
+    if what == "millimetres":
+        poses[:, :2] *= 1000
+    if what == "yaw":
+        poses[:, 2] = 0.5 * np.pi - poses[:, 2]
+    if what == "radians":
+        poses[:, 2] = np.deg2rad(poses[:, 2])
+    told = ClaimedPoses(times, poses, np.tile(np.eye(3), (30, 1, 1))).odd("a.csv", scans, ROOM)
+    assert len(told) == bool(words)
+    assert all(words in text for text in told)
+
+
+def test_claims_of_certainty_are_counted() -> None:
+    """A covariance that knows nothing of the heading makes ANEES infinite; which is one is told."""
+    score, nothing = Score(pose_space()), np.full(2, np.nan)
+    for number, heading in enumerate((0.01, 0.0, 0.01), 1):
+        step = Step(number, 0.1 * number, None, nothing, np.zeros(3), np.empty(0))
+        covariance = np.diag([0.01, 0.01, heading])
+        score.add(Believed(step, np.ones(3), covariance, np.nan, np.full(3, 1.1), nothing, 0.0))
+    row = score.row("claimed")
+    assert (row.certain, row.judged, row.anees) == (1, 3, np.inf)
+
+
+def test_a_replay_s_own_table_with_semicolons_is_told_as_such(tmp_path: Path) -> None:
+    """Its first column is the scan's number, which no table needs to have."""
+    times, poses = path_of()
+    np.savez(tmp_path / "d.npz", time_s=times, ranges_m=np.ones((30, 2)), bearings_deg=np.array([0.0, 9.0]))
+    with PoseFiles(tmp_path, "poses", pose_space()) as files:
+        step = Step(1, 0.0, None, np.ones(2), np.zeros(3), np.empty(0))
+        files.write(Believed(step, poses[0], np.eye(3), 0.0, None, np.ones(2), 0.0))
+    table = tmp_path / "poses.csv"
+    table.write_text(table.read_text().replace(",", ";"))
+    with pytest.raises(RecordingError, match="separated by semicolons, and commas are read"):
+        read_claimed(str(table), open_log(tmp_path / "d.npz"))
+    table.write_text("")
+    with pytest.raises(RecordingError, match="no column time_s"):
+        read_claimed(str(table), open_log(tmp_path / "d.npz"))

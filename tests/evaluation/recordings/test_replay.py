@@ -938,6 +938,15 @@ def test_a_robot_that_goes_sideways_or_backwards_is_not_odd(recording: Path) -> 
         assert survey(open_log(rewritten(recording, 1.0, odometry=turned)), Choice(), ROOM).warning == ""
 
 
+def test_a_truth_that_never_turns_is_asked_about(recording: Path) -> None:
+    """Places alone, as of satellites or a tag, with the quaternion of no turn: ANEES / 3 was 118."""
+    log = open_log(recording)
+    for factors, asked in (([1, 1, 0], "does the truth know its heading?"), ([1, 1, 1], "")):
+        found = survey(log, Choice(), ROOM, lambda step, kept=factors: np.array(kept) * step.odometry)
+        assert asked in found.warning
+        assert bool(found.warning) == bool(asked)
+
+
 def test_scans_that_are_left_out_lie_between(recording: Path) -> None:
     """A slow robot whose scans are used every metre: no matter of units."""
     with np.load(recording) as archive:

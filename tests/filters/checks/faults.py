@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 
 from rangefix.arrays import TWO_PI, Array
-from rangefix.filters import Estimate, Problem
+from rangefix.filters import Estimate, Mount, Problem
 
 from .sound import Kalman, Particles
 
@@ -253,6 +253,23 @@ class ForgetsTheNoiseOfMoves(Kalman):
         return replace(super().predict(belief, control, rngs), covariance=belief.covariance)
 
 
+class ForgetsTheSlopeOfMoves(Kalman):
+    def predict(self, belief: Any, control: Array, rngs: Sequence[Generator]) -> Any:
+        noise = self.problem.motion.noise_covariance(belief.mean, control)
+        return replace(super().predict(belief, control, rngs), covariance=belief.covariance + noise)
+
+
+class LooksFromTheMiddle(Kalman):
+    def update(self, belief: Any, measurement: Array, rngs: Sequence[Generator]) -> Any:
+        sensor = replace(self.problem.sensor, mount=Mount())
+        return Kalman(replace(self.problem, sensor=sensor)).update(belief, measurement, rngs)
+
+
+class TakesNoReturnForARange(Kalman):
+    def checked(self, measurement: Array, runs: int) -> Array:
+        return np.where(super().checked(measurement, runs) == np.inf, 100.0, measurement)
+
+
 class DriftsAtRest(Kalman):
     def predict(self, belief: Any, control: Array, rngs: Sequence[Generator]) -> Any:
         return replace(
@@ -367,6 +384,9 @@ FAULTS: list[tuple[Callable[..., Any], str]] = [
     (TooFewParticles, "agrees_with_the_kalman_filter"),
     (IgnoresTheControl, "moves_like_the_kalman_filter"),
     (ForgetsTheNoiseOfMoves, "moves_like_the_kalman_filter"),
+    (ForgetsTheSlopeOfMoves, "moves_like_the_kalman_filter"),
+    (LooksFromTheMiddle, "moves_like_the_kalman_filter"),
+    (TakesNoReturnForARange, "readings_mean_what_they_mean_to_all"),
     (DriftsAtRest, "standing_still_changes_nothing"),
     (TurnsTheWrongWay, "claims_what_is_true_with_a_heading"),
     (LacksAVerb, "can_be_built"),

@@ -143,7 +143,6 @@ def replay(
     import numpy as np
 
     from ...evaluation.recordings.open_log import open_log
-    from ...evaluation.recordings.readers.claimed_poses import is_claimed
     from ...evaluation.recordings.replays import Replays
     from ...evaluation.recordings.setting import Assumptions
     from ...evaluation.recordings.steps import Choice
@@ -196,14 +195,12 @@ def replay(
     refuse_outside(replays.start, room, at, map_name)
     problem = replays.problem(first)
     refuse_options(contestants, problem)
-    for contestant in contestants:
-        if is_claimed(contestant.name):
-            replays.claimed_poses(contestant)  # what cannot be read is refused before any other begins
-    if first.warning:
-        warn(first.warning)
+    warnings = [*filter(None, [first.warning]), *replays.odd_claims(contestants, first)]
+    for warning in warnings:
+        warn(warning)
     odd = odd_about(room)  # told already, when the map was opened
     notes = [
-        *filter(None, [first.warning]),
+        *warnings,
         *odd,
         *recording.notes,
         *told.notes(recording.sensor),

@@ -132,6 +132,11 @@ def show(name: str, rows: list[Row], notes: list[str], first: Survey, out: Path 
             screen.say(f"{row.estimator}: the first scan took {row.first_scan_s:.1f} s")
         if row.reason:
             screen.say(f"{row.estimator}: {row.reason}")
+        if row.certain:
+            screen.say(
+                f"{row.estimator}: {row.certain} of {row.judged} covariances are singular: they claim that "
+                "something is known exactly, so that any error of it makes ANEES infinite"
+            )
         if row.offset_m > MOSTLY * row.position_rmse_m:
             screen.say(
                 f"{row.estimator}: {row.offset_m:.3f} m of its error is the same throughout, as if the map "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -131,6 +131,25 @@ class Replays:
             known[name] = read_claimed(name, self.log)
         return known[name]
 
+    def odd_claims(self, contestants: Iterable[Contestant], first: Survey) -> list[str]:
+        """What is odd about poses of estimators that ran elsewhere, a sentence each.
+
+        Args:
+            contestants: All estimators; those that run here are passed over.
+            first: The first pass.
+
+        Raises:
+            RecordingError: As `claimed_poses`.
+        """
+        begin, way = first.first.time_s, first.duration_s
+        span = min(begin, begin + way), max(begin, begin + way)
+        return [
+            text
+            for each in contestants
+            if is_claimed(each.name)
+            for text in self.claimed_poses(each).odd(each.name, span, self.room)
+        ]
+
     @cached_property
     def _claimed(self) -> dict[str, ClaimedPoses]:
         """What was read of them, by name."""
@@ -208,6 +227,7 @@ class Replays:
             for done, now in enumerate(believed):
                 if now.fault:
                     why = "no pose explains the readings" if now.log_evidence == -np.inf else now.fault
+                    why = why.removeprefix("estimate(): ") if is_claimed(contestant.name) else why
                     where = f"scan {now.step.scan}, {done} of {first.used} done"
                     return score.row(contestant.label, f"{why} at {where}"), trace
                 score.add(now)

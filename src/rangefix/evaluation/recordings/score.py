@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import StateSpace
-from ..consistency.scores import nees
+from ..consistency.scores import is_positive, nees
 from .frame_offset import LastingError
 from .replay import Believed
 
@@ -32,7 +32,9 @@ class Row:
             where the map lies off the frame of the truth; NaN where it is not: see `LastingError`.
         heading_rmse_deg: Of the heading, deg.
         heading_claimed_deg: What it claims for that, deg.
-        anees: Mean of e' P^-1 e over 3: 1 where errors are as large as claimed.
+        anees: Mean of e' P^-1 e over 3: 1 where errors are as large as claimed; inf where one is excluded.
+        certain: After how many of the scans judged it claims that something is known exactly: its covariance
+            is singular.
         coverage: Share of scans whose true pose lies in the ellipsoid claimed to hold it in 95 % of them.
         scans_per_s: Scans in a second of processor time, after the first: move, update and estimate.
         first_scan_s: Processor time of the first scan, which may be taken in by many stages, s.
@@ -55,6 +57,7 @@ class Row:
     heading_rmse_deg: float = np.nan
     heading_claimed_deg: float = np.nan
     anees: float = np.nan
+    certain: int = 0
     coverage: float = np.nan
     scans_per_s: float = np.nan
     first_scan_s: float = np.nan
@@ -77,6 +80,7 @@ class Score:
     space: StateSpace
     scans: int = 0
     judged: int = 0
+    certain: int = 0
     first_s: float = 0.0
     seconds: float = 0.0
     covered: int = 0
@@ -108,6 +112,7 @@ class Score:
         error = self.space.difference(believed.truth, believed.mean)
         ratio = float(nees(error[None], believed.covariance[None])[0])
         self.judged += 1
+        self.certain += not is_positive(believed.covariance)
         self.nees += ratio
         self.covered += ratio <= _limit()
         self.errors.add(error[:2])
@@ -146,6 +151,7 @@ class Score:
             self.judged,
             reason,
             **row,
+            certain=self.certain,
             lost_at=self.lost_at,
             end=self.last.mean,
             end_stds=stds,

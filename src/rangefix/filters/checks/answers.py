@@ -26,6 +26,7 @@ from .problems import (
     readings,
     repeated,
     settled,
+    short_problem,
 )
 
 SEEDS = 32  # runs in which an estimator's own scatter is found
@@ -124,10 +125,11 @@ def impossible_measurement_is_flagged(subject: Subject) -> None:
 
 @claim(
     "Begin update with `measurement = check_measurement(sensor, measurement, len(rngs))` of filters, "
-    "or for single runs with `check_reading(sensor, measurement)`: what says nothing is then NaN."
+    "or for single runs with `check_reading(sensor, measurement)`: what says nothing is then NaN. An inf is "
+    "no range but no return: ask sensor.log_density, or leave it out."
 )
 def readings_mean_what_they_mean_to_all(subject: Subject) -> None:
-    """A beam in the blind sector says nothing whatever it reads, nor does -inf without a minimum range.
+    """Nothing is said by blind beams, -inf without a minimum range, and inf where no wall is in reach.
 
     Of every other reading, from a negative one to 1e300, finite moments are left. What is not of the shape
     (M, B), or does not hold real numbers, is refused by ValueError.
@@ -150,6 +152,11 @@ def readings_mean_what_they_mean_to_all(subject: Subject) -> None:
     for reading in BLIND_READINGS:
         need(alike(after(reading, -1), after(NAN, -1)), f"a blind beam that reads {reading:g} is believed")
     need(alike(after(-np.inf, 0), after(NAN, 0)), "-inf is not NaN, and there is no minimum range")
+    short = short_problem()
+    near, nothing = subject.build(short), np.full((runs, len(short.sensor.bearings)), np.inf)
+    none, blank = (answer(near, short, [each], generators(runs)) for each in (nothing, NAN * nothing))
+    off = deviations(none, blank, short)
+    need_agreement(off, COARSE, 2, "what it is without readings where no wall is in reach and none returns")
     for reading in ODD_READINGS:
         mean, covariance, log_evidence = after(reading, 0)
         need(np.isfinite(mean).all(), f"the mean is not finite where a beam reads {reading:g}")
@@ -180,9 +187,12 @@ def agrees_with_the_kalman_filter(subject: Subject) -> None:
     _need_kalman(subject, position_problem())
 
 
-@claim("Let predict use the control of each run, and add the motion's noise to the spread once per predict.")
+@claim(
+    "Let predict use the control of each run, take P to F P F' with F = motion.jacobian, and add the "
+    "motion's noise once; take ranges and slopes from the sensor, which stands off the object's centre."
+)
 def moves_like_the_kalman_filter(subject: Subject) -> None:
-    """The same for an object that moves by a control, with noise."""
+    """The same for an object that moves by its place and a control, with noise, its laser off its centre."""
     problem = moving_problem()
     subject.build_or_skip(problem)
     _need_kalman(subject, problem)

@@ -16,6 +16,7 @@ from ..models.gaussian_prior import GaussianPrior
 from ..models.motion import Stationary
 from ..models.noise import Gaussian
 from ..models.rangefinder import Rangefinder
+from ..mount import Mount
 from ..problem import Motion, Problem
 from ..space import pose_space, position_space
 
@@ -26,6 +27,9 @@ OFFSET = np.array([0.45, -0.3, 0.04])  # of a truth from the prior's mean; m, m,
 NOISES = np.array([[0.2, -0.1, 0.15, 0.2], [-0.1, 0.3, 0.2, -0.3]])  # m
 CONTROL = np.array([0.3, -0.2])  # m; an object that stands still ignores it
 MOVE_STD = 0.15  # m, of one move
+REACH = 1.0  # m, of a rangefinder that meets no wall: 7 deviations short of the nearest
+SLOPE = np.array([[1.2, 0.5], [-0.4, 0.7]])  # of a move by the state before
+MOUNT = Mount(forward=0.35, left=0.25)  # of a rangefinder that does not stand at the object's place
 SEED = 20_260_101
 
 
@@ -94,22 +98,22 @@ class Hall:
 
 
 @dataclass(frozen=True)
-class Shift:
-    """x + control + N(0, MOVE_STD^2), the same along x1 and x2; satisfies `Motion`."""
+class Stretch:
+    """A x + control + N(0, MOVE_STD^2), with a matrix A that is far from 1; satisfies `Motion`."""
 
     is_gaussian: bool = True
 
     def mean(self, states: Array, control: Array) -> Array:
-        """States plus the control."""
-        return np.asarray(states + control)
+        """A times states, plus the control."""
+        return np.asarray(states @ SLOPE.T + control)
 
     def jacobian(self, states: Array, control: Array) -> Array:
-        """The identity."""
-        return np.broadcast_to(np.eye(2), (*np.shape(states)[:-1], 2, 2))
+        """A."""
+        return np.broadcast_to(SLOPE, (*np.shape(states)[:-1], 2, 2))
 
     def noise_covariance(self, states: Array, control: Array) -> Array:
         """MOVE_STD^2 times the identity."""
-        return MOVE_STD**2 * self.jacobian(states, control)
+        return MOVE_STD**2 * np.broadcast_to(np.eye(2), (*np.shape(states)[:-1], 2, 2))
 
     def sample(self, states: Array, control: Array, rng: Generator) -> Array:
         """One noisy move of each state."""
@@ -133,8 +137,16 @@ def position_problem(beams: Sequence[int] = (0, 1, 2, 3), blind: bool = False) -
 
 
 def moving_problem() -> Problem:
-    """x1 and x2 of an object that is moved by the control, with noise; linear and Gaussian."""
-    return replace(position_problem(), motion=Shift())
+    """x1 and x2 of an object that is moved, with noise, its rangefinder ahead of it; linear and Gaussian."""
+    still = position_problem()
+    sensor = Rangefinder(Hall(), BEARINGS, Gaussian(STDS), still.space, mount=MOUNT)
+    return replace(still, motion=Stretch(), sensor=sensor)
+
+
+def short_problem() -> Problem:
+    """x1 and x2 of an object that stands in the hall, by a rangefinder that reaches none of its walls."""
+    still = position_problem()
+    return replace(still, sensor=Rangefinder(Hall(), BEARINGS, Gaussian(STDS), still.space, max_range=REACH))
 
 
 def pose_problem(turn: float = 0.0) -> Problem:

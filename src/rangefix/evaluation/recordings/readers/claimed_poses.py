@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ....arrays import Array, wrap
+from ....filters import RangeMap
 from ..log import Log, RecordingError
+from .odd_units import odd_headings
 from .rosbag import RosbagLog
 from .text_lines import column_names, refuse_other_width, table_lines
 
@@ -42,6 +44,36 @@ class ClaimedPoses(NamedTuple):
         if abs(float(self.times[best]) - time_s) > NEAR_S:
             return None
         return float(self.times[best]), self.means[best], self.covariances[best]
+
+    def odd(self, name: str, scans_s: tuple[float, float], room: RangeMap) -> list[str]:
+        """What tells that times, places or headings are in other units or frames, a sentence each.
+
+        Args:
+            name: What these poses are called.
+            scans_s: Times of the first and of the last scan, s.
+            room: The map.
+        """
+        count, (begin, end), (low, high) = len(self.times), scans_s, room.bounds
+        late = (self.times < begin - NEAR_S) | (self.times > end + NEAR_S)
+        far = ((self.means[:, :2] < low) | (self.means[:, :2] > high)).any(axis=1)
+        again = (np.diff(self.times) == 0) & (np.diff(self.means, axis=0) != 0).any(axis=1)
+        told = []
+        if 2 * late.sum() > count:
+            told.append(
+                f"{late.sum()} of the {count} poses of {name} are before the first scan or after the last: "
+                "do their times fit the recording's?"
+            )
+        if again.any():
+            told.append(
+                f"{again.sum()} poses of {name} are at the time of another, but elsewhere (left out): have "
+                "their times digits enough?"
+            )
+        if 2 * far.sum() > count:
+            told.append(
+                f"{far.sum()} of the {count} poses of {name} are outside the map: are they in metres, and in "
+                "its frame?"
+            )
+        return told + odd_headings(self.means, f"robot of {name}")
 
 
 def is_claimed(name: str) -> bool:
@@ -77,7 +109,7 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
 def _poses_of_table(path: Path) -> Iterator[tuple[float, Array, Array]]:
     lines = table_lines(path)
     wanted = (*POSE, *COVARIANCE)
-    names = column_names(path, next(lines, (0, []))[1], wanted)
+    names = column_names(path, next(lines, (0, []))[1], set(wanted))
     if missing := [name for name in wanted if name not in names]:
         raise RecordingError(
             f"{path}: no column {', '.join(missing)}; a table of poses has "

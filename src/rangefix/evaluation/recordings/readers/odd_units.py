@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ....arrays import TWO_PI, Array
+from ....arrays import TWO_PI, Array, wrap
 from ..log import LaserDescription
 
 FAR, LARGE_SHARE = 1.1, 0.25  # beyond so many limits a reading is too long; such a share of them is odd
@@ -16,6 +16,7 @@ FAN_BEAMS, MOST_TURNS = 8, 2.0
 BETWEEN_SCANS_S = 1e-4, 10.0  # no laser is faster, and hardly a log is slower
 FASTEST_M_PER_S = 30.0
 LEG_M, LEAST_LEGS = 0.1, 10  # of the way, over which its direction is looked at
+TURNED_RAD = 0.5  # of a robot that has turned
 ALIKE, APART = 0.9, 0.6  # mean resultant lengths of headings that go with the way, and of others
 
 
@@ -52,6 +53,9 @@ class OddUnits:
     def warning(self) -> str:
         """A sentence for each thing that is odd; "" if nothing is."""
         headings = [text for who, told in self._headings.items() for text in told.odd(who)]
+        robot, true = self._headings.values()
+        if true.legs >= LEAST_LEGS and not true.turned and robot.turned > TURNED_RAD:
+            headings.append("The true pose never turns, and the robot does: does the truth know its heading?")
         return " ".join([*self._ranges.odd(), *self._odd_beams(), *self._odd_times(), *headings])
 
     def _odd_beams(self) -> Iterable[str]:
@@ -72,31 +76,42 @@ class OddUnits:
             yield f"By odometry the robot moves at {speed}: is it in metres, and the times in seconds?"
 
 
+def odd_headings(poses: Iterable[Array], who: str) -> list[str]:
+    """A sentence if the headings of poses, (3,) each, go with their way only if they are something else."""
+    headings = _Headings()
+    for pose in poses:
+        headings.add(pose)
+    return list(headings.odd(who))
+
+
 class _Headings:
     """Whether headings go with the way: as they are, or only if they are something else."""
 
     def __init__(self) -> None:
         self._leg: Array | None = None  # where one begins
-        self._legs, self._widest = 0, 0.0
+        self.legs, self._widest = 0, 0.0
         self._sums = np.zeros(3, dtype=complex)  # of headings as they are, as radians, and mirrored
+        self._first = 0.0  # heading, rad
+        self.turned = 0.0  # how far from that it went at most, rad
 
     def add(self, pose: Array) -> None:
         """One more pose, (3,)."""
         if self._leg is None:
-            self._leg = pose
+            self._leg, self._first = pose, float(pose[2])
+        self.turned = max(self.turned, abs(float(wrap(pose[2] - self._first))))
         self._widest, moved = max(self._widest, abs(float(pose[2]))), pose - self._leg
         if np.hypot(moved[0], moved[1]) >= LEG_M:
             heading = 0.5 * (pose[2] + self._leg[2]) if abs(moved[2]) < 1 else pose[2]
             towards = np.arctan2(moved[0], moved[1])
             assumed = np.array([heading, np.rad2deg(heading), -heading])
             self._sums += np.exp(2j * (towards - assumed))  # twice: it may go backwards
-            self._legs, self._leg = self._legs + 1, pose
+            self.legs, self._leg = self.legs + 1, pose
 
     def odd(self, who: str) -> Iterable[str]:
         """What there is to say of them."""
-        if self._legs < LEAST_LEGS:
+        if self.legs < LEAST_LEGS:
             return
-        own, radians, mirrored = np.abs(self._sums) / self._legs
+        own, radians, mirrored = np.abs(self._sums) / self.legs
         if own < APART and radians > ALIKE and self._widest <= NARROWEST_RAD:
             yield f"The {who} moves as its headings say if they are in radians: degrees are expected."
         elif own < APART and mirrored > ALIKE:

@@ -94,11 +94,16 @@ class TableLog(FileLog):
 
     @cached_property
     def _bearings(self) -> Array:
-        names = [name[len(RANGE) :] for name in self._columns if name.startswith(RANGE)]
-        try:
-            return np.array([float(name) for name in names])
-        except ValueError:
-            raise RecordingError(f"{RANGE} needs the bearing in degrees behind it") from None
+        bearings = []
+        for name in self._columns:
+            if name.startswith(RANGE):
+                try:
+                    bearings.append(float(name.removeprefix(RANGE)))
+                except ValueError:
+                    raise RecordingError(
+                        f"{RANGE} needs the bearing in degrees behind it, got {name[:60]!r}"
+                    ) from None
+        return np.array(bearings)
 
     @cached_property
     def sensor(self) -> LaserDescription:

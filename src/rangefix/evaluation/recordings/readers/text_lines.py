@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Set
 from pathlib import Path
 
 from ....text_files import LOOKED_AT, NotText, line_in_utf8, refuse_other_text
@@ -53,7 +53,7 @@ def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         yield number, cells
 
 
-def column_names(path: Path, cells: list[str], known: Collection[str]) -> list[str]:
+def column_names(path: Path, cells: list[str], known: Set[str]) -> list[str]:
     """The names of a table's columns, of the cells of its first line.
 
     Args:
@@ -66,7 +66,8 @@ def column_names(path: Path, cells: list[str], known: Collection[str]) -> list[s
     """
     names = [cell.strip() for cell in cells]
     for mark, shown in ((";", "semicolons"), ("\t", "tabs")):
-        if len(names) == 1 and mark in names[0] and names[0].split(mark)[0].strip() in known:
+        parts = [part.strip(' "') for part in "".join(names).split(mark)]
+        if len(names) == 1 < len(parts) and not known.isdisjoint(parts):
             raise RecordingError(f"{path}: its cells are separated by {shown}, and commas are read")
     for place, name in enumerate(names):
         if name in names[:place]:
