@@ -27,7 +27,7 @@ NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
 OFF_WALLS = 1e-5  # of a cell: a centre that lay on a wall would read 0 along half of its beams
 CHECKED, UNLIKE = 16_384, 0.2  # draws by which cells are checked, and by how much their densities may be off
-DRAWS, HALVINGS = 1_000_000, 12  # of a prior with narrower parts, and of its cells
+PRIOR_DRAWS, HALVINGS = 1_000_000, 12  # of a prior with narrower parts, and of its cells
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
 
@@ -183,8 +183,8 @@ def _drawn_cells(problem: Problem, pitch: Array, most: int) -> Cells:
 
     Each cell has the mean and the spread of the draws in it, however narrow they lie.
     """
-    states = problem.prior.sample(DRAWS, np.random.default_rng(FIRST_SEED))
-    drawn = Cells.of(problem.space, states, np.ones(DRAWS))
+    states = problem.prior.sample(PRIOR_DRAWS, np.random.default_rng(FIRST_SEED))
+    drawn = Cells.of(problem.space, states, np.ones(PRIOR_DRAWS))
     found = drawn.merged(pitch)
     for _ in range(HALVINGS):
         pitch = 0.5 * pitch

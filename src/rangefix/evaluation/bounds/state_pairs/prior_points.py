@@ -17,8 +17,9 @@ MORE_POINTS = 4  # times as many, where the error is more than its share
 ACCURATE_SHARE = 0.03  # of the sum
 SAFETY = 4.0  # standard errors subtracted; with 16 sets exceeded by chance once in 1700 times
 WIDE = "its error has no bound here where an arc of 180 deg or more is possible"
-DRAWS = 4096  # by which it is told how densely points must lie
-FEWEST, MISSED = 1.0, 0.02  # points of a set that count, and share of the prior that all sets may miss
+PRIOR_DRAWS = 4096  # by which it is told how densely points must lie
+FEWEST_COUNTING = 1.0  # points of a set
+MISSED_SHARE = 0.02  # of the prior, that all sets may miss
 NEGLIGIBLE = 1e-30  # of the largest density: integrals over less than that are zero
 
 
@@ -71,11 +72,11 @@ def require_filled(prior: Prior, size: int, seed: int) -> None:
     """
     lower, upper = prior.support
     volume = float(np.prod(upper - lower))
-    drawn = prior.log_density(prior.sample(DRAWS, np.random.default_rng(seed)))
+    drawn = prior.log_density(prior.sample(PRIOR_DRAWS, np.random.default_rng(seed)))
     counting = size / (volume * np.exp(drawn).mean())
-    sets = islice(point_sets(prior, size, seed + size), SETS if counting >= FEWEST else 0)
+    sets = islice(point_sets(prior, size, seed + size), SETS if counting >= FEWEST_COUNTING else 0)
     found = np.array([volume * np.exp(points.log_density).sum() / size for points in sets])
-    if not found.size or found.mean() + SAFETY * found.std(ddof=1) / np.sqrt(SETS) < 1 - MISSED:
+    if not found.size or found.mean() + SAFETY * found.std(ddof=1) / np.sqrt(SETS) < 1 - MISSED_SHARE:
         raise NoBoundError(
             f"the prior is so narrow, in a part or as a whole, that {size} points in its box miss it"
         )
