@@ -62,6 +62,11 @@ def cut(text: str, most: int = MAX_REASON) -> str:
     return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"
 
 
+def counted(number: int, noun: str) -> str:
+    """How many there are of what a noun names: 1 run, 2 runs."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def listed(labels: Sequence[str], most: int) -> str:
     """Labels between semicolons: so many of them, and how many more there are."""
     more = f"; and {len(labels) - most} more" if len(labels) > most else ""

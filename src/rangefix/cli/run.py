@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import counted
 from .app import ExitCode, Json, Stopped, as_typed, named, names_from, out_folder, print_json, warn
 from .map_options import Unit, Up
 from .studies import Map, NoPlugins, Runs, Seed, StudyFile, read_study, tell_odd_study
@@ -214,7 +215,9 @@ def _show(
     from .tables.study import beliefs, comparison, verdicts
 
     screen = console()
-    for table in comparison(rows, f"{study.title or study.name}: {results.runs} runs", screen.width):
+    for table in comparison(
+        rows, f"{study.title or study.name}: {counted(results.runs, 'run')}", screen.width
+    ):
         screen.print(table)
     if (sampled := beliefs(rows)) is not None:
         screen.print(sampled)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import counted
 from .app import Json, as_typed, named, names_from, one_of, out_file, print_json, refuse_other_kind, say, warn
 from .map_options import Unit, Up, tell_odd
 
@@ -122,7 +123,7 @@ def _list(as_json: bool) -> None:
         print_json({"studies": listed})
         return
     for study in listed:
-        say(f"{study['name']:<20} {study['runs']:>5} runs   {study['title']}")
+        say(f"{study['name']:<20} {counted(study['runs'], 'run'):>10}   {study['title']}")
     say("Run one: rangefix run NAME   Copy one to change it: rangefix studies NAME --out FILE")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import printable
+from ..errors import counted, printable
 from ..filters import Estimator, Problem
 from ..filters.registry import BUILT_IN, build_with, resolve
 
@@ -138,7 +138,7 @@ class Experiment:
 
     def __repr__(self) -> str:
         names, sets = ", ".join(self.estimators), ", ".join(self.beam_labels)
-        told = f"{names} on beams {sets}; {self.runs} runs of {self.steps} steps"
+        told = f"{names} on beams {sets}; {counted(self.runs, 'run')} of {counted(self.steps, 'step')}"
         return printable(f"<Experiment {self.name!r}: {told}>")
 
     @property

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import counted
 from .kalman.batch import WORK_PER_RANGE
 from .kalman.batch import runs_at_once as kalman_runs_at_once
 from .models.motion import Stationary
@@ -111,7 +112,7 @@ def _point_mass(problem: Problem, options: Mapping[str, Any], runs: int) -> Memo
         masses = 3 * FLOAT * (free * at_once + min(DENSITIES_AT_ONCE, at_once * free * beams))
     kept = cells + ranges
     peak = max(order + cells, kept + 2 * FLOAT * cast, kept + masses)
-    what = f"{_times(counts)} cells with {_beams(beams)}"
+    what = f"{_times(counts)} cells with {counted(beams, 'beam')}"
     return MemoryNeed(kept, peak, what, "take a larger cell_m, a smaller prior or fewer beams")
 
 
@@ -145,7 +146,7 @@ def _following_cells(problem: Problem, options: Mapping[str, Any]) -> MemoryNeed
     runs = runs_at_once(problem)
     share = min(float(most) / USUAL_CELLS, 1.0)
     peak = max(making, coarse + share * runs * run_bytes(size, beams) + 6 * FLOAT * VALUES_AT_ONCE)
-    what = f"{share * USUAL_CELLS * runs:.6g} cells of {runs} runs with {_beams(beams)}"
+    what = f"{share * USUAL_CELLS * runs:.6g} cells of {counted(runs, 'run')} with {counted(beams, 'beam')}"
     return MemoryNeed(coarse, peak, what, "take a smaller most_cells or fewer beams")
 
 
@@ -181,7 +182,7 @@ def _particle(problem: Problem, options: Mapping[str, Any], runs: int) -> Memory
     cast = 0.0 if by_walls else 4 * FLOAT * min(particles, 1 << 14) * beams
     # copies, proposals and weights of one run beside the beliefs before and after
     peak = 2 * belief * _at_once(runs, belief) + FLOAT * particles * (4 * size + 8) + cast
-    what = f"{particles:.6g} particles of {size} components with {_beams(beams)}"
+    what = f"{particles:.6g} particles of {size} components with {counted(beams, 'beam')}"
     return MemoryNeed(0.0, peak, what, "take fewer particles")
 
 
@@ -189,27 +190,31 @@ def _extended(problem: Problem, options: Mapping[str, Any], runs: int) -> Memory
     size, beams = problem.space.size, len(problem.sensor.bearings)
     runs = min(runs, kalman_runs_at_once(beams, size))
     peak = FLOAT * runs * beams * (5 * size + 20)
-    return MemoryNeed(0.0, peak, f"{runs} runs of {_beams(beams)} at once", "take fewer beams")
+    return MemoryNeed(
+        0.0, peak, f"{counted(runs, 'run')} of {counted(beams, 'beam')} at once", "take fewer beams"
+    )
 
 
 def _sigma_points(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     size, beams = problem.space.size, len(problem.sensor.bearings)
     runs = min(runs, kalman_runs_at_once(beams, size))
     peak = WORK_PER_RANGE * runs * beams * size
-    return MemoryNeed(0.0, peak, f"{runs} runs of {_beams(beams)} at once", "take fewer beams")
+    return MemoryNeed(
+        0.0, peak, f"{counted(runs, 'run')} of {counted(beams, 'beam')} at once", "take fewer beams"
+    )
 
 
 def _ensemble(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     members, size, beams = float(options["members"]), problem.space.size, len(problem.sensor.bearings)
     belief = FLOAT * members * size
     peak = 3 * belief * _at_once(runs, belief) + FLOAT * (7 * members * beams + 4.0 * beams**2)
-    what = f"{members:.6g} members with {_beams(beams)}"
+    what = f"{members:.6g} members with {counted(beams, 'beam')}"
     return MemoryNeed(0.0, peak, what, "take fewer members or beams")
 
 
 def _one_run(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNeed:
     beams = len(problem.sensor.bearings)
-    what = f"joint covariances of {_beams(beams)}"
+    what = f"joint covariances of {counted(beams, 'beam')}"
     return MemoryNeed(0.0, FLOAT * 8.0 * beams**2, what, "take fewer beams, or ekf or ukf")
 
 
@@ -222,7 +227,7 @@ def _exact(problem: Problem, options: Mapping[str, Any], runs: int) -> MemoryNee
     pieces = min(float(options["most_pieces"]), 1 + lines + lines * (lines - 1) / 2)
     kept = FLOAT * pieces * (2 * MAX_CORNERS + 5 * beams + 4)
     peak = 2 * kept + FLOAT * pieces * 12 * beams  # figures of all beams, worked out from others
-    what = f"up to {pieces:.6g} pieces with {_beams(beams)}"
+    what = f"up to {pieces:.6g} pieces with {counted(beams, 'beam')}"
     return MemoryNeed(kept, peak, what, "take a smaller most_pieces or fewer beams")
 
 
@@ -271,7 +276,3 @@ def _touched_share(prior: Prior, cells: tuple[int, int]) -> float:
 
 def _times(counts: Iterable[float]) -> str:
     return " x ".join(f"{count:.0f}" for count in counts)
-
-
-def _beams(count: int) -> str:
-    return f"{count} beam{'s' if count != 1 else ''}"

@@ -17,6 +17,7 @@ from rangefix.filters import (
     Mixture,
     Problem,
     Rangefinder,
+    Stationary,
     StudentT,
     Uniform,
     position_space,
@@ -39,6 +40,27 @@ def quick(monkeypatch):
     for name, value in sizes.items():
         monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(prior_points, "ACCURATE_SHARE", 1e9)
+
+
+@pytest.mark.parametrize("std", [0.0002, 0.005])
+def test_a_prior_that_points_miss_is_refused(std: float) -> None:
+    """Nine tenths within 0.2 mm: points saw the other tenth alone; the bound was 6.8 times the optimum."""
+    room, space = RectangularRoom(4, 6), position_space(heading=0.3)
+    narrow = GaussianPrior([2.0, 3.0], std**2 * np.eye(2), space, room)
+    sensor = Rangefinder(room, np.array([0.0, 1.5]), Gaussian(2.0), space)
+    prior = Mixture([Uniform(room, space), narrow], [0.1, 0.9])
+    with pytest.raises(NoBoundError, match="so narrow, in a part or as a whole"):
+        weiss_weinstein(Problem(space, Stationary(space), sensor, prior))
+
+
+def test_a_strip_that_points_miss_is_refused() -> None:
+    """0.3 mm wide, slanted: it ended in a singular matrix."""
+    room, space = RectangularRoom(4, 6), position_space(heading=0.3)
+    slant = np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
+    prior = GaussianPrior([2.0, 3.0], slant @ np.diag([0.25, 9e-8]) @ slant.T, space, room)
+    sensor = Rangefinder(room, np.array([0.0, 1.5]), Gaussian(2.0), space)
+    with pytest.raises(NoBoundError, match="so narrow, in a part or as a whole"):
+        weiss_weinstein(Problem(space, Stationary(space), sensor, prior))
 
 
 @pytest.mark.study

@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from rangefix.evaluation import Experiment, NamedEstimator, load_study, repeat_run, run
 from rangefix.evaluation.figures.beliefs import draw_posterior
 from rangefix.evaluation.figures.catalogue import alone
 from rangefix.evaluation.figures.data import FigureData
+from rangefix.evaluation.figures.errors import draw_runs
 from rangefix.evaluation.figures.planning.accuracy import draw_accuracy
 from rangefix.evaluation.figures.planning.compass import draw_plan
 from rangefix.evaluation.figures.recordings.paths import draw_beliefs
 from rangefix.evaluation.figures.style import styled
+from rangefix.evaluation.figures.ticks import plain_numbers
 from rangefix.evaluation.planning.accuracy_map import AccuracyMap
 from rangefix.evaluation.planning.plans import Plan, Step
 from rangefix.evaluation.planning.scene import FloorPlan
@@ -145,3 +148,26 @@ def test_equal_deviations_have_one_plain_number() -> None:
         labels = [float(label.get_text()) for label in bar.get_yticklabels()]
         assert len(labels) == count
         assert all(0.05 <= label <= largest for label in labels if label)
+
+
+def test_one_run_is_one_run(tmp_path: Path) -> None:
+    """It was told as 1 runs, above an axis of runs from -0.04 to 0.04."""
+    one = Experiment(make_problem(), {"ekf": NamedEstimator("ekf")}, runs=1, name="mine")
+    results = run(one, tmp_path, timing=False)
+    figure = alone(draw_runs)(FigureData(results))
+    assert figure.get_suptitle().startswith("Errors of 1 run in")
+    low, high = figure.axes[-1].get_xlim()
+    assert [tick for tick in figure.axes[-1].get_xticks() if low <= tick <= high] == [0]
+    assert repr(results).startswith("Results of mine: 1 run, seed ")
+
+
+def test_decades_beside_each_other_look_alike() -> None:
+    """A million stood as 1e+06 beside 100000."""
+    axes = Figure().subplots()
+    axes.set_yscale("log")
+    axes.set_ylim(0.5, 5e6)
+    plain_numbers(axes.yaxis)
+    labels = {
+        tick: label.get_text() for tick, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
+    }
+    assert {labels[tick] for tick in (1.0, 1e5, 1e6)} == {"1", "100000", "1000000"}

@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from rangefix.arrays import Array
+from rangefix.evaluation.bounds.optimum import optimum
 from rangefix.evaluation.planning.cells import Cells, prior_cells, turned
 from rangefix.evaluation.planning.expected_covariance import (
     ConvexViews,
@@ -23,14 +24,18 @@ from rangefix.filters import (
     BeamMixture,
     Biased,
     Gaussian,
+    GaussianPrior,
     LostBeams,
+    Mixture,
     Mount,
     Noise,
     Problem,
     Quantised,
     Rangefinder,
     RangeProportional,
+    Stationary,
     StudentT,
+    Uniform,
     pose_space,
     position_space,
 )
@@ -62,6 +67,35 @@ def test_the_first_beam_in_the_papers_room() -> None:
     found = expected_covariance(prior_cells(problem), seen(problem, [0.0, 180.0, 33.7]))
     assert found.trace == pytest.approx([1.3358, 1.3358, 2.7100], abs=6e-5)
     assert found.information == pytest.approx([3.3836, 3.3836, 3.3720], abs=1e-4)
+
+
+SLANT = np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
+
+
+@pytest.mark.parametrize(
+    ("share", "mean", "covariance"),
+    [
+        (0.5, (2.0, 3.0), 0.005**2 * np.eye(2)),  # between centres of cells: it counted as nothing
+        (0.5, (1.013, 2.017), 0.005**2 * np.eye(2)),  # about one of them: it counted five times
+        (0.9, (1.0, 2.0), 0.001**2 * np.eye(2)),
+        (1.0, (2.0, 3.0), SLANT @ np.diag([0.5**2, 0.0003**2]) @ SLANT.T),
+    ],
+)
+def test_parts_of_a_prior_that_are_narrower_than_its_cells(share, mean, covariance) -> None:
+    """As the exact filter has it, by quadrature over readings, within 0.4 %: it was 0.05 to 10 times that.
+
+    A million draws know a share of a tenth to 0.3 %, one standard error, and their seed is fixed.
+    """
+    room, space = RectangularRoom(4, 6), position_space(heading=0.3)
+    prior = (
+        Mixture([Uniform(room, space), GaussianPrior(mean, covariance, space, room)], [1 - share, share])
+        if share < 1
+        else GaussianPrior(mean, covariance, space, room)
+    )
+    sensor = Rangefinder(room, np.array([0.0]), Gaussian(0.05), space)
+    problem = Problem(space, Stationary(space), sensor, prior)
+    found = expected_covariance(prior_cells(problem), sensor).covariance[0]
+    assert found.trace() == pytest.approx(optimum(problem).matrix.trace(), rel=4e-3)
 
 
 def test_a_wall_met_squarely_in_closed_form() -> None:

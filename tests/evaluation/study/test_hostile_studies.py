@@ -91,6 +91,8 @@ DEEP = "[" * 5000 + "]" * 5000
         ),
         (f"seed = {'9' * 5000}\n" + GOOD, "s.toml"),
         (f'name = "{"a" * 100_000}"\n' + GOOD, "name: must have at most 200 letters"),
+        (f'name = "{"é" * 200}"\n' + GOOD, "name: names a folder: has 400 bytes, and may have 255"),
+        ('name = "a\\u0000b"\n' + GOOD, "name: names a folder: no zero byte"),
         (f'title = "{"a" * 100_000}"\n' + GOOD, "title: must have at most 2000 letters"),
         (f'{GOOD}label = "{"a" * 100_000}"\n', "estimators[1].label: must have at most 200 letters"),
         (

@@ -12,7 +12,16 @@ from ...arrays import Array, IntArray
 from ...filters.problem import Problem
 from .bound import Bound
 from .state_pairs.gaussian_readings import GaussianReadings, squared_distance
-from .state_pairs.prior_points import NEGLIGIBLE, SAFETY, WIDE, PriorPoints, is_wide, point_sets, summed
+from .state_pairs.prior_points import (
+    NEGLIGIBLE,
+    SAFETY,
+    WIDE,
+    PriorPoints,
+    is_wide,
+    point_sets,
+    require_filled,
+    summed,
+)
 from .state_pairs.shifts import Shifts
 
 POINTS = 2048  # in each of the sets that the bound is summed over
@@ -71,9 +80,11 @@ def weiss_weinstein(problem: Problem) -> Bound:
         180 deg or more is possible has no bound: its rows are 0, and a condition says so.
 
     Raises:
-        NoBoundError: If the noise is not Gaussian or cut off, or the object moves.
+        NoBoundError: If the noise is not Gaussian or cut off, the object moves, or the prior is so narrow
+            that points in its box miss a part.
     """
     tried = DifferenceFunctions(problem, _test_points(problem))
+    require_filled(problem.prior, POINTS, 6)
     look = next(point_sets(problem.prior, LOOK_POINTS, seed=4))
     functions = replace(tried, points=tried.points[_choose(tried.sums(look), tried.variances(look))])
     choice = [

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
+from ...errors import counted
 from ..consistency.intervals import Interval, Moments
 from ..consistency.summarise import summarise
 from ..results import Results, Trials
@@ -53,7 +54,7 @@ class PairedComparison:
         if not self.runs:
             return "no run in which both answered"
         if not self.significant:
-            return f"no difference from {self.best} seen in {self.runs} runs"
+            return f"no difference from {self.best} seen in {counted(self.runs, 'run')}"
         than = f"{'more' if self.change.value < 0 else 'less'} accurate than {self.best}"
         if not 0 < self.best_rmse < np.inf or not np.isfinite(self.rmse):
             return than

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-from ...errors import printable, suggestion
+from ...errors import counted, printable, suggestion
 from ..consistency.formatting import beams_in_words, factor, format_number, scaled, unit
 from ..consistency.intervals import UNKNOWN, Interval
 from ..consistency.metrics import COMPONENT
@@ -73,7 +73,7 @@ def _caption(results: Results, end: int) -> str:
     """What the table shows, in one line."""
     name = results.manifest.get("title") or results.manifest.get("name") or "study"
     after = f", after the last of {end + 1} measurements" if end else ""
-    runs = results.interruption or f"{results.runs} runs"
+    runs = results.interruption or counted(results.runs, "run")
     return printable(f"{name}: {runs}{after}; 95 % intervals in brackets")
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import suggestion
+from ...errors import counted, suggestion
 from ..results import BeliefScores, SavedBounds
 from ..results.outcome import DIAGNOSTICS
 from .formatting import format_number
@@ -199,5 +199,5 @@ def _line(gate: Gate, row: Row) -> GateLine:
     text = f"{'pass' if passed else 'FAIL'}  {row.where}: {gate.figure} = {format_number(value)}"
     text += f" [{format_number(low)}, {format_number(high)}]" if (low, high) != (value, value) else ""
     text += f" is {'in' if passed else 'not in'} {band}"
-    text += "" if settled else f"; {row.ok} runs do not settle it"
+    text += "" if settled else f"; {counted(row.ok, 'run')} do not settle it"
     return GateLine(gate, row, passed, settled, text)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 from ...arrays import Array
-from ...errors import printable
+from ...errors import counted, printable
 from ..results import FAILURES, html_table
 from .formatting import beams_in_words, factor, format_interval, format_number
 from .intervals import UNKNOWN, Interval, uniform_p_value
@@ -250,7 +250,7 @@ class Row:
         return self.pairs_of_stds(*bound, self.g, self.p)
 
     def _title(self) -> str:
-        return f"{self.where}: {self.ok} of {self.made} runs ok"
+        return f"{self.where}: {self.ok} of {counted(self.made, 'run')} ok"
 
     def _lines(self, place: Place) -> Iterator[tuple[str, str]]:
         for metric, component, interval in self.shown(place):

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from ...errors import counted
 from .evidence import Evidence, ShapeFault
 from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
 from .intervals import Interval
@@ -117,7 +118,9 @@ def decide(row: Row, family: int = 1) -> Verdict:
         family: Rows among which false alarms are to be as rare as stated for one (Bonferroni).
     """
     if not row.made:
-        return Verdict("pending", row.anees, f"not run yet (interrupted after 0 of {row.planned} runs)")
+        return Verdict(
+            "pending", row.anees, f"not run yet (interrupted after 0 of {counted(row.planned, 'run')})"
+        )
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
@@ -177,7 +180,7 @@ def _levels(evidence: Evidence, family: int) -> Levels:
 
 
 def _cannot_tell(row: Row) -> str:
-    return f"cannot tell with {row.ok} {'run' if row.ok == 1 else 'runs'}"
+    return f"cannot tell with {counted(row.ok, 'run')}"
 
 
 def decide_overall(rows: Sequence[Row]) -> Verdict:
@@ -276,8 +279,8 @@ def _far_words(far: FarErrors, runs: int) -> str:
     """What the runs cannot tell of, and what they met of it."""
     return (
         f"{format_percent(far.share)} of the squared errors that it claims lie more than {FAR:g} claimed "
-        f"deviations from its estimates, where {format_number(far.expected)} of {runs} truths are to be "
-        f"expected and {far.found} were found; nearer ones agree with its claims"
+        f"deviations from its estimates, where {format_number(far.expected)} of {counted(runs, 'truth')} "
+        f"are to be expected and {far.found} were found; nearer ones agree with its claims"
     )
 
 
@@ -297,11 +300,11 @@ def _bias_words(name: str, bias: float) -> str:
 def _caveats(row: Row) -> tuple[str, ...]:
     notes = []
     if row.pending:
-        notes.append(f"interrupted after {row.made} of {row.planned} runs, by which it is judged")
+        notes.append(f"interrupted after {row.made} of {counted(row.planned, 'run')}, by which it is judged")
     if row.ok < row.made:
         failed = ", ".join(f"{count} {name}" for name, count in row.failures.items())
-        some = f"judged by the {row.ok} of {row.made} runs that went well ({failed})"
-        notes.append(some if row.ok else f"all {row.made} runs failed ({failed})")
+        some = f"judged by the {row.ok} of {counted(row.made, 'run')} that went well ({failed})"
+        notes.append(some if row.ok else f"all {counted(row.made, 'run')} failed ({failed})")
     if row.collapsed.value > MENTION_SHARE:
         notes.append(
             f"in {format_percent(row.collapsed.value)} of the runs it collapsed: fewer than {MIN_EFFECTIVE} "

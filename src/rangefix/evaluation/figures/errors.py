@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 
 from ...arrays import Array
+from ...errors import counted
 from ..consistency.formatting import beams_in_words, factor, unit
 from .data import FigureData
 from .layout import MAX_BESIDE
@@ -58,7 +59,7 @@ def draw_runs(data: FigureData, sheet: Sheet) -> None:
         for axes in of_component:
             axes.set_ylim(limits[:, 0].min(), limits[:, 1].max())
     title = data.heading(
-        f"Errors of {min(SHOWN_RUNS, results.runs)} runs in their claimed bands", with_beams=True
+        f"Errors of {counted(min(SHOWN_RUNS, results.runs), 'run')} in their claimed bands", with_beams=True
     )
     sheet.finish(title, panels[0, :1], columns=3, note=data.silent)
 

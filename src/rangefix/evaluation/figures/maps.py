@@ -11,6 +11,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Rectangle
 
 from ...arrays import Array
+from ...errors import counted
 from ..results import Scene
 from .data import FigureData
 from .room import draw_beams, draw_truth, draw_walls
@@ -45,7 +46,7 @@ def _ways(axes: Axes, ways: Array) -> None:
     """The ways of moving objects, (M, T, 2)."""
     for way in ways[1:WAYS]:
         axes.plot(*way.T, color="#7F7F7F", linewidth=0.5, alpha=0.7, zorder=2)
-    label = f"true ways of {len(ways[:WAYS])} runs, dark: the first"
+    label = f"true ways of {counted(len(ways[:WAYS]), 'run')}, dark: the first"
     axes.plot(*ways[0].T, color="black", linewidth=1.4, zorder=3, label=label)
 
 
@@ -76,7 +77,7 @@ def draw_map(data: FigureData, sheet: Sheet) -> None:
         draw_walls(axes, scene, width)
         _box(axes, scene)
     ways = results.truth[:MOST_TRUTHS][..., results.space.position_indices]
-    label = f"true positions, {len(ways)} runs"
+    label = f"true positions, {counted(len(ways), 'run')}"
     near.plot(*ways[:, 0].T, ".", markersize=2.5, color="#7F7F7F", zorder=2, label=label)
     if (ways != ways[:, :1]).any():
         _ways(whole, ways)

@@ -106,8 +106,13 @@ def plain_numbers(axis: Axis, subdivisions: Sequence[float] = (1.0,)) -> None:
     sparse = [LogLocator(subs=(1.0,), numticks=count) for count in (4, 3)]
     few = [MaxNLocator(count, steps=[1, 2, 5, 10]) for count in (4, 3, 2, 1)]
     axis.set_major_locator(FittingLocator([*logarithmic, *sparse, *few]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _plain(value: float) -> str:
+    """Without an exponent from 1e-6 to 1e7, so that decades beside each other look alike."""
+    return f"{value:.10f}".rstrip("0").rstrip(".") if 1e-6 <= abs(value) < 1e8 else f"{value:g}"
 
 
 def even_numbers(axis: Axis, most: int = 5, whole: bool = False) -> None:
@@ -118,7 +123,9 @@ def even_numbers(axis: Axis, most: int = 5, whole: bool = False) -> None:
         most: How many.
         whole: Whether only at whole numbers, as of what is counted.
     """
-    choices = [MaxNLocator(count, integer=whole) for count in range(most, 0, -1)]
+    choices = [
+        MaxNLocator(count, integer=whole, min_n_ticks=1 if whole else 2) for count in range(most, 0, -1)
+    ]
     axis.set_major_locator(FittingLocator(choices))
 
 

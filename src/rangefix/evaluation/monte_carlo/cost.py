@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...arrays import Array
+from ...errors import counted
 from ...filters import EachRun, Estimator
 from ...filters.estimator import filtered
 from ..experiment import Experiment, NamedEstimator
@@ -115,13 +116,10 @@ def check_memory(
         what = f"the tables of {len(needs)} estimators take about {_gb(kept)} of memory{at_once}"
         advice = "take shorter lists in [[estimators]] options"
     elif working > reading:
-        what = (
-            f"{runs} runs of {_steps(steps)} with {beams} beams take about {_gb(working)} of memory{at_once}"
-        )
+        what = f"{_size(runs, steps, beams)} take{'s' * (runs == 1)} about {_gb(working)} of memory{at_once}"
         advice = "take fewer steps in [motion], or fewer beams in [sensor]"
     else:
-        what = f"reading the results of {read} runs of {_steps(steps)} with {beams} beams takes about "
-        what += f"{_gb(reading)} of memory"
+        what = f"reading the results of {_size(read, steps, beams)} takes about {_gb(reading)} of memory"
         advice = "take fewer runs, fewer steps in [motion], or fewer beams in [sensor]"
     all_of_it = f", and all of it {_gb(total)}" * (total > 1.1 * max(most.peak, harness))
     raise ResultsError(f"{what}{all_of_it}, more than the {_gb(limit)} of --memory-gb: {advice}")
@@ -168,8 +166,7 @@ def check_disk(folder: Path, plan: FolderLayout, drawn: int) -> float:
     free = shutil.disk_usage(there).free
     if needed > free and needed > free + sum(part.stat().st_size for part in folder.glob("parts/**/*.npz")):
         raise ResultsError(
-            f"{plan.runs} runs take about {_gb(needed)}, and the disk of {folder} has {_gb(free)}: "
-            "take fewer runs"
+            f"{_take_about(plan)} {_gb(needed)}, and the disk of {folder} has {_gb(free)}: take fewer runs"
         )
     return float(needed)
 
@@ -214,7 +211,7 @@ def estimate_line(need: TimeNeed, plan: FolderLayout, folder: Path, disk: float,
     each = ", ".join([*named, f"simulating {_duration(need.simulating)}"])
     shared = f" on {workers} processes" * (workers > 1)
     return (
-        f"{plan.runs} runs take about {_duration(need.total(workers))}{shared} and {_gb(disk)} in {folder} "
+        f"{_take_about(plan)} {_duration(need.total(workers))}{shared} and {_gb(disk)} in {folder} "
         f"(a run: {each}{plug_ins})"
     )
 
@@ -307,8 +304,12 @@ def _gb(size: float) -> str:
     return f"{size / 1e9:.3g} GB" if size >= LEAST_GB * 1e9 else f"{size / 1e6:.3g} MB"
 
 
-def _steps(count: int) -> str:
-    return f"{count} step{'s' if count != 1 else ''}"
+def _size(runs: int, steps: int, beams: int) -> str:
+    return f"{counted(runs, 'run')} of {counted(steps, 'step')} with {counted(beams, 'beam')}"
+
+
+def _take_about(plan: FolderLayout) -> str:
+    return f"{counted(plan.runs, 'run')} take{'s' * (plan.runs == 1)} about"
 
 
 def _duration(seconds: float) -> str:

@@ -14,6 +14,7 @@ from ...filters.models.correlated import refuse_shared_errors
 from ...filters.models.motion import Stationary
 from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.point_mass.grid import build_grid
+from ...filters.problem import Prior
 from ...filters.refined_cells.coarse_cells import CoarseCells, cover
 from ...filters.refined_cells.filter import FIRST_SEED, boxes_of_each
 from .one_beam import noise_width
@@ -25,6 +26,8 @@ MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
 OFF_WALLS = 1e-5  # of a cell: a centre that lay on a wall would read 0 along half of its beams
+CHECKED, UNLIKE = 16_384, 0.2  # draws by which cells are checked, and by how much their densities may be off
+PRIOR_DRAWS, HALVINGS = 1_000_000, 12  # of a prior with narrower parts, and of its cells
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
 
@@ -146,7 +149,7 @@ def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:
 
 
 def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
-    """A problem's prior as cells of one size, about so many as asked for.
+    """A prior as cells of one size, about so many as asked for; of draws, where these miss a part of it.
 
     Raises:
         ValueError: If measurements cannot be planned for the problem.
@@ -163,8 +166,33 @@ def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
             break
         share = max(share * kept / most, 1e-2)
     assert grid is not None
-    cells = Cells.of(problem.space, grid.centres, np.exp(grid.log_mass), grid.step)
-    return cells.heavy()
+    cells = Cells.of(problem.space, grid.centres, np.exp(grid.log_mass), grid.step).heavy()
+    return cells if _follow(cells, problem.prior) else _drawn_cells(problem, grid.step, most)
+
+
+def _follow(cells: Cells, prior: Prior) -> bool:
+    """Whether a prior's densities at centres sum to 1 and have its mean: not where a part is narrower."""
+    drawn = np.exp(prior.log_density(prior.sample(CHECKED, np.random.default_rng(FIRST_SEED)))).mean()
+    density = np.exp(prior.log_density(cells.centres))
+    found = np.array([density @ cells.widths.prod(axis=1), cells.weights @ density / drawn])
+    return bool((np.abs(found - 1) < UNLIKE).all())
+
+
+def _drawn_cells(problem: Problem, pitch: Array, most: int) -> Cells:
+    """A prior with parts narrower than cells of a pitch, (n,): draws, put together in up to so many cells.
+
+    Each cell has the mean and the spread of the draws in it, however narrow they lie.
+    """
+    states = problem.prior.sample(PRIOR_DRAWS, np.random.default_rng(FIRST_SEED))
+    drawn = Cells.of(problem.space, states, np.ones(PRIOR_DRAWS))
+    found = drawn.merged(pitch)
+    for _ in range(HALVINGS):
+        pitch = 0.5 * pitch
+        finer = drawn.merged(pitch)
+        if len(finer.weights) > most:
+            break
+        found = finer
+    return found.heavy()
 
 
 def _counts(size: Array, is_angle: BoolArray, total: float) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
+from ...errors import counted
 from .draws import KEPT_DRAWS, whitened
 from .files import ResultsError
 from .folder import FolderLayout, trials_path, world_path
@@ -123,7 +124,8 @@ def check_size(folder: Path, plan: FolderLayout, manifest: Path) -> None:
         there = 0
     if planned > max(PLAN_FLOOR, PLAN_RATIO * there):
         raise ResultsError(
-            f"{manifest}: plan: {plan.runs} runs of {steps} steps, {size} components and {beams} beams by "
+            f"{manifest}: plan: {counted(plan.runs, 'run')} of {counted(steps, 'step')}, "
+            f"{counted(size, 'component')} and {counted(beams, 'beam')} by "
             f"{len(plan.estimators)} estimators are {planned / 1e9:.3g} GB, but the folder has "
             f"{there / 1e9:.3g} GB of truths and measurements: run the study again"
         )

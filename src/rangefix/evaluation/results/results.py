@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from ...errors import printable
+from ...errors import counted, printable
 from ...filters import StateSpace
 from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
@@ -77,7 +77,7 @@ class Results:
         return html_table(self._title(), ("estimator", "beams", "ok", "failed"), lines)
 
     def _title(self) -> str:
-        return f"{self.manifest.get('name')}: {self.runs} runs, seed {self.manifest.get('seed')}"
+        return f"{self.manifest.get('name')}: {counted(self.runs, 'run')}, seed {self.manifest.get('seed')}"
 
     @cached_property
     def truth(self) -> Array:
@@ -119,7 +119,8 @@ class Results:
         if self.manifest.get("state") == "complete":
             return ""
         least, most = min(self.made.values()), max(self.made.values())
-        return f"interrupted after {least if least == most else f'{least} to {most}'} of {self.runs} runs"
+        made = least if least == most else f"{least} to {most}"
+        return f"interrupted after {made} of {counted(self.runs, 'run')}"
 
     def blocks(self) -> list[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import listed
+from ...errors import counted, listed
 from ...filters.registry import file_of, module_of
 from ..experiment import Experiment, NamedEstimator
 from .study import Study
@@ -40,12 +40,12 @@ class Outline:
         """In words."""
         made, study = self.experiment, self.study
         labels, sets = list(made.estimators), list(made.beam_labels)
-        steps = f"{made.steps} measurement{'s' * (made.steps > 1)}"
+        steps = counted(made.steps, "measurement")
         told = [
             f"{study.name}: sound. Nothing was run or written.",
-            f"would run: {made.runs} runs of {steps}, seed {made.seed}",
+            f"would run: {counted(made.runs, 'run')} of {steps}, seed {made.seed}",
             f"beams: {listed(sets, MAX_SHOWN)}",
-            f"estimators: {len(labels)}, each on {len(sets)} set{'s' * (len(sets) > 1)} of beams",
+            f"estimators: {len(labels)}, each on {counted(len(sets), 'set')} of beams",
         ]
         for label in labels[:MAX_SHOWN]:
             source = self.sources[label]

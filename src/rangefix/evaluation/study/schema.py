@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import ConfigDict, Field, PrivateAttr
+from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
 from .sections.base import Section
 from .sections.estimators import EstimatorSection
@@ -17,6 +17,7 @@ from .sections.state import StateSection, TruthSection
 
 MOST_RUNS = 10**9
 LONGEST_NAME, LONGEST_TITLE = 200, 2000
+MOST_BYTES = 255  # that systems let the name of a folder have
 
 
 class AssumedSection(Section):
@@ -65,6 +66,15 @@ class StudySections(Section):
         min_length=1, description='at least one [[estimators]] with, for example, name = "point-mass"'
     )
     _folder: Path = PrivateAttr(default=Path())
+
+    @field_validator("name")
+    @classmethod
+    def _a_folder_can_have(cls, name: str) -> str:
+        if "\0" in name:
+            raise ValueError("names a folder: no zero byte")
+        if (size := len(name.encode(errors="replace"))) > MOST_BYTES:
+            raise ValueError(f"names a folder: has {size} bytes, and may have {MOST_BYTES}")
+        return name
 
     @property
     def folder(self) -> Path:

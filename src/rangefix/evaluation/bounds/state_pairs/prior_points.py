@@ -10,12 +10,16 @@ import numpy as np
 
 from ....arrays import Array, BoolArray
 from ....filters.problem import Prior, Problem
+from ..bound import NoBoundError
 
 SETS = 16  # independent sets of points in a sum
 MORE_POINTS = 4  # times as many, where the error is more than its share
 ACCURATE_SHARE = 0.03  # of the sum
 SAFETY = 4.0  # standard errors subtracted; with 16 sets exceeded by chance once in 1700 times
 WIDE = "its error has no bound here where an arc of 180 deg or more is possible"
+PRIOR_DRAWS = 4096  # by which it is told how densely points must lie
+FEWEST_COUNTING = 1.0  # points of a set
+MISSED_SHARE = 0.02  # of the prior, that all sets may miss
 NEGLIGIBLE = 1e-30  # of the largest density: integrals over less than that are zero
 
 
@@ -55,6 +59,27 @@ def point_sets(prior: Prior, size: int, seed: int) -> Iterator[PriorPoints]:
         kept = log_density > log_density.max() + np.log(NEGLIGIBLE)
         if kept.any():
             yield PriorPoints(states[kept], log_density[kept], unit[kept, -1])
+
+
+def require_filled(prior: Prior, size: int, seed: int) -> None:
+    """Refuse a prior that is too narrow, in a part or as a whole, for sets of `size` points in its box.
+
+    Of N points in a volume V those that count are N / (V E[p]), with p the density: E[p] by draws, which find
+    every part of the prior, and so is whether the points find all of it.
+
+    Raises:
+        NoBoundError: If it is.
+    """
+    lower, upper = prior.support
+    volume = float(np.prod(upper - lower))
+    drawn = prior.log_density(prior.sample(PRIOR_DRAWS, np.random.default_rng(seed)))
+    counting = size / (volume * np.exp(drawn).mean())
+    sets = islice(point_sets(prior, size, seed + size), SETS if counting >= FEWEST_COUNTING else 0)
+    found = np.array([volume * np.exp(points.log_density).sum() / size for points in sets])
+    if not found.size or found.mean() + SAFETY * found.std(ddof=1) / np.sqrt(SETS) < 1 - MISSED_SHARE:
+        raise NoBoundError(
+            f"the prior is so narrow, in a part or as a whole, that {size} points in its box miss it"
+        )
 
 
 def summed(prior: Prior, size: int, seed: int, value: Callable[[PriorPoints], Array]) -> tuple[Array, Array]:
