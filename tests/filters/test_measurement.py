@@ -223,3 +223,14 @@ def test_one_run_does_not_cost_the_others() -> None:
         assert np.isfinite(covariance).all()
         np.testing.assert_array_equal(np.isneginf(log_evidence), [False, True])
     np.testing.assert_allclose(mean[0], [1.99, 2.98], atol=0.1)
+
+
+@pytest.mark.parametrize("name", [*BUILT_IN, "cells that follow the readings"])
+def test_no_run_is_refused_where_it_begins(name: str) -> None:
+    """It ended in numpy's words, in one verb or another; so did one generator that stood for a list."""
+    world = problem()
+    options = OPTIONS.get(name, {})
+    estimator = build(name if name in BUILT_IN else "point-mass", world, **options)
+    for rngs, got in (([], "none"), (np.random.default_rng(0), "a single generator")):
+        with pytest.raises(ValueError, match=f"a list of generators, one for each run, got {got}"):
+            estimator.init(world.prior, rngs)  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from ..arrays import Array
 from .estimate import Estimate
-from .measurement import readings_of_shape
+from .measurement import count_runs, readings_of_shape
 from .optional_methods import (
     CanEstimateErrorOne,
     CanSampleOne,
@@ -29,7 +29,7 @@ class Estimator(Protocol[Belief]):
     """Fixed parameters and four verbs over M independent runs; run m draws from rngs[m] alone."""
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> Belief:
-        """The belief before any measurement, for M = len(rngs) runs."""
+        """The belief before any measurement, for M = len(rngs) runs, one or more."""
 
     def predict(self, belief: Belief, control: Array, rngs: Sequence[Generator]) -> Belief:
         """The belief after a move; control (k,) shared by the runs, or (M, k)."""
@@ -64,7 +64,12 @@ class EachRun(Generic[Belief]):
     single: SingleRunEstimator[Belief]
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> tuple[Belief, ...]:
-        """One belief for each run."""
+        """One belief for each run.
+
+        Raises:
+            ValueError: If there is no run.
+        """
+        count_runs(rngs)
         return tuple(self.single.init(prior, rng) for rng in rngs)
 
     def predict(

@@ -5,10 +5,25 @@ What each reading means, the same to all, is the table of docs/models.md, "What 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.random import Generator
 
 from ..arrays import Array, BoolArray
 from .problem import Sensor
+
+
+def count_runs(rngs: Sequence[Generator]) -> int:
+    """The number of runs M that an estimator is to begin.
+
+    Raises:
+        ValueError: If there is none, or one generator is given instead of a list.
+    """
+    if isinstance(rngs, Generator) or not len(rngs):
+        got = "a single generator" if isinstance(rngs, Generator) else "none"
+        raise ValueError(f"init takes a list of generators, one for each run, got {got}")
+    return len(rngs)
 
 
 def check_measurement(sensor: Sensor, measurement: object, runs: int) -> Array:

@@ -171,3 +171,23 @@ def test_no_return_where_no_wall_is_expected_is_sure(name, noise):
     prior = GaussianPrior([10.0, 10.0], np.diag([0.01, 0.01]), space, room)
     problem = Problem(space, Stationary(space), sensor, prior)
     assert evidence(name, problem, [INF, INF]) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ckf"])
+@pytest.mark.parametrize(
+    "noise", [StudentT(0.1, 4.0), Tempered(Gaussian(0.1), 0.5)], ids=["student", "tempered"]
+)
+def test_a_run_with_a_missing_return_has_the_same_bits_alone(name, noise):
+    """Eight runs of two beams, all of which miss one or both returns: numpy sums one column otherwise."""
+    problem = linear_problem(noise, max_range=10.2)
+    estimator = build(name, problem)
+    readings = np.column_stack([np.linspace(9.6, 10.1, 8), np.full(8, INF)])
+    readings[::3, 0] = INF
+
+    def found(rows):
+        rngs = [np.random.default_rng(row) for row in rows]
+        belief = estimator.update(estimator.init(problem.prior, rngs), readings[rows], rngs)
+        return estimator.estimate(belief).log_evidence
+
+    alone = np.concatenate([found([run]) for run in range(8)])
+    np.testing.assert_array_equal(alone, found(list(range(8))))

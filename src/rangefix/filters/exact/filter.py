@@ -14,7 +14,7 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray, keep_whole
 from ...compiled import in_threads
 from ..estimate import BriefRepr, Estimate, brief
-from ..measurement import check_measurement
+from ..measurement import check_measurement, count_runs
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import refuse_moving
 from ..prior_ends import FAR_REACH, Ends, may_lie_beyond, open_ends, out_of_reach
@@ -100,11 +100,11 @@ class ExactPositionFilter(BriefRepr):
         """The prior, the same for all runs.
 
         Raises:
-            ValueError: If the prior is not the problem's.
+            ValueError: If the prior is not the problem's, or there is no run.
         """
         if prior is not self.problem.prior:
             raise ValueError("this prior is not the problem's: build the estimator for it")
-        runs, beams = len(rngs), len(self.problem.sensor.bearings)
+        runs, beams = count_runs(rngs), len(self.problem.sensor.bearings)
         mean, covariance, _ = self._answers(np.zeros((1, 0, beams)), self._rules)
         stacked = Estimate(np.repeat(mean, runs, axis=0), np.repeat(covariance, runs, axis=0), np.zeros(runs))
         return ExactBelief(np.empty((runs, 0, beams)), stacked)

@@ -18,7 +18,7 @@ from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
 from ..estimate import Estimate
-from ..measurement import check_measurement, impossible_runs
+from ..measurement import check_measurement, count_runs, impossible_runs
 from ..models.noise_of_beams import noise_of_beams
 from ..models.rangefinder import Rangefinder
 from ..problem import Prior, Problem, Sensor
@@ -43,8 +43,12 @@ class GaussianFilter(ABC):
     problem: Problem
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> GaussianBelief:
-        """The prior's mean and covariance, for every run."""
-        runs, size = len(rngs), len(prior.mean)
+        """The prior's mean and covariance, for every run.
+
+        Raises:
+            ValueError: If there is no run.
+        """
+        runs, size = count_runs(rngs), len(prior.mean)
         mean = np.broadcast_to(prior.mean, (runs, size))
         return GaussianBelief(mean, np.broadcast_to(prior.covariance, (runs, size, size)), np.zeros(runs))
 

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from ...arrays import LOG_TWO_PI, Array, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
-from ..measurement import check_measurement, impossible_runs
+from ..measurement import check_measurement, count_runs, impossible_runs
 from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..problem import Prior, Problem
@@ -64,9 +64,13 @@ class EnsembleKalmanFilter(BriefRepr):
         check_joint_beams(self.problem)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> EnsembleBelief:
-        """N draws from the prior for every run."""
-        members = np.stack([prior.sample(self.members, rng) for rng in rngs])
-        return EnsembleBelief(members, np.zeros(len(rngs)))
+        """N draws from the prior for every run.
+
+        Raises:
+            ValueError: If there is no run.
+        """
+        runs = count_runs(rngs)
+        return EnsembleBelief(np.stack([prior.sample(self.members, rng) for rng in rngs]), np.zeros(runs))
 
     def predict(self, belief: EnsembleBelief, control: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
         """Every member moved with noise of its own; control (k,) shared, or (M, k)."""

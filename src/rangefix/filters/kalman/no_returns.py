@@ -145,8 +145,6 @@ def _log_mean(logs: Array, places: Array) -> Array:
     Between two places the log of the integrand is taken for a line; h^2 / 12 is what the normal density,
     whose log is none, holds more than that.
     """
-    from scipy.special import logsumexp
-
     tops = logs - 0.5 * (places**2 + LOG_TWO_PI)
     low, high, width = (
         np.minimum(tops[1:], tops[:-1]),
@@ -158,6 +156,7 @@ def _log_mean(logs: Array, places: Array) -> Array:
     slope = np.maximum(fall, 1e-9)  # (1 - exp(-d)) / d is 1 to ten digits there
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(np.isinf(slope), 0.0, -np.expm1(-slope) / slope)
-        parts = high + np.log(width * share) + np.minimum(width, 1.0) ** 2 / 12
-    total = logsumexp(np.where(possible, parts, -np.inf), axis=0)
+        parts = np.where(possible, high + np.log(width * share) + np.minimum(width, 1.0) ** 2 / 12, -np.inf)
+        top = parts.max(axis=0)
+        total = top + np.log(sum_terms(np.exp(parts - np.where(np.isfinite(top), top, 0.0))))
     return np.asarray(np.minimum(total, 0.0))

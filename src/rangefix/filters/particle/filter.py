@@ -26,7 +26,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_points
-from ..measurement import check_measurement
+from ..measurement import check_measurement, count_runs
 from ..models.motion import Stationary
 from ..optional_methods import Image
 from ..prior_ends import BY_CHANCE
@@ -99,12 +99,16 @@ class ParticleFilter(BriefRepr):
         check_options(self)
 
     def init(self, prior: Prior, rngs: Sequence[Generator]) -> ParticleBelief:
-        """N draws from the prior for every run, all of equal weight."""
-        states = np.empty((len(rngs), self.particles, self.problem.space.size))
+        """N draws from the prior for every run, all of equal weight.
+
+        Raises:
+            ValueError: If there is no run.
+        """
+        runs = count_runs(rngs)
+        states = np.empty((runs, self.particles, self.problem.space.size))
         for run, rng in enumerate(rngs):
             states[run] = prior.sample(self.particles, rng)
         log_weights = np.broadcast_to(equal(self.particles), states.shape[:2])
-        runs = len(rngs)
         return ParticleBelief(states, log_weights, np.zeros(runs), prior, np.ones(runs, dtype=np.bool_))
 
     def predict(self, belief: ParticleBelief, control: Array, rngs: Sequence[Generator]) -> ParticleBelief:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ...arrays import LOG_TWO_PI, Array, IntArray, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_cells
-from ..measurement import check_measurement
+from ..measurement import check_measurement, count_runs
 from ..models.motion import refuse_moving
 from ..optional_methods import Image
 from ..prior_ends import leaning, open_ends
@@ -100,7 +100,8 @@ class PointMassFilter(BriefRepr):
         """The prior's probability of each cell, the same for all runs.
 
         Raises:
-            ValueError: If the prior is not the problem's, and of other components or reaches beyond the grid.
+            ValueError: If the prior is not the problem's, and of other components or reaches beyond the grid,
+                or there is no run.
         """
         space = self.problem.space
         if prior is not self.problem.prior:
@@ -108,7 +109,7 @@ class PointMassFilter(BriefRepr):
                 raise ValueError(f"this prior is not over {', '.join(space.names)}, the problem's components")
             if not self.grid.holds(prior, space):
                 raise ValueError("this prior reaches beyond the grid: build the estimator for it")
-        runs, beams = len(rngs), len(self.problem.sensor.bearings)
+        runs, beams = count_runs(rngs), len(self.problem.sensor.bearings)
         one = self._first if prior is self.problem.prior else self._of_one_run(prior)
         shared = Estimate(*(np.repeat(value, runs, axis=0) for value in one.estimate))
         counts, readings = np.zeros((2, runs, beams))

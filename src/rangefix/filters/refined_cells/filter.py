@@ -12,7 +12,7 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray, keep_whole
 from ..estimate import BriefRepr, Estimate, brief
 from ..images import image_of_points
-from ..measurement import check_measurement
+from ..measurement import check_measurement, count_runs
 from ..models.correlated import refuse_shared_errors
 from ..models.motion import refuse_moving
 from ..optional_methods import Image
@@ -130,11 +130,11 @@ class RefinedPointMassFilter(BriefRepr):
         """The prior, the same for all runs.
 
         Raises:
-            ValueError: If the prior is not the problem's.
+            ValueError: If the prior is not the problem's, or there is no run.
         """
         if prior is not self.problem.prior:
             raise ValueError("this prior is not the problem's: build the estimator for it")
-        runs = len(rngs)
+        runs = count_runs(rngs)
         mean, covariance = np.tile(prior.mean, (runs, 1)), np.tile(prior.covariance, (runs, 1, 1))
         readings = np.empty((runs, 0, len(self.problem.sensor.bearings)))
         nothing = np.zeros(runs)

@@ -167,10 +167,11 @@ class _Exponents(NamedTuple):
     def at(self, part: slice) -> Array:
         """Those of a part of the states, (k, K)."""
         logs = self.powers[part] @ self.gaussians.weights
-        for place in np.flatnonzero(self.round_about[part]):
-            one = self.gaussians
-            short = short_way(self.states[part][place] - one.centres, one.is_angle)
-            logs[place] = one.log_scale - 0.5 * np.einsum("ki,kij,kj->k", short, one.precision, short)
+        one, places = self.gaussians, np.flatnonzero(self.round_about[part])
+        if len(places):
+            _round_about(
+                self.states[part], places, one.centres, one.precision, one.log_scale, one.is_angle, logs
+            )
         return np.asarray(logs)
 
 
@@ -178,6 +179,28 @@ def short_way(offset: Array, is_angle: BoolArray) -> Array:
     """Offsets (N, n), in place, whose angles go the short way round."""
     offset[:, is_angle] -= TWO_PI * np.rint(offset[:, is_angle] / TWO_PI)
     return offset
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
+def _round_about(
+    states: Array, places: IntArray, centres: Array, precision: Array, log_scale: Array, is_angle: BoolArray,
+    logs: Array,
+) -> None:  # fmt: skip
+    """Exponents of some states, the short way round to each centre, written into rows of logs, (k, K)."""
+    away = np.empty(states.shape[1])
+    for place in places:
+        for k in range(len(centres)):
+            for i in range(away.size):
+                away[i] = states[place, i] - centres[k, i]
+                if is_angle[i]:
+                    away[i] -= TWO_PI * np.rint(away[i] / TWO_PI)
+            square = 0.0
+            for i in range(away.size):
+                pull = 0.0
+                for j in range(away.size):
+                    pull += precision[k, i, j] * away[j]
+                square += pull * away[i]
+            logs[place, k] = log_scale[k] - 0.5 * square
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED | {"reassoc"})
