@@ -282,3 +282,24 @@ def test_many_scans_weigh_the_sum_of_their_beams(noise: Noise) -> None:
     assert (logs[:, 5] == -np.inf).all()
     assert logs[0, 6] == -np.inf
     assert logs[1, 6] == pytest.approx(alone[1, 6], rel=1e-12)
+
+
+@every_noise
+@pytest.mark.parametrize("states", [7, 600])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_scan_has_the_same_bits_whatever_is_asked_beside_it(noise: Noise, states: int, order: str) -> None:
+    """One without a return had all scans beside it summed another way: runs alone had other last bits."""
+    sensor = finder(noise, np.deg2rad(40.0 * np.arange(9)), min_range=0.1, max_range=9.0)
+    rng = np.random.default_rng(4)
+    at = rng.uniform((0.2, 0.2), (3.8, 5.8), (states, 2))
+    expected = np.array(sensor.expected(at), order=order)  # type: ignore[call-overload]
+    scans = np.abs(expected[rng.integers(states, size=700)] + 0.1 * rng.standard_normal((700, 9)))
+    scans[::3, 2], scans[::5, 4], scans[::7, 1], scans[3] = np.inf, np.nan, -np.inf, 10.0
+    together = sensor.log_density(scans[:, None], expected)
+    each = np.minimum(sensor.log_density(scans, expected[:1]), 0.0)
+    for run in (0, 1, 2, 3, 699):
+        np.testing.assert_array_equal(together[run], sensor.log_density(scans[run], expected))
+        np.testing.assert_array_equal(
+            together[run : run + 1], sensor.log_density(scans[run, None, None], expected)
+        )
+        assert each[run] == np.minimum(sensor.log_density(scans[run], expected[:1]), 0.0)[0]

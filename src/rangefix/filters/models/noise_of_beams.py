@@ -14,7 +14,7 @@ from .noise import Gaussian, RangeProportional, StudentT
 
 MAX_BEAMS_UNROLLED = 8  # beams
 BEAMS_PER_LOG = 8  # whose factors are multiplied: no overflow for a micrometre's spread at 1000 km
-LEAST_SCANS = 512  # for fewer, going beam by beam takes longer than it saves
+LEAST_STATES = 512  # that a scan is asked about; for fewer, going beam by beam takes longer than it saves
 
 
 def noise_of_beams(noise: Noise, kept: int | IntArray, total: int) -> Any:
@@ -68,8 +68,9 @@ def log_density_of_scan(noise: Noise, measurement: Array, expected: Array) -> Ar
     Returns:
         Shape (...), nats; not finite where a reading or a range is infinite.
     """
-    scans = max(expected.size, measurement.size) // expected.shape[-1]
-    if type(noise) is not Gaussian and scans < LEAST_SCANS:
+    shared = expected.ndim > 1 and (measurement.ndim == 1 or measurement.shape[-2] == 1)
+    states = expected.shape[-2] if shared else 1  # of a scan by itself: others beside it change no bit
+    if type(noise) is not Gaussian and states < LEAST_STATES:
         return None
     measured = ~np.isnan(measurement)
     reading = np.where(measured, measurement, 0.0)
