@@ -68,4 +68,4 @@ def test_its_figure_is_that_of_the_run(study, tmp_path):
 
 def test_it_is_finished(study):
     """Tables of the run say what it is of, and of no interruption."""
-    assert ": 1 runs, after the last of 3 measurements" in comparison_table(repeat_run(study, 1).results)
+    assert ": 1 run, after the last of 3 measurements" in comparison_table(repeat_run(study, 1).results)
