@@ -199,9 +199,8 @@ def _asked(
     ends = (logs == -np.inf).any(axis=1)
     fitted = quadratic(prior.level, prior.slope, prior.curve, spots - centres[:, None])
     off = np.where(ends, np.inf, np.maximum(prior.off, np.abs(fitted - logs).max(axis=1)))
-    bands = _two_bands(seen, side)
-    straight = bend < SAME_WALL_M
-    bands[straight] = _whole_bands(ranges, slopes, seen, steps)[straight]
+    bands, bent = _whole_bands(ranges, slopes, seen, steps), ~(bend < SAME_WALL_M)
+    bands[bent] = _two_bands(np.moveaxis(seen, 1, -1)[bent], side)
     return (
         centres, steps, bands, mass, prior.level, prior.slope, prior.curve, most, prior.anchor, off,
         ranges, slopes, bend,
@@ -231,11 +230,10 @@ def _whole_bands(ranges: Array, slopes: Array, seen: Array, steps: Array) -> Arr
 
 
 def _two_bands(ranges: Array, side: int) -> Array:
-    """Intervals that hold the ranges of each cell, a little wider than was seen: (G, S, b) -> (G, b, 4)."""
+    """Intervals that hold the ranges of a beam in a cell, a little wider than was seen: (K, S) -> (K, 4)."""
     ordered = np.sort(np.minimum(ranges, FAR), axis=1)
     low, high = ordered[:, 0], ordered[:, -1]
-    gaps = np.diff(ordered, axis=1)
-    at = gaps.argmax(axis=1)[:, None]
+    at = np.diff(ordered, axis=1).argmax(axis=1)[:, None]
     below = np.take_along_axis(ordered, at, 1)[:, 0]
     above = np.take_along_axis(ordered, at + 1, 1)[:, 0]
     whole = above - below <= GAP_SHARE * (high - low)
