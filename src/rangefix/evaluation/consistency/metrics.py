@@ -24,7 +24,7 @@ from ..results import BeliefScores, HalfArray, SavedBounds, Status
 from .averages import Average
 from .formatting import factor, scaled, unit
 from .intervals import Interval
-from .scores import Eigen, crps, energy_score, log_score
+from .scores import CorrelationAxes, crps, energy_score, log_score
 
 POSITION = ("x1", "x2")  # whose claim the energy score judges
 LEVELS = (0.5, 0.9, 0.99)  # of the ellipses whose coverage is counted
@@ -81,19 +81,19 @@ class RunBlock:
         return np.asarray(self.status[self.status != Status.PENDING.code])
 
     @cached_property
-    def eigen(self) -> Eigen:
-        """The covariances in their principal axes."""
-        return Eigen.of(self.covariance)
+    def correlation_axes(self) -> CorrelationAxes:
+        """Principal axes of what is claimed."""
+        return CorrelationAxes.of(self.covariance)
 
     @property
     def positive(self) -> BoolArray:
         """Which covariances are positive definite, (K,)."""
-        return self.eigen.positive
+        return self.correlation_axes.positive
 
     @cached_property
     def nees(self) -> Array:
         """Normalised estimation errors squared e' P^-1 e, (K,)."""
-        return self.eigen.nees(self.errors)
+        return self.correlation_axes.nees(self.errors)
 
     @property
     def effective_particles(self) -> Array | None:

@@ -149,7 +149,7 @@ class NullSums:
         truths = whitening.keep(errors[:, None])
         kept = np.concatenate([block.draws[runs], truths], axis=1)
         placed = whitening.placed(kept)  # the draws, and at last the truth, rounded as they are
-        squared = block.eigen.take(runs).nees(placed) / size
+        squared = block.correlation_axes.take(runs).nees(placed) / size
         offsets, rounded = placed[:, :-1], placed[:, -1]
         squares = np.where(np.isfinite(squared), squared, 0.0)[:, :-1]  # a claim of certainty, judged as such
         limit = FAR**2 / size

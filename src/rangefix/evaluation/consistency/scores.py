@@ -21,12 +21,12 @@ TINY = 1e-100  # m; a claimed spread of nothing counts as this
 BINS = 10
 
 
-class Eigen(NamedTuple):
-    """Covariances P, whitened by their diagonals, in their principal axes: worked out once for all uses.
+class CorrelationAxes(NamedTuple):
+    """Principal axes of the correlation matrices of covariances P, worked out once for all uses.
 
     Attributes:
         values: Eigenvalues, (..., n).
-        vectors: Row i over std_i, (..., n, n).
+        vectors: Eigenvectors, in columns; row i over std_i, (..., n, n).
         positive: Which P are positive definite, as `is_positive` judges, (...).
     """
 
@@ -35,7 +35,7 @@ class Eigen(NamedTuple):
     positive: BoolArray
 
     @classmethod
-    def of(cls, covariance: Array) -> Eigen:
+    def of(cls, covariance: Array) -> CorrelationAxes:
         """Of P, (..., n, n)."""
         covariance = np.asarray(covariance, dtype=float)
         size = covariance.shape[-1]
@@ -47,9 +47,9 @@ class Eigen(NamedTuple):
         values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, -1, -2)))
         return cls(values, vectors / stds[..., None], sound & (values[..., 0] > size * 1e-14))
 
-    def take(self, runs: IntArray) -> Eigen:
+    def take(self, runs: IntArray) -> CorrelationAxes:
         """Those of some runs."""
-        return Eigen(self.values[runs], self.vectors[runs], self.positive[runs])
+        return CorrelationAxes(self.values[runs], self.vectors[runs], self.positive[runs])
 
     def nees(self, errors: Array) -> Array:
         """What the function `nees` gives: (M, n) -> (M,), or (M, S, n) -> (M, S)."""
@@ -71,7 +71,7 @@ def is_positive(covariance: Array) -> BoolArray:
     Judged on the correlation matrix, so that the units of the components do not matter: its smallest
     eigenvalue must exceed n 1e-14.
     """
-    return Eigen.of(covariance).positive
+    return CorrelationAxes.of(covariance).positive
 
 
 def nees(errors: Array, covariance: Array) -> Array:
@@ -80,7 +80,7 @@ def nees(errors: Array, covariance: Array) -> Array:
     Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
     not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
     """
-    return Eigen.of(covariance).nees(errors)
+    return CorrelationAxes.of(covariance).nees(errors)
 
 
 def along_principal_axes(errors: Array, covariance: Array) -> Array:
