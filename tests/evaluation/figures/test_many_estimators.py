@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from rangefix.evaluation import Experiment, run
-from rangefix.evaluation.figures.catalogue import study_figures
+from rangefix.evaluation.figures.catalogue import alone, study_figures
+from rangefix.evaluation.figures.claims import draw_time
 from rangefix.evaluation.figures.data import MAX_ESTIMATORS_DRAWN, FigureData
+from rangefix.evaluation.figures.style import colour_and_line, colour_and_marker
 
 from ..conftest import PriorOnly, make_problem
 
 
-def results_of(count):
+def results_of(count, timing=False):
     estimators = {f"prior {number}": PriorOnly for number in range(count)}
-    return run(Experiment(make_problem(), estimators, runs=8), timing=False)
+    return run(Experiment(make_problem(), estimators, runs=8), timing=timing)
 
 
 def test_the_first_are_drawn_and_the_title_says_so() -> None:
@@ -26,3 +28,12 @@ def test_as_many_as_fit_are_all_drawn() -> None:
     assert FigureData.of(results).results is results
     assert FigureData.of(results).study.endswith("(8 runs)")
     assert list(study_figures(results))
+
+
+def test_no_two_estimators_look_alike() -> None:
+    """There are eight colours and eight markers: the ninth has the first colour, and another marker."""
+    drawn = alone(draw_time)(FigureData.of(results_of(12, timing=True))).axes[0].lines
+    looks = [(line.get_color(), line.get_marker()) for line in drawn if line.get_label().startswith("prior")]
+    assert len(set(looks)) == len(looks) == 12
+    for look in (colour_and_marker, colour_and_line):
+        assert len(set(map(look, range(MAX_ESTIMATORS_DRAWN)))) == MAX_ESTIMATORS_DRAWN

@@ -58,3 +58,13 @@ def test_times_of_the_first_updates_alone_say_so(
     told = "prior, all beams: a run takes long; the time is that of its first 1 of 5 updates"
     assert (told in remarks(rows)) == (cut is not None)
     assert ("(first 1 of a run)" in str(overview(rows))) == (cut is not None)
+
+
+def test_estimators_that_are_alike_but_for_the_label_are_all_timed(tmp_path: Path) -> None:
+    """One with a new label, too, in a folder where it had another."""
+    alike = Experiment(make_problem(), {"one": PriorOnly, "other": PriorOnly}, runs=3)
+    renamed = Experiment(make_problem(), {"one": PriorOnly, "third": PriorOnly}, runs=3)
+    for experiment in (alike, renamed):
+        rows = summarise(run(experiment, tmp_path / "out"))
+        assert [row.estimator for row in rows] == list(experiment.estimators)
+        assert all(np.isfinite(row.seconds) for row in rows)

@@ -15,7 +15,7 @@ from ..consistency.row import Row
 from .data import FigureData
 from .layout import small, text_width
 from .sheet import Sheet
-from .style import CLAIMED, COLOURS, MARKERS, TRUE, symbol
+from .style import CLAIMED, TRUE, colour_and_marker, symbol
 from .ticks import plain_numbers
 
 CHI_SQUARE = "chi-square 95 % (reference only: holds for Gaussian posteriors)"
@@ -211,7 +211,7 @@ def draw_time(data: FigureData, sheet: Sheet) -> None:
         true = np.sqrt(sum(row.g[i].value for i in where))
         claimed = np.sqrt(sum(row.p[i].value for i in where))
         milliseconds = 1e3 * row.seconds
-        marker, colour = MARKERS[k % len(MARKERS)], COLOURS[k % len(COLOURS)]
+        colour, marker = colour_and_marker(k)
         axes.plot([milliseconds] * 2, [claimed, true], color=colour, linewidth=1.0, linestyle=":")
         axes.plot(milliseconds, claimed, marker, markersize=7, markerfacecolor="white", color=colour,
                   markeredgewidth=1.4)  # fmt: skip

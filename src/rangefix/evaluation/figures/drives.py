@@ -11,7 +11,7 @@ from .data import FigureData
 from .errors import ellipse
 from .room import draw_walls
 from .sheet import Sheet
-from .style import CLAIMED, COLOURS, MARKERS, label_positions, symbol
+from .style import CLAIMED, colour_and_marker, label_positions, symbol
 from .ticks import even_numbers, plain_numbers
 
 WAYS_BESIDE = 3  # estimators side by side
@@ -35,7 +35,7 @@ def draw_steps(data: FigureData, sheet: Sheet) -> None:
     )[0]
     for k, estimator in enumerate(estimators):
         course = sorted((row for row in rows if row.estimator == estimator), key=lambda row: row.step)
-        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        colour, marker = colour_and_marker(k)
         place = np.array([row.step for row in course], dtype=float)
         style = {"color": colour, "marker": marker, "markersize": 3.5, "markevery": max(1, len(place) // 10)}
         for i, name in enumerate(names):

@@ -20,6 +20,7 @@ COLOURS = ("#0072B2", "#E69F00", "#000000", "#CC79A7", "#009E73", "#D55E00", "#5
 INK = LinearSegmentedColormap.from_list("ink", ["#ffffff", "#b5d4ea", "#4f94c4", "#1b4f8a", "#08183a"])
 LOWERED = str.maketrans("12", "\u2081\u2082")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+LINES = ("-", "--", "-.", ":")
 CLAIMED, TRUE = "#0072B2", "#000000"
 STAR: dict[str, Any] = {  # of true positions
     "marker": "*", "markerfacecolor": "white", "markeredgecolor": "black", "linestyle": "none",
@@ -34,6 +35,16 @@ def styled(layout: Layout | None = None) -> Iterator[None]:
         matplotlib.rc_file(STYLE, use_default_template=False)
         matplotlib.rcParams.update(cast("Any", (layout or Layout()).letters))
         yield
+
+
+def colour_and_marker(number: int) -> tuple[str, str]:
+    """Of one of many that stand beside each other, numbered from 0: no two of 64 have both alike."""
+    return COLOURS[number % len(COLOURS)], MARKERS[(number + number // len(COLOURS)) % len(MARKERS)]
+
+
+def colour_and_line(number: int) -> tuple[str, str]:
+    """The same for lines without markers: no two of 32 have both alike."""
+    return COLOURS[number % len(COLOURS)], LINES[number // len(COLOURS) % len(LINES)]
 
 
 def label_positions(axes: Axes) -> None:

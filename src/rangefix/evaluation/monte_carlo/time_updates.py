@@ -56,7 +56,8 @@ def time_all(
     measurement = read_world(folder, plan, first, end)["measurement"]
     timed = {}
     for label, (beams, beam_label) in product(experiment.estimators, enumerate(experiment.beam_labels)):
-        key = hash_of(plan.made_by(label, beam_label), PASSES, min(MAX_RUNS_TIMED, experiment.runs))
+        made_by = plan.made_by(label, beam_label)  # two labels may have it alike
+        key = hash_of(label, made_by, PASSES, min(MAX_RUNS_TIMED, experiment.runs))
         part = read_trials(folder, plan, label, beam_label, first, end)
         timed[key] = Timed(label, beams, measurement[part["status"] == 0][:MAX_RUNS_TIMED])
     if resume and timed.keys() == _timed_before(path).keys():

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
-from ...arrays import Array, BoolArray
+from ...arrays import Array, BoolArray, IntArray
 from ..estimate import BriefRepr
 from ..problem import Prior
 
@@ -26,6 +27,7 @@ class ParticleBelief(BriefRepr):
         readings: Measurements since then, or since the last move, (M, B) each; NaN where a run ignored one.
         starts: Where each particle was before the last move, (M, N, n); None before the first.
         controls: Of the last move, (M, k).
+        counts: Particles of each run, the first ones of N, (M,); None where each has N.
     """
 
     states: Array
@@ -36,6 +38,45 @@ class ParticleBelief(BriefRepr):
     readings: tuple[Array, ...] = ()
     starts: Array | None = None
     controls: Array | None = None
+    counts: IntArray | None = None
+
+    def split(self) -> Iterator[ParticleBelief]:
+        """The belief of each run alone."""
+        for run in range(len(self.states)):
+            one = slice(run, run + 1)
+            count = slice(None if self.counts is None else int(self.counts[run]))
+            yield ParticleBelief(
+                self.states[one, count],
+                self.log_weights[one, count],
+                self.log_evidence[one],
+                self.prior,
+                self.standing[one],
+                tuple(reading[one] for reading in self.readings),
+                None if self.starts is None else self.starts[one, count],
+                None if self.controls is None else self.controls[one],
+            )
+
+
+def joined(beliefs: Sequence[ParticleBelief]) -> ParticleBelief:
+    """One belief of runs that were worked on alone; what a run does not have, nothing of it reads."""
+    counts = np.array([one.states.shape[1] for one in beliefs])
+    moved = [one.controls for one in beliefs if one.controls is not None]
+    starts = [one.states if one.starts is None else one.starts for one in beliefs]
+    blank = next((np.full_like(one.readings[0], np.nan) for one in beliefs if one.readings), np.empty(0))
+    readings = zip_longest(*(one.readings for one in beliefs), fillvalue=blank)
+    return ParticleBelief(
+        stacked([one.states[0] for one in beliefs]),
+        stacked([one.log_weights[0] for one in beliefs], -np.inf),
+        np.concatenate([one.log_evidence for one in beliefs]),
+        beliefs[0].prior,
+        np.concatenate([one.standing for one in beliefs]),
+        tuple(map(np.concatenate, readings)),
+        stacked([start[0] for start in starts]) if moved else None,
+        np.concatenate([np.zeros_like(moved[0]) if one.controls is None else one.controls for one in beliefs])
+        if moved
+        else None,
+        None if (counts == counts[0]).all() else counts,
+    )
 
 
 def collected(
@@ -49,5 +90,11 @@ def collected(
     return changed
 
 
-def stacked(arrays: Sequence[Array]) -> Array:
-    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+def stacked(arrays: Sequence[Array], filler: float = 0.0) -> Array:
+    """Arrays (N, ...) as one, (M, N, ...); shorter ones are filled up at the end."""
+    if len(arrays) == 1:
+        return arrays[0][None]
+    whole = np.full((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), filler)
+    for run, array in enumerate(arrays):
+        whole[run, : len(array)] = array
+    return whole

@@ -33,7 +33,7 @@ from ..prior_ends import BY_CHANCE
 from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
-from .belief import ParticleBelief, collected, stacked
+from .belief import ParticleBelief, collected, joined, stacked
 from .kernel_noise import separate_copies
 from .last_step import LastStep
 from .likelihood import Likelihood
@@ -122,10 +122,13 @@ class ParticleFilter(BriefRepr):
             return belief
         control = np.asarray(control, dtype=float)
         controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        if self._counts_each(rngs):
+            runs = zip(belief.split(), controls, rngs, strict=True)
+            return joined([self.predict(one, move, [rng]) for one, move, rng in runs])
         pairs = zip(belief.states[:, 0], controls, strict=True)
         noisy = [bool(motion.noise_covariance(state, move).any()) for state, move in pairs]
         if self.least_particles is not None and all(noisy):
-            belief = resized(belief, self.problem.space, self.least_particles, self.particles, rngs)
+            belief = resized(belief, self.problem.space, self.least_particles, self.particles, rngs[0])
         clouds, starts = [], []
         moves = np.zeros(len(rngs), dtype=np.bool_)
         for run, rng in enumerate(rngs):
@@ -162,6 +165,9 @@ class ParticleFilter(BriefRepr):
             ValueError: If the measurement is not of shape (M, B) or not of real numbers.
         """
         measurement = check_measurement(self.problem.sensor, measurement, len(rngs))
+        if self._counts_each(rngs):
+            runs = zip(belief.split(), measurement, rngs, strict=True)
+            return joined([self.update(one, reading[None], [rng]) for one, reading, rng in runs])
         clouds, starts, gains = [], [], np.empty(len(rngs))
         for run, rng in enumerate(rngs):
             states, log_weights, start, gains[run] = self._update_run(belief, run, measurement[run], rng)
@@ -182,6 +188,8 @@ class ParticleFilter(BriefRepr):
         copies at two places do, as much is added across it; where all are copies of one place, what would
         lie between as many spread evenly over the box of the prior.
         """
+        if belief.counts is not None:
+            return Estimate(*map(np.concatenate, zip(*map(self.estimate, belief.split()), strict=True)))
         space, weights = self.problem.space, exp_of(belief.log_weights)
         mean, covariance = space.moments(belief.states, weights)
         lower, upper = belief.prior.support
@@ -201,11 +209,15 @@ class ParticleFilter(BriefRepr):
 
     def sample(self, belief: ParticleBelief, size: int, rngs: Sequence[Generator]) -> Array:
         """Particles drawn by their weights, (M, size, n): where few have all the weight, copies of those."""
+        if belief.counts is not None:
+            runs = zip(belief.split(), rngs, strict=True)
+            return np.concatenate([self.sample(one, size, [rng]) for one, rng in runs])
         return weighted_draws(belief.states, exp_of(belief.log_weights), size, rngs)
 
     def density(self, belief: ParticleBelief, run: int) -> Image:
         """A run's weighted particles counted in pixels, for pictures."""
-        return image_of_points(belief.states[run], self.problem, belief.log_weights[run])
+        one = list(belief.split())[run]
+        return image_of_points(one.states[0], self.problem, one.log_weights[0])
 
     def effective_particles(self, belief: ParticleBelief) -> Array:
         """Effective number of particles, (M,), copies at one place counted as one.
@@ -213,8 +225,7 @@ class ParticleFilter(BriefRepr):
         (sum w)^2 / sum w^2 (Kong, Liu and Wong, 1994), w the weights of places and not of particles: copies
         that nothing has moved apart tell no more than one particle does.
         """
-        pairs = zip(belief.states, belief.log_weights, strict=True)
-        return np.array([effective_places(states, log_weights) for states, log_weights in pairs])
+        return np.array([effective_places(one.states[0], one.log_weights[0]) for one in belief.split()])
 
     def resultant(self, belief: ParticleBelief) -> Array:
         """Length of the mean resultant vector of the heading, (M,): see `CanTellDirection`.
@@ -224,8 +235,14 @@ class ParticleFilter(BriefRepr):
         """
         if self.problem.space.heading is not None:
             raise NotImplementedError("the heading is known")
+        if belief.counts is not None:
+            return np.concatenate([self.resultant(one) for one in belief.split()])
         turns = np.exp(1j * belief.states[..., self.problem.space.names.index("heading")])
         return np.asarray(np.abs((np.exp(belief.log_weights) * turns).sum(axis=1)))
+
+    def _counts_each(self, rngs: Sequence[Generator]) -> bool:
+        """Whether each of several runs has a number of particles of its own, and is worked on alone."""
+        return self.least_particles is not None and len(rngs) > 1
 
     def _update_run(self, belief: ParticleBelief, run: int, reading: Array, rng: Generator) -> Run:
         """One run's states, log weights, starts of the last move, and log evidence of its reading (B,)."""

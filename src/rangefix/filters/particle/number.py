@@ -7,7 +7,6 @@ thousands for one that is spread over a building.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,25 +24,22 @@ SHRINK_BELOW = 0.8  # of the particles that there are: fewer are taken only wher
 
 
 def resized(
-    belief: ParticleBelief, space: StateSpace, least: int, most: int, rngs: Sequence[Generator]
+    belief: ParticleBelief, space: StateSpace, least: int, most: int, rng: Generator
 ) -> ParticleBelief:
-    """The belief with as many particles as it needs, of equal weight if their number changes.
-
-    All runs of a belief have the same number: what the run needs that needs most.
+    """The belief of one run with as many particles as it needs, of equal weight if their number changes.
 
     Args:
         belief: What is believed.
         space: Of its states.
         least, most: The bounds of the number.
-        rngs: One for each run, from which a number is drawn; another for each run if the number changes.
+        rng: From which a number is drawn; another if the number of particles changes.
     """
-    now = belief.states.shape[1]
-    clouds = list(zip(belief.states, exp_of(belief.log_weights), rngs, strict=True))
-    needed = max(particles_needed(states[comb(weights, most, rng)], space) for states, weights, rng in clouds)
+    states, weights = belief.states[0], exp_of(belief.log_weights[0])
+    needed = particles_needed(states[comb(weights, most, rng)], space)
     size = int(np.clip(needed, least, most))
-    if SHRINK_BELOW * now < size <= now:
+    if SHRINK_BELOW * len(states) < size <= len(states):
         return belief
-    states = np.stack([states[comb(weights, size, rng)] for states, weights, rng in clouds])
+    states = states[comb(weights, size, rng)][None]
     log_weights = np.broadcast_to(equal(size), states.shape[:2])
     return replace(belief, states=states, log_weights=log_weights, starts=None, controls=None)
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ....arrays import Array
 from ...bounds.threshold import PRIOR, ThresholdCurve
 from ...consistency.formatting import factor, unit
-from ..style import COLOURS, MARKERS, symbol
+from ..style import colour_and_marker, symbol
 from ..ticks import plain_numbers
 
 PANEL = 4.2, 3.8  # inches
@@ -34,7 +34,7 @@ def draw_threshold(curve: ThresholdCurve, title: str) -> Figure:
                 axes.plot(curve.stds, stds, color="0.4", linestyle=":", label="prior: nothing measured")
             else:
                 style = {"linewidth": 2.2} if entry == OPTIMUM else {"linewidth": 1.2, "linestyle": "--"}
-                colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+                colour, marker = colour_and_marker(number)
                 axes.plot(curve.stds, stds, color=colour, marker=marker, markersize=4, label=entry, **style)
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ....arrays import Array, wrap
 from ...recordings.trace import Trace
 from ..sheet import legend_below
-from ..style import COLOURS, symbol
+from ..style import COLOURS, colour_and_line, symbol
 
 WIDTH, PANEL = 9.0, 1.7  # inches
 BAND = 1.96  # deviations
@@ -66,18 +66,18 @@ def draw_fit(traces: Mapping[str, Trace]) -> Figure:
     panels = figure.subplots(2 + told, 1, sharex=True)
     upper, last = panels[0], panels[-1]
     for place, (name, trace) in enumerate(traces.items()):
-        colour = COLOURS[place % len(COLOURS)]
+        colour, line = colour_and_line(place)
         times = trace.times - trace.times[0]
         low, middle, high = _quartiles(trace.residuals)
         upper.fill_between(times, low, high, color=colour, alpha=0.2, linewidth=0)
-        upper.plot(times, middle, color=colour, linewidth=0.9, label=name)
+        upper.plot(times, middle, line, color=colour, linewidth=0.9, label=name)
         if told:
             evidence = np.array([step.log_evidence for step in trace.kept])
             beams = np.array([max(int((~np.isnan(step.step.measurement)).sum()), 1) for step in trace.kept])
             gained = np.diff(evidence, prepend=0.0) / trace.every / beams
-            panels[1].plot(times, gained, color=colour, linewidth=0.8)
+            panels[1].plot(times, gained, line, color=colour, linewidth=0.8)
         excess = trace.misfits[:, 0] / trace.misfits[:, 1]
-        last.plot(times, excess, color=colour, linewidth=0.8)
+        last.plot(times, excess, line, color=colour, linewidth=0.8)
         last.plot(times[excess > 1], excess[excess > 1], ".", color=colour, markersize=3)
     upper.axhline(0.0, color="0.5", linewidth=0.6)
     upper.set_ylabel("reading - map, m")

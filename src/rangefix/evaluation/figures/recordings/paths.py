@@ -20,7 +20,7 @@ from ...recordings.replay import Believed
 from ...recordings.trace import Trace
 from ..layout import wrapped
 from ..sheet import legend_below
-from ..style import COLOURS, INK, label_positions
+from ..style import COLOURS, INK, colour_and_line, label_positions
 
 HEIGHT, WIDEST = 5.5, 11.0  # inches
 MOST_DRAWN = 1000  # walls that stay lines in files of lines; more are made pixels
@@ -57,8 +57,8 @@ def draw_paths(traces: Mapping[str, Trace], room: RangeMap) -> Figure:
     if np.isfinite(truth).any():
         axes.plot(*_broken(truth).T, color="black", linewidth=2.6, alpha=0.35, label="true path")
     for place, (name, trace) in enumerate(traces.items()):
-        colour = COLOURS[place % len(COLOURS)]
-        axes.plot(*_broken(trace.means[:, :2]).T, color=colour, linewidth=1.1, label=name)
+        colour, line = colour_and_line(place)
+        axes.plot(*_broken(trace.means[:, :2]).T, line, color=colour, linewidth=1.1, label=name)
         chosen = np.unique(np.linspace(0, len(trace.kept) - 1, ELLIPSES).round().astype(int))
         draw_ellipses(axes, trace.means[chosen, :2], trace.covariances[chosen, :2, :2], colour)
     axes.legend(loc="best", framealpha=0.9)
