@@ -342,3 +342,29 @@ def test_text_is_never_a_formula(start: str, hostile: Path) -> None:
     numbers = [value for row in table for name, value in row.items() if name not in ("estimator", "beams")]
     assert any(value.startswith("-") for value in numbers)
     assert [float(value) for value in numbers]
+
+
+def test_a_filter_that_imports_its_neighbour_is_checked(
+    rangefix: Callable[..., Said], tmp_path: Path
+) -> None:
+    """From any folder, at once and later; a module in the current folder is told to be a file."""
+    (tmp_path / "theirs").mkdir()
+    text = TOUCHING.format(touched=str(tmp_path / "touched")).replace(
+        "import numpy", "import near\nimport numpy"
+    )
+    text = text.replace("return prior.mean", "import late; return prior.mean")
+    (tmp_path / "theirs" / "thing_of_mine.py").write_text(text)
+    (tmp_path / "theirs" / "near.py").touch()
+    (tmp_path / "theirs" / "late.py").touch()
+    said = rangefix(
+        "check", "theirs/thing_of_mine.py:Thing", "-k", "built", "-k", "shapes", "-k", "same_seed"
+    )
+    assert said.code == 0, said.out
+    assert "cannot be used" not in rangefix("estimators", "theirs/thing_of_mine.py:Thing").out
+    (tmp_path / "thing_of_mine.py").write_text(text)
+    said = rangefix("check", "thing_of_mine:Thing")
+    assert (said.code, said.out) == (2, "")
+    assert (
+        "no module named 'thing_of_mine'; for the file thing_of_mine.py write thing_of_mine.py:Thing"
+        in said.err
+    )

@@ -89,7 +89,8 @@ def resolve(name: str, folder: Path | None = None) -> Any:
     Args:
         name: As for `build`.
         folder: Where a file counts from, and where modules are looked for that are not installed; unless
-            given a file counts from the current folder, and only what Python finds is a module.
+            given a file counts from the current folder, and only what Python finds is a module. What a file
+            imports is looked for beside it, too.
 
     Raises:
         KeyError: If there is no such estimator, or two modules that are called so.
@@ -99,7 +100,7 @@ def resolve(name: str, folder: Path | None = None) -> Any:
     where, _, attribute = target.rpartition(":")
     file = file_of(name, folder)
     try:
-        with _modules_of(folder):
+        with _modules_of(folders_of(name, folder)):
             module = _file_module(file) if where.endswith(".py") and file else importlib.import_module(where)
     except (Exception, SystemExit) as error:  # whatever a plug-in's code may raise
         missing = error.name or where if isinstance(error, ModuleNotFoundError) else ""
@@ -148,7 +149,9 @@ def file_of(name: str, folder: Path | None = None) -> Path | None:
     if beside is None:
         if found:
             return None
-        raise KeyError(f"no estimator {name!r}: no module named {top!r}")
+        here = folder is None and where == top and os.path.isfile(f"{top}.py")
+        hint = f"; for the file {top}.py write {top}.py:{name.rpartition(':')[2]}" if here else ""
+        raise KeyError(f"no estimator {name!r}: no module named {top!r}{hint}")
     if found and (origin is None or not os.path.exists(origin) or not os.path.samefile(origin, beside)):
         raise KeyError(
             f"no estimator {name!r}: which one? There are {beside} and {origin or 'a built-in one'}; rename "
@@ -174,26 +177,48 @@ def _installed(top: str) -> tuple[bool, str | None]:
     return spec is not None, spec.origin if spec else None
 
 
-@contextmanager
-def _modules_of(folder: Path | None) -> Iterator[None]:
-    """Let modules of a folder be imported, after all others; then they are forgotten.
+def folders_of(name: str, folder: Path | None = None) -> tuple[Path, ...]:
+    """Where what a plug-in imports is looked for, after all that is installed; whether it is there or not.
 
-    Another study may have others that are called the same.
+    Args:
+        name: As for `build`.
+        folder: As for `resolve`.
+
+    Returns:
+        The folder, if one is given, and that of the plug-in's file, if it is named as one; absolute.
     """
-    if folder is None:
-        yield
-        return
-    before, place = set(sys.modules), str(folder)
-    sys.path.append(place)
+    where = name.rpartition(":")[0]
+    found = [] if folder is None else [folder]
+    if where.endswith(".py"):
+        found.append(((folder or Path()) / where).parent)
+    return tuple(dict.fromkeys(each.absolute() for each in found))
+
+
+@contextmanager
+def _modules_of(folders: tuple[Path, ...]) -> Iterator[None]:
+    """Let modules of folders be imported, after all others; then they are forgotten.
+
+    Another study may have others of the same names. Where Python looks anyway all stays as it is.
+    """
+    known = {os.path.abspath(place) for place in sys.path if isinstance(place, str)}
+    before, places = set(sys.modules), [place for place in folders if str(place) not in known]
+    sys.path.extend(map(str, places))
     try:
         yield
     finally:
-        if place in sys.path:  # a plug-in may have taken it away
-            del sys.path[len(sys.path) - 1 - sys.path[::-1].index(place)]
+        for place in map(str, places):
+            if place in sys.path:  # a plug-in may have taken it away
+                del sys.path[len(sys.path) - 1 - sys.path[::-1].index(place)]
         for name in set(sys.modules) - before:
-            file = getattr(sys.modules[name], "__file__", None)
-            if file and Path(file).is_relative_to(folder) and place not in sys.path:
+            if any(_lies_in(place, name, sys.modules[name]) for place in places):
                 del sys.modules[name]
+
+
+def _lies_in(folder: Path, name: str, module: ModuleType) -> bool:
+    """Whether a module is one of a folder, and not of an environment that happens to lie below it."""
+    file = getattr(module, "__file__", None)
+    top = folder / name.partition(".")[0]
+    return bool(file) and (Path(str(file)).parent == folder or Path(str(file)).is_relative_to(top))
 
 
 def module_of(name: str) -> str:

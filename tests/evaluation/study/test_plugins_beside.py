@@ -17,6 +17,7 @@ from rangefix.evaluation import (
     run,
 )
 from rangefix.evaluation.monte_carlo import keys
+from rangefix.filters import build
 
 from ..conftest import make_problem
 
@@ -162,6 +163,56 @@ def test_what_it_imports_beside_it_is_in_the_keys(folder: Path, name: str, tmp_p
     (moved / "spread_of_mine.py").write_text("SPREAD = 3.0\nMORE = 1.0\n")
     assert key(moved) != before
     assert not (tmp_path / "touched").exists()
+
+
+def test_what_lies_beside_its_own_file_is_found(folder: Path) -> None:
+    """In a folder below that of the study, or next to it; and it is in the keys."""
+    (folder / "filters").mkdir()
+    for old, new in (("filter_of_mine.py", "f.py"), ("spread_of_mine.py",) * 2):
+        (folder / old).rename(folder / "filters" / new)
+    path, beside = folder / "s.toml", folder / "filters" / "spread_of_mine.py"
+    for name in ("filters/f.py:Thing", "../theirs/filters/f.py:Thing"):
+        path.write_text(STUDY.format(name=name, options=""))
+        (trials,) = run(load_study(path), timing=False).trials
+        assert trials.ok.all(), trials.reasons
+        before, _ = key_and_source(path)
+        beside.write_text(beside.read_text() + "# changed\n")
+        after, source = key_and_source(path)
+        assert after != before
+        assert source != "not found"
+
+
+def key_and_source(path: Path) -> tuple[str, str]:
+    experiment = load_study(path).experiment()
+    (key,) = keys.part_keys(experiment)[1].values()
+    (builder,) = experiment.estimators.values()
+    return key, keys.plugin_source(builder)
+
+
+def test_an_environment_below_the_folder_stays_imported(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the study's own modules are forgotten: libraries in C cannot be imported a second time."""
+    (folder / ".venv").mkdir()
+    (folder / ".venv" / "library_that_stays.py").write_text("")
+    monkeypatch.syspath_prepend(str(folder / ".venv"))
+    file = folder / "filter_of_mine.py"
+    file.write_text("import library_that_stays\n" + file.read_text())
+    NamedEstimator("filter_of_mine.py:Thing", {}, folder).factory()
+    assert "spread_of_mine" not in sys.modules
+    assert sys.modules.pop("library_that_stays")
+
+
+def test_python_finds_what_lies_beside_a_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a study, and it is forgotten; where Python looks anyway it stays."""
+    before = list(sys.path)
+    build(f"{folder}/filter_of_mine.py:Thing", make_problem())
+    assert sys.path == before
+    assert "spread_of_mine" not in sys.modules
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "path", ["", *before])
+    build("filter_of_mine.py:Thing", make_problem())
+    assert sys.modules.pop("spread_of_mine")
 
 
 BAD = (("std_m = 0.05", "std_m = -1"), ("runs = 3", "runs = 3\ncolour = 1"), ("width_m = 4.0", ""))

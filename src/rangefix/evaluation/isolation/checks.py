@@ -7,6 +7,7 @@ from typing import Any
 
 from ...filters.checks import Check, CheckResult, checks_for
 from ...filters.registry import resolve
+from .look import add_folders
 from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
 CHECK_TIMEOUT_S = 60.0
@@ -76,11 +77,13 @@ def run_checks_isolated(
 def _find(target: str) -> None:
     """Import it, in the separate process."""
     begin_stage("importing it")
+    add_folders(target)
     resolve(target)
 
 
 def _result(target: str, options: dict[str, Any], expected: dict[str, str], name: str) -> CheckResult:
-    """Do one check, in the separate process."""
+    """Do one check, in the separate process, which may be a new one."""
+    add_folders(target)
     checks = checks_for(target, expected_failures=expected, **options)
     if name == checks[0].name:
         begin_stage("building it")

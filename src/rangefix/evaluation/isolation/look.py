@@ -14,7 +14,7 @@ from ...errors import one_line, suggestion
 from ...filters import Problem
 from ...filters.option_units import KINDS_OF_UNIT, bare_name, units_of, written_name
 from ...filters.plugin_line import plugin_line
-from ...filters.registry import BUILT_IN, build_with, resolve
+from ...filters.registry import BUILT_IN, build_with, folders_of, resolve
 from .pickling import to_pickle
 from .process import IsolatedProcess, Limit, Lost, Raised, begin_stage
 
@@ -128,7 +128,7 @@ def _inspect(content: bytes) -> PluginInfo:
     """What `inspect_plugin` has done in the separate process."""
     name, problem, options, folder = pickle.loads(content)
     begin_stage("importing it")
-    add_folder(folder)
+    add_folders(name, folder)
     factory = resolve(name, folder)
     info = signature_of(name, factory)
     unfit, fault = [], ""
@@ -149,10 +149,9 @@ def _inspect(content: bytes) -> PluginInfo:
     return info._replace(unfit=tuple(unfit), fault=fault)
 
 
-def add_folder(folder: Path | None) -> None:
+def add_folders(name: str, folder: Path | None = None) -> None:
     """In a process that is for one plug-in alone: let it import what lies beside it, at any time."""
-    if folder is not None:
-        sys.path.append(str(folder))
+    sys.path.extend(str(place) for place in folders_of(name, folder) if str(place) not in sys.path)
 
 
 def _is_flag(option: inspect.Parameter) -> bool:

@@ -6,6 +6,7 @@ import datetime
 import importlib.util
 import inspect
 import io
+import os
 import pickle
 import sys
 from collections.abc import Collection
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ...filters.registry import file_of, module_of
+from ...filters.registry import file_of, folders_of, module_of
 from ..experiment import Builder, Experiment, NamedEstimator
 from ..isolation import to_pickle
 from ..results import hash_of
@@ -76,14 +77,15 @@ def plugin_source(builder: Builder) -> str:
     with suppress(KeyError, ValueError):  # its trials will say that there is no such estimator
         file = file_of(builder.name, builder.folder)
         if file is not None:
-            return _file_source(file, builder.folder or file.parent)
+            folders = folders_of(builder.name, builder.folder) or (file.parent,)
+            return _file_source(file, folders)
         return _module_source(module_of(builder.name))
     return "not found"
 
 
-def _file_source(file: Path, folder: Path) -> str:
-    """SHA-256 of a plug-in's file, and of the modules of a folder that it imports; nothing is run."""
-    finder = ModuleFinder([str(folder)])
+def _file_source(file: Path, folders: tuple[Path, ...]) -> str:
+    """SHA-256 of a plug-in's file, and of the modules of folders that it imports; nothing is run."""
+    folder, finder = folders[0], ModuleFinder([str(each) for each in folders])
     package = file.name == "__init__.py"
     used = set(file.parent.rglob("*.py")) if package else {file}
     for script in used:
@@ -96,7 +98,8 @@ def _file_source(file: Path, folder: Path) -> str:
     used |= {Path(module.__file__) for module in found if module.__file__}
     hashed = sha256(file.read_bytes())
     for other in sorted(used - {file}):
-        hashed.update(f"\n{other.relative_to(folder).as_posix()}\n".encode() + other.read_bytes())
+        where = Path(os.path.relpath(other, folder)).as_posix()
+        hashed.update(f"\n{where}\n".encode() + other.read_bytes())
     return hashed.hexdigest()
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from ...arrays import Array
 from ..experiment import Builder, NamedEstimator
 from ..isolation import IsolatedProcess, Limit, Lost, Raised, Watch, counted_from, to_pickle, undisturbed
-from ..isolation.look import add_folder
+from ..isolation.look import add_folders
 from ..results import Outcome, Status, concatenate, failed_outcome
 from .built_estimator import BuiltEstimator, Probe
 from .saving import Saving
@@ -28,7 +28,7 @@ _here: list[BuiltEstimator] = []  # in a separate process: the estimator that it
 def _build(content: bytes) -> None:
     trial, builder = pickle.loads(content)
     if isinstance(builder, NamedEstimator):
-        add_folder(builder.folder)
+        add_folders(builder.name, builder.folder)
     with undisturbed(trial):
         _here[:] = [BuiltEstimator.build(trial, builder)]
 
