@@ -186,6 +186,15 @@ def test_refusals() -> None:
     )
     with pytest.raises(ValueError, match="noise of its own"):
         Planner(own, EVEN)
+    for truths in (0, 1, 2.5):  # of none there is no mean, and of one no error
+        with pytest.raises(ValueError, match=f"truths must be a whole number from 2 on, got {truths}"):
+            Planner(problem, EVEN, truths=truths)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="seed must be a whole number from 0 on, got -1"):
+        Planner(problem, EVEN, seed=-1)
+    for beams in (0, 2.5):
+        with pytest.raises(ValueError, match=f"beams must be a whole number from 1 on, got {beams}"):
+            Planner(problem, EVEN).plan(beams)  # type: ignore[arg-type]
+    assert len(Planner(problem, EVEN[::4]).plan(1.0).steps) == 1  # type: ignore[arg-type]
 
 
 def test_shared_tables_and_batches_change_nothing_that_counts() -> None:

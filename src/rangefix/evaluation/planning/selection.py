@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
+from ...arrays import Array, keep_whole, whole_number
 from ...filters import Problem, Rangefinder
 from ...filters.models.rangefinder import some_beams
 from ...filters.refined_cells.coarse_cells import CoarseCells
@@ -44,12 +44,14 @@ class Planner:
         candidates: Bearings that may be chosen, rad, (D,).
         criterion: What is made as small as possible, or as large for information.
         truths: Draws from the prior over which it is averaged while beams are looked for, from the second on.
-            What is found is compared, and its accuracy told, over more where `exact_filter` can.
-        seed: Of the draws.
+            What is found is compared, and its accuracy told, over more where `exact_filter` can. At least
+            two: one tells no error.
+        seed: Of the draws, a whole number from 0.
         tell: Told what is being done.
 
     Raises:
-        ValueError: If measurements cannot be planned for the problem, or a candidate is blind.
+        ValueError: If measurements cannot be planned for the problem, a candidate is blind, or a number does
+            not fit.
     """
 
     problem: Problem
@@ -60,6 +62,8 @@ class Planner:
     tell: Tell = field(default=lambda text: None)
 
     def __post_init__(self) -> None:
+        keep_whole(self, "truths", 2)
+        keep_whole(self, "seed", 0)
         if not len(self.candidates) or not np.isfinite(self.candidates).all():
             raise ValueError("a plan needs candidates: finite bearings")
         if self.sensor.blind.any():
@@ -103,11 +107,13 @@ class Planner:
             everywhere: Whether the objective is worked out for all candidates, for pictures.
 
         Raises:
-            ValueError: If there are fewer candidates, or too many sets of them for an exhaustive search.
+            ValueError: If beams is no whole number from 1, or there are fewer candidates, or too many sets of
+                them for an exhaustive search.
         """
         if method not in METHODS:
             raise ValueError(f"no method {method!r}; there are {', '.join(METHODS)}")
-        if not 1 <= beams <= len(self.candidates):
+        beams = whole_number("beams", beams, 1)
+        if beams > len(self.candidates):
             raise ValueError(
                 f"a plan has 1 to {len(self.candidates)} beams, as there are candidates: {beams}"
             )

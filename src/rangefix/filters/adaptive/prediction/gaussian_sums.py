@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which anothe
 NEGLIGIBLE_SHARE = math.exp(-NEGLIGIBLE_NATS)
 WAYS_PER_SIDE = 30  # in which walls are looked for all round, of each side of the square |x1| + |x2| = 1
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
+WIDEST_TURN = 9.0  # rad; a wider normal angle is as even on the circle to 5e-18
 
 
 @dataclass(frozen=True)
@@ -27,12 +29,14 @@ class Gaussians:
         precision: Inverse covariances, (K, n, n).
         log_scale: Log of weight and normalisation, (K,), not all -inf.
         is_angle: Which components are angles, (n,): differences go the short way round.
+        turns: Where terms are so wide that more ways round count, all that do, (T, n), rad: see `turns_of`.
     """
 
     centres: Array
     precision: Array
     log_scale: Array
     is_angle: BoolArray
+    turns: Array | None = None
 
     @cached_property
     def middle(self) -> Array:
@@ -54,6 +58,25 @@ class Gaussians:
         """How far the angles of centres lie from the middle's at most, each."""
         offset = short_way(self.centres - self.middle, self.is_angle)
         return np.asarray(np.abs(offset[:, self.is_angle]).max(axis=0, initial=0.0))
+
+
+def turns_of(covariance: Array, is_angle: BoolArray) -> Array | None:
+    """The whole turns over which Gaussians of these covariances (K, n, n) are summed, (T, n), rad.
+
+    None where the short way round is all that counts: half a turn is far out.
+    """
+    reach = np.sqrt(2 * NEGLIGIBLE_NATS * np.diagonal(covariance, axis1=1, axis2=2).max(axis=0))
+    if not (reach[is_angle] > TWO_PI / 2).any():
+        return None
+    most = np.where(is_angle, 1 + np.ceil(reach / TWO_PI), 0)  # centres and states may lie a turn apart
+    return TWO_PI * np.array(list(product(*[np.arange(-count, count + 1) for count in most])))
+
+
+def no_wider_than_even(covariance: Array, is_angle: BoolArray) -> Array:
+    """Covariances (K, n, n) that are the same on the circle: even angles are no wider than it takes."""
+    variances = np.diagonal(covariance, axis1=1, axis2=2)
+    shrink = np.where(is_angle & (variances > WIDEST_TURN**2), WIDEST_TURN / np.sqrt(variances), 1.0)
+    return np.asarray(shrink[:, :, None] * covariance * shrink[:, None, :])
 
 
 @cache
@@ -141,14 +164,15 @@ class _Exponents(NamedTuple):
     Attributes:
         states: (N, n).
         gaussians: The terms.
-        powers: Of the states, (N, t): one product of matrices with their weights is all.
+        away: The states as differences from the Gaussians' middle, (N, n): one product of matrices, of their
+            powers with the Gaussians' weights, is all.
         round_about: Which states may be nearer to some centres the other way round, (N,).
         parts: Of the states; the same for any number of threads, as sums of a product may hang on its size.
     """
 
     states: Array
     gaussians: Gaussians
-    powers: Array
+    away: Array
     round_about: BoolArray
     parts: list[slice]
 
@@ -157,22 +181,33 @@ class _Exponents(NamedTuple):
         """Those of some Gaussians at states, (N, n)."""
         is_angle = gaussians.is_angle
         away = short_way(states - gaussians.middle, is_angle)
-        rows, columns = _products(len(is_angle))
-        powers = np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
         far_off = np.abs(away[:, is_angle]) + gaussians.reach > TWO_PI / 2
-        step = max(1, TERMS_AT_ONCE // len(gaussians.centres))
+        ways = 1 if gaussians.turns is None else len(gaussians.turns)
+        step = max(1, TERMS_AT_ONCE // (ways * len(gaussians.centres)))
         parts = [slice(first, first + step) for first in range(0, len(states), step)]
-        return _Exponents(states, gaussians, powers, np.asarray(far_off.any(axis=1)), parts)
+        return _Exponents(states, gaussians, away, np.asarray(far_off.any(axis=1)), parts)
 
     def at(self, part: slice) -> Array:
         """Those of a part of the states, (k, K)."""
-        logs = self.powers[part] @ self.gaussians.weights
-        one, places = self.gaussians, np.flatnonzero(self.round_about[part])
+        one, away = self.gaussians, self.away[part]
+        if one.turns is not None:
+            turned = (away + one.turns[:, None]).reshape(-1, away.shape[1])
+            by_turn, logs = _powers(turned) @ one.weights, np.empty((len(away), len(one.centres)))
+            _sum_turns(by_turn.reshape(len(one.turns), *logs.shape), logs)
+            return logs
+        logs = _powers(away) @ one.weights
+        places = np.flatnonzero(self.round_about[part])
         if len(places):
             _round_about(
                 self.states[part], places, one.centres, one.precision, one.log_scale, one.is_angle, logs
             )
         return np.asarray(logs)
+
+
+def _powers(away: Array) -> Array:
+    """1, components and their products of differences, (N, n) -> (N, t)."""
+    rows, columns = _products(away.shape[1])
+    return np.column_stack([np.ones(len(away)), away, away[:, rows] * away[:, columns]])
 
 
 def short_way(offset: Array, is_angle: BoolArray) -> Array:
@@ -201,6 +236,22 @@ def _round_about(
                     pull += precision[k, i, j] * away[j]
                 square += pull * away[i]
             logs[place, k] = log_scale[k] - 0.5 * square
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_turns(by_turn: Array, logs: Array) -> None:
+    """Logs of the sums of exp(by_turn) over turns, (T, k, K) -> (k, K), written in place."""
+    for place in range(logs.shape[0]):
+        for k in range(logs.shape[1]):
+            top, total = by_turn[0, place, k], 1.0
+            for turn in range(1, len(by_turn)):
+                log = by_turn[turn, place, k]
+                if log > top:
+                    total = 1.0 + total * exp_below_zero(top - log)
+                    top = log
+                elif log > top - NEGLIGIBLE_NATS:
+                    total += exp_below_zero(log - top)
+            logs[place, k] = top + math.log(total)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED | {"reassoc"})

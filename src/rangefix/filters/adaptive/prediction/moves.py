@@ -35,7 +35,7 @@ from ..lattices.mode_gaussians import (
 )
 from ..lattices.quadrature import Accuracy, Quadrature
 from ..target import Target, TooManyCells
-from .gaussian_sums import ALL_ROUND, Around, Gaussians, reached
+from .gaussian_sums import ALL_ROUND, Around, Gaussians, no_wider_than_even, reached, turns_of
 from .predicted import Before, NoiseFree, Part, Predicted, Stayed
 
 MAX_POINTS_MOVED = 20_000
@@ -311,7 +311,7 @@ def _part(space: StateSpace, moved: _Moved, fans: Array | None = None, nearest: 
     """Gaussians moved; near walls with fans, and the nearest places to the centres that can be reached."""
     kept = moved.kernels.log_weights > -np.inf
     states, log_weights = moved.kernels.states[kept], moved.kernels.log_weights[kept]
-    centres, covariance = moved.centres[kept], moved.covariance[kept]
+    centres, covariance = moved.centres[kept], no_wider_than_even(moved.covariance[kept], space.is_angle)
     precision = np.asarray(np.linalg.inv(covariance), dtype=float)
     level = -0.5 * (states.shape[1] * np.log(TWO_PI) + np.asarray(np.linalg.slogdet(covariance)[1]))
     weights = np.exp(log_weights - np.logaddexp.reduce(log_weights))
@@ -324,7 +324,8 @@ def _part(space: StateSpace, moved: _Moved, fans: Array | None = None, nearest: 
         likely = centres + gain[..., 0]
     fans = np.empty((len(states), 0)) if fans is None else fans[kept]
     starts = np.ascontiguousarray(states[:, where])
-    gaussians = Gaussians(centres, precision, log_weights + level, space.is_angle)
+    turns = turns_of(covariance, space.is_angle)
+    gaussians = Gaussians(centres, precision, log_weights + level, space.is_angle, turns)
     return Part(starts, gaussians, space.wrap(likely), fans, mean, total)
 
 
