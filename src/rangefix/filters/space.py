@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import TEN_TURNS, Array, BoolArray, read_only, wrap
 
 LEAST_RESULTANT = 0.01  # length of a mean resultant vector below which angles have no mean direction
+EVEN_STD = 9.0  # rad; on the circle the density of a wider normal varies by 5e-18, 2 exp(-EVEN_STD^2 / 2)
 FEW_NUMBERS = 50  # in covariances: numpy takes longer to begin with so few than plain numbers take
 VALUES_AT_ONCE = 1 << 15  # states times components whose moments are taken together: the cache holds them
 LEAST_VARIANCE = 1e-20  # m^2 or rad^2: of places in a room no more than that is left by rounding

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
 from ..problem import SpacedPrior
-from ..space import StateSpace
+from ..space import EVEN_STD, StateSpace
 from .gaussian_prior import REACH, law_in_words
 from .uniform_prior import check_arc
 
 CIRCLE = 20_000  # points where the variance of a wrapped heading is summed
-EVEN = 9.0  # rad; the density of a wider normal varies on the circle by 2 exp(-EVEN^2 / 2), 5e-18
 
 
 class Product(ABC):
@@ -174,7 +173,7 @@ class WithVelocity(Product):
 
 def _wrapped_normal(away: Array, std: float) -> Array:
     """Log density of a normal angle wrapped onto the circle, at angles from its mean in [-pi, pi)."""
-    std = min(std, EVEN)
+    std = min(std, EVEN_STD)
     most = int(np.ceil(REACH * std / TWO_PI + 0.5))
     turns = TWO_PI * np.arange(-most, most + 1, dtype=float)
     exponents = -0.5 * ((away[..., None] + turns) / std) ** 2

@@ -12,12 +12,12 @@ import numpy as np
 
 from ....arrays import TWO_PI, Array, BoolArray, IntArray
 from ....compiled import FUSED, exp_below_zero, in_threads, njit
+from ...space import EVEN_STD
 
 NEGLIGIBLE_NATS = 22.0  # below the greatest Gaussian at a point at which another is left out
 NEGLIGIBLE_SHARE = math.exp(-NEGLIGIBLE_NATS)
 WAYS_PER_SIDE = 30  # in which walls are looked for all round, of each side of the square |x1| + |x2| = 1
 TERMS_AT_ONCE = 50_000  # Gaussians at points: what a processor's cache holds
-WIDEST_TURN = 9.0  # rad; a wider normal angle is as even on the circle to 5e-18
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def turns_of(covariance: Array, is_angle: BoolArray) -> Array | None:
 def no_wider_than_even(covariance: Array, is_angle: BoolArray) -> Array:
     """Covariances (K, n, n) that are the same on the circle: even angles are no wider than it takes."""
     variances = np.diagonal(covariance, axis1=1, axis2=2)
-    shrink = np.where(is_angle & (variances > WIDEST_TURN**2), WIDEST_TURN / np.sqrt(variances), 1.0)
+    shrink = np.where(is_angle & (variances > EVEN_STD**2), EVEN_STD / np.sqrt(variances), 1.0)
     return np.asarray(shrink[:, :, None] * covariance * shrink[:, None, :])
 
 
