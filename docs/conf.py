@@ -31,7 +31,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(collections|pathlib|typing|datetime|types|os)\..*"),
     (
         r"py:.*",
-        r"(NDArray|ArrayLike|Array|BoolArray|Average|Place|BeliefScores|NullDistribution|Builder|Factory|Belief|FieldInfo|MinLen|NoneType|OneRun|Path|_\w+)",
+        r"(NDArray|ArrayLike|Array|BoolArray|IntArray|Average|Place|BeliefScores|NullDistribution|Builder|Factory|Belief|FieldInfo|MinLen|NoneType|OneRun|Path|_\w+)",
     ),
     (r"py:.*", r"rangefix\.(maps|filters|evaluation)(\.[a-z_0-9]+)+\.\w+"),
 ]
@@ -49,7 +49,9 @@ autodoc_member_order = "groupwise"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 TypeAliasForwardRef.__repr__ = lambda self: self.name  # type: ignore[method-assign]
-autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "BoolArray", "Builder", "Factory")}
+autodoc_type_aliases = {
+    name: name for name in ("Array", "ArrayLike", "BoolArray", "IntArray", "Builder", "Factory")
+}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 napoleon_numpy_docstring = False
