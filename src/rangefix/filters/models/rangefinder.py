@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TEN_TURNS, TWO_PI, Array, BoolArray, IntArray, short_repr, sum_terms, wrap
+from ...arrays import TEN_TURNS, TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
 from ..mount import CENTRED, Mount
 from ..problem import Caster, IsConvex, Noise, RangeMap, caster_for
 from ..space import StateSpace
@@ -204,7 +204,7 @@ class Rangefinder:
 
     def _beam_by_beam(self, measurement: Array, expected: Array) -> Array:
         """`log_density` where there is no short form; what else is asked at once changes no bit."""
-        alone = np.asarray(sum_terms(np.moveaxis(self.beam_log_density(measurement, expected), -1, 0)))
+        alone = np.asarray(np.ascontiguousarray(self.beam_log_density(measurement, expected)).sum(-1))
         shared, weight = shared_errors(self.noise)
         return alone if shared is None else alone + weight * self._together(shared, measurement, expected)
 
