@@ -159,7 +159,7 @@ def test_run_tells_whom_not_to_trust(rangefix: Callable[..., Said], tmp_path: Pa
 
 
 def test_ranges(rangefix: Callable[..., Said]) -> None:
-    """The paper's ranges at (2, 3); bearings apart, by commas and negative mean the same."""
+    """The paper's ranges at (2, 3); bearings apart, by commas, negative and from:to:step mean the same."""
     at = ("ranges", "room:4x6", "--at", "2", "3", "--json")
     apart = json.loads(rangefix(*at, "--bearings-deg", "-33.7", "0", "33.7", "--heading-deg", "0").out)
     commas = json.loads(rangefix(*at, "--heading-deg=-10", "--bearings-deg", "-23.7,10,43.7").out)
@@ -168,6 +168,8 @@ def test_ranges(rangefix: Callable[..., Said]) -> None:
         found, [2 / np.sin(np.deg2rad(33.7)), 3.0, 2 / np.sin(np.deg2rad(33.7))], rtol=1e-3
     )
     np.testing.assert_allclose(found, [beam["range_m"] for beam in commas["beams"]], rtol=1e-12)
+    steps = json.loads(rangefix(*at, "--bearings-deg", "-33.7:33.7:33.7", "--heading-deg", "0").out)
+    assert steps == apart
 
 
 @pytest.mark.parametrize(
@@ -436,6 +438,7 @@ BAD = {
     "half a position": (("ranges", "room:4x6", "--at", "2"), "--at"),
     "bearings missing": (("ranges", "room:4x6", "--at", "2", "3"), "--bearings-deg"),
     "bearings no numbers": (("ranges", "room:4x6", "--at", "2", "3", "--bearings-deg", "north"), "numbers"),
+    "bearings without step": (("ranges", "room:4x6", "--at", "2", "3", "-b", "0:90:0"), "step must not be 0"),
     "bearings not finite": (("ranges", "room:4x6", "--at", "2", "3", "--bearings-deg", "nan"), "finite"),
     "point outside": (
         ("ranges", "room:4x6", "--at", "9", "3", "--bearings-deg", "0"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Command, Json, out_file, print_json, refuse_turns, replacing, say
+from .app import PICTURES, Command, Json, out_file, print_json, read_degrees, refuse_turns, replacing, say
 from .map_options import AS_FILES_SAY, MapOptions, needs_height, takes_map_options
 
 if TYPE_CHECKING:
@@ -99,7 +99,11 @@ def ranges(
     at: Annotated[tuple[float, float], typer.Option("--at", "-a", metavar="X1 X2", help="Position, m.")],
     bearings_deg: Annotated[
         str,
-        typer.Option(*BEARINGS, metavar="B1 B2 ...", help="Beam directions, deg clockwise from the heading."),
+        typer.Option(
+            *BEARINGS,
+            metavar="B1 B2 ...",
+            help="Beam directions, deg clockwise from the heading; or -90:90:15 (from:to:step).",
+        ),
     ],
     heading_deg: Annotated[float, typer.Option(metavar="DEG", help="Heading, deg clockwise from +x2.")] = 0.0,
     map_options: MapOptions = AS_FILES_SAY,
@@ -108,21 +112,16 @@ def ranges(
     """What a rangefinder would measure there, without noise."""
     import numpy as np
 
-    try:
-        bearings = [float(part) for part in bearings_deg.split(",")]
-    except ValueError:
-        raise ValueError(f"--bearings-deg needs numbers, got {bearings_deg!r}") from None
+    bearings = read_degrees(bearings_deg, BEARINGS[0]).tolist()
     height = [] if map_options.sensor_height is None else [map_options.sensor_height]
     numbers = {
         "--at": at,
         "--heading-deg": [heading_deg],
-        "--bearings-deg": bearings,
         "--sensor-height": height,
     }
     if wrong := [name for name, values in numbers.items() if not np.isfinite(values).all()]:
         raise ValueError(f"{', '.join(wrong)}: numbers must be finite")
-    for name in ("--heading-deg", "--bearings-deg"):
-        refuse_turns(name, *numbers[name])
+    refuse_turns("--heading-deg", heading_deg)
     room = map_options.opened_and_told(map_name)
     if not room.is_free(np.array(at)):
         raise ValueError(f"--at {at[0]:g} {at[1]:g} is not in the free space of {map_name}")

@@ -15,7 +15,7 @@ from .app import (
     names_from,
     one_of,
     print_json,
-    refuse_turns,
+    read_degrees,
     replacing,
 )
 from .map_options import Unit, Up, tell_odd
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ..evaluation.planning.selection import Method
     from ..filters import Problem, Rangefinder
 
-MOST_DIRECTIONS = 100_000
 RESOLUTION_DEG = 0.36  # of the paper's rangefinder
 CANDIDATES = "--candidates-deg"
 MEASURED = "beams"  # a word for it: those of the study
@@ -173,26 +172,11 @@ def read_directions(text: str, option: str, else_: str = "") -> Array:
         else_: What else it may be, for the mistake.
 
     Raises:
-        ValueError: If they are no numbers, or none, or one stands twice.
+        ValueError: As `read_degrees`; or if one stands twice.
     """
     import numpy as np
 
-    try:
-        if ":" in text:
-            low, high, step = map(float, text.split(":"))
-            count = np.floor((high - low) / step * (1 + 1e-12)) + 1
-            degrees = low + step * np.arange(count if count <= MOST_DIRECTIONS else 0)
-        else:
-            degrees = np.array([float(part) for part in text.replace(",", " ").split()])
-    except ZeroDivisionError:
-        raise ValueError(f"{option} {text}: the step must not be 0") from None
-    except ValueError:
-        raise ValueError(
-            f"{option} needs numbers such as -90,0,90 or -90:90:15{else_}, got {text!r}"
-        ) from None
-    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > MOST_DIRECTIONS:
-        raise ValueError(f"{option} {text}: name 1 to {MOST_DIRECTIONS} finite directions")
-    refuse_turns(option, *degrees)
+    degrees = read_degrees(text, option, else_)
     if len(np.unique(np.round(degrees % 360, 9))) < len(degrees):
         raise ValueError(f"{option} {text}: a direction stands twice")
     return np.deg2rad(degrees)
