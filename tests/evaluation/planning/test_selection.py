@@ -431,6 +431,23 @@ def test_beams_with_noise_of_their_own() -> None:
     np.testing.assert_allclose(*pitches)
 
 
+def test_beams_that_look_one_way_with_noise_of_their_own() -> None:
+    """Each counts with its own noise, a full turn is no difference, and one of them alone is no guess."""
+    problem = make_problem(0.1)
+    sensor = problem.sensor
+    assert isinstance(sensor, Rangefinder)
+    bearings = np.deg2rad([0.0, 360.0, 270.0])
+    own = replace(sensor, bearings=bearings, noise=Gaussian(np.array([0.2, 0.02, 0.05])))
+    problem = replace(problem, sensor=own)
+    found = Planner(problem, np.deg2rad([-90.0, 0.0, 0.0])).plan(2, everywhere=False).steps
+    assert [step.candidate for step in found] == [2, 0]
+    assert found[1].value == pytest.approx(0.02**2 + 0.05**2, rel=0.03)
+    with pytest.raises(ValueError, match="2 beams of this sensor look along 0 deg"):
+        Planner(problem, np.deg2rad([0.0, -90.0]))
+    alike = replace(problem, sensor=replace(own, noise=Gaussian(np.array([0.2, 0.2, 0.05]))))
+    assert Planner(alike, np.deg2rad([0.0, -90.0])).sensor.gaussian_stds.tolist() == [0.2, 0.05]  # type: ignore[union-attr]
+
+
 def test_places_that_were_ruled_out_are_looked_at_again_where_no_others_are_left() -> None:
     """Readings that nothing of a belief explains are held against the whole prior; if that fails it stays."""
     problem = make_problem(0.05)

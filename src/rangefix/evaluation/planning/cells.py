@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...arrays import TWO_PI, Array, BoolArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray, wrap
 from ...filters import Problem, Rangefinder, StateSpace
 from ...filters.models.correlated import refuse_shared_errors
 from ...filters.models.motion import Stationary
@@ -26,6 +26,7 @@ MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
 OFF_WALLS = 1e-5  # of a cell: a centre that lay on a wall would read 0 along half of its beams
+SAME_WAY = 1e-9  # rad; by which bearings of one beam differ
 CHECKED, UNLIKE = 16_384, 0.2  # draws by which cells are checked, and by how much their densities may be off
 PRIOR_DRAWS, HALVINGS = 1_000_000, 12  # of a prior with narrower parts, and of its cells
 ROUNDS = 6  # of looking for the size of the cells
@@ -135,17 +136,38 @@ def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:
     """The same rangefinder with beams in other directions, or with some of its own.
 
     Raises:
-        ValueError: If a beam is none of its own, and its beams have noise of their own each.
+        ValueError: As `own_beams`, if its beams have noise of their own each.
     """
     noise = sensor.noise
     if not beams_alike(sensor):
-        places = [np.flatnonzero(np.abs(sensor.bearings - bearing) < 1e-9) for bearing in bearings]
-        if not all(len(place) for place in places):
+        noise = noise_of_beams(noise, own_beams(sensor, bearings), len(sensor.bearings))
+    return replace(sensor, bearings=np.asarray(bearings, dtype=float), noise=noise)
+
+
+def own_beams(sensor: Rangefinder, bearings: Array) -> IntArray:
+    """Which of its own beams, whose noise differs, look in some directions, (D,), from 0.
+
+    A full turn is no difference. Where several look one way, each is meant as often as it can be.
+
+    Raises:
+        ValueError: If a beam is none of its own, or is asked for alone where another looks the same way.
+    """
+    found, bearings = list[int](), np.asarray(bearings, dtype=float)
+    for place, bearing in enumerate(bearings):
+        same = np.flatnonzero(np.abs(wrap(sensor.bearings - bearing)) < SAME_WAY)
+        if not len(same):
             raise ValueError(
                 "each beam of this sensor has noise of its own: only its own beams can be planned with"
             )
-        noise = noise_of_beams(noise, np.array([int(place[0]) for place in places]), len(sensor.bearings))
-    return replace(sensor, bearings=np.asarray(bearings, dtype=float), noise=noise)
+        asked = np.flatnonzero(np.abs(wrap(bearings - bearing)) < SAME_WAY)
+        noises = {repr(noise_of_beams(sensor.noise, int(beam), len(sensor.bearings))) for beam in same}
+        if len(noises) > 1 and len(asked) < len(same):
+            raise ValueError(
+                f"{len(same)} beams of this sensor look along {np.rad2deg(bearing):g} deg, with noise of "
+                "their own each: name all of its beams"
+            )
+        found.append(int(same[np.searchsorted(asked, place) % len(same)]))
+    return np.array(found, dtype=np.int64)
 
 
 def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
