@@ -28,6 +28,7 @@ NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
 OFF_WALLS = 1e-5  # of a cell: a centre that lay on a wall would read 0 along half of its beams
 SAME_WAY = 1e-9  # rad; by which bearings of one beam differ
 CHECKED, UNLIKE = 16_384, 0.2  # draws by which cells are checked, and by how much their densities may be off
+WIDER, DRAWN_CELLS = 0.005, 120_000  # share by which variances of cells may be off; of draws if they are
 PRIOR_DRAWS, HALVINGS = 1_000_000, 12  # of a prior with narrower parts, and of its cells
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
@@ -173,6 +174,9 @@ def own_beams(sensor: Rangefinder, bearings: Array) -> IntArray:
 def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
     """A prior as cells of one size, about so many as asked for; of draws, where these miss a part of it.
 
+    So are as many as a plan takes where they are wider than the prior: a Gaussian one in cells of half its
+    deviation, as at an unknown heading, has 2 % more variance.
+
     Raises:
         ValueError: If measurements cannot be planned for the problem.
     """
@@ -189,7 +193,11 @@ def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
         share = max(share * kept / most, 1e-2)
     assert grid is not None
     cells = Cells.of(problem.space, grid.centres, np.exp(grid.log_mass), grid.step).heavy()
-    return cells if _follow(cells, problem.prior) else _drawn_cells(problem, grid.step, most)
+    if not _follow(cells, problem.prior):
+        return _drawn_cells(problem, grid.step, most)
+    if most < PRIOR_CELLS or _as_wide(cells, problem.prior):
+        return cells
+    return _drawn_cells(problem, grid.step, DRAWN_CELLS)
 
 
 def _follow(cells: Cells, prior: Prior) -> bool:
@@ -200,8 +208,14 @@ def _follow(cells: Cells, prior: Prior) -> bool:
     return bool((np.abs(found - 1) < UNLIKE).all())
 
 
+def _as_wide(cells: Cells, prior: Prior) -> bool:
+    """Whether cells have the prior's variances."""
+    found, wanted = np.diagonal(cells.covariance), np.diagonal(np.asarray(prior.covariance))
+    return bool((np.abs(found - wanted) <= WIDER * wanted).all())
+
+
 def _drawn_cells(problem: Problem, pitch: Array, most: int) -> Cells:
-    """A prior with parts narrower than cells of a pitch, (n,): draws, put together in up to so many cells.
+    """A prior with parts too narrow for cells of a pitch, (n,): draws, put together in up to so many cells.
 
     Each cell has the mean and the spread of the draws in it, however narrow they lie.
     """
