@@ -47,6 +47,14 @@ def _write(tmp_path: Path, more: str = "") -> Path:
     return path
 
 
+def test_shared_errors_are_refused_without_advice_that_does_not_help(rangefix: Callable[..., Said]) -> None:
+    """Bounds are of the true readings: the study tells filters a weight already, under [assumed]."""
+    said = rangefix("bounds", "map_errors_weighed", "--only", "optimum")
+    assert said.code == 2
+    assert "the study's true readings share errors (correlation), whatever is assumed" in said.err
+    assert "[assumed" not in said.err
+
+
 def test_the_table_has_what_applies_and_says_why_not(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     """Beam 1 of the paper's room: 0.913 and 1.37 m, of which 40 % of the variance is noise."""
     said = rangefix("bounds", _write(tmp_path))

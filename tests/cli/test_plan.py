@@ -65,6 +65,26 @@ def test_what_a_plan_may_have_missed_is_said(capsys: pytest.CaptureFixture[str])
     assert "other headings" not in told
 
 
+def test_beams_with_noise_of_their_own_are_told_by_number(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A direction alone does not tell which of two beams is meant, nor what the study is to be run with."""
+    study = tmp_path / "own.toml"
+    study.write_text(
+        'map = "room:4x6"\n[sensor]\nbearings_deg = [0, 0, 270]\nstd_m = [0.2, 0.02, 0.05]\n'
+        '[[estimators]]\nname = "ekf"\n'
+    )
+    assert call("plan", str(study), "--beams", "2", "--json") == 0
+    beams = json.loads(capsys.readouterr().out)["beams"]
+    assert [beam["beam_of_study"] for beam in beams] == [2, 3]
+    assert call("plan", str(study), "--beams", "2") == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "0.00 (beam 2)" in text
+    assert "run the study with beam_sets = [[2, 3]]." in text
+    assert call("plan", str(study), "--beams", "1", "--candidates-deg", "0,-90") == 2
+    assert "2 beams of this sensor look along 0 deg" in capsys.readouterr().err
+
+
 def test_a_map_of_accuracy_says_that_one_heading_stands_for_all(capsys: pytest.CaptureFixture[str]) -> None:
     """Where the study does not know the heading: places that look alike at two headings are not counted."""
     assert call("map-accuracy", "two_modes", "--step-m", "1") == 0

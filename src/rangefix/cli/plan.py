@@ -192,8 +192,7 @@ def _times(problem: Problem, sensor: Rangefinder, found: Plan, seed: int) -> lis
     count = len(found.steps)
     places = np.linspace(0, len(found.candidates) - 1, count).round().astype(int)
     if not found.adaptive:
-        bearings = [step.bearing for step in found.steps if step.bearing is not None]
-        places = np.array([int(np.argmin(np.abs(found.candidates - bearing))) for bearing in bearings])
+        places = np.array([step.candidate for step in found.steps])
     return [
         update_seconds(problem, some_beams(sensor, places[: each + 1]), seed=seed) for each in range(count)
     ]
@@ -221,8 +220,11 @@ def _show(name: str, found: Plan, seconds: list[float], problem: Problem, useles
     unit = {"trace": "m²", "det": "m⁴", "largest": "m²", "information": "nats, of this beam"}[found.criterion]
     columns = ["beams", "direction,\ndeg", "position,\nrms m", f"{found.criterion},\n{unit}", "± (draws)"]
     table = new_table(f"Planned beams: {name}", [*columns, "ms per\nupdate"])
+    numbers = _own_numbers(found, problem)
     for number, (step, second) in enumerate(zip(found.steps, seconds, strict=True), start=1):
         direction = "by readings" if step.bearing is None else f"{_degrees(step.bearing):.2f}"
+        if own := numbers[number - 1]:
+            direction += f" (beam {own})"
         error = f"{step.error:.2g}" if step.error else "none"
         cells = f"{step.position_std:.4g}", f"{step.value:.4g}", error, f"{1e3 * second:.3g}"
         table.add_row(str(number), direction, *cells)
@@ -252,9 +254,26 @@ def _show(name: str, found: Plan, seconds: list[float], problem: Problem, useles
         told += f". Wrong places that fewer than 1 truth in {last.looked_at / RARE:.0f} leaves open may be "
         told += "missed, by ± too"
         if not found.adaptive:
-            chosen = [f"{_degrees(step.bearing):.6g}" for step in found.steps if step.bearing is not None]
-            told += f": before you claim it, run the study with bearings_deg = [{', '.join(chosen)}]"
+            told += f": before you claim it, run the study with {_as_keys(found, numbers)}"
         screen.say(f"{told}.")
+
+
+def _own_numbers(found: Plan, problem: Problem) -> list[int | None]:
+    """Numbers of a plan's beams in the study, from 1; None where all its beams have the same noise."""
+    from ..evaluation.planning.cells import beams_alike, check_plannable, own_beams
+
+    sensor = check_plannable(problem)
+    if beams_alike(sensor):
+        return [None for _ in found.steps]
+    numbers = (own_beams(sensor, found.candidates) + 1).tolist()
+    return [None if step.candidate is None else numbers[step.candidate] for step in found.steps]
+
+
+def _as_keys(found: Plan, numbers: list[int | None]) -> str:
+    """The beams of a plan as keys of a study: by their numbers, where each has noise of its own."""
+    own = sorted(number for number in numbers if number is not None)
+    chosen = [f"{_degrees(step.bearing):.6g}" for step in found.steps if step.bearing is not None]
+    return f"beam_sets = [{own}]" if own else f"bearings_deg = [{', '.join(chosen)}]"
 
 
 def _known_heading(problem: Problem) -> float | None:
@@ -263,6 +282,7 @@ def _known_heading(problem: Problem) -> float | None:
 
 
 def _document(name: str, found: Plan, seconds: list[float], problem: Problem) -> dict[str, Any]:
+    numbers = _own_numbers(found, problem)
     return {
         "study": name,
         "known_heading_deg": _known_heading(problem),
@@ -274,6 +294,7 @@ def _document(name: str, found: Plan, seconds: list[float], problem: Problem) ->
             {
                 "beam": number,
                 "direction_deg": None if step.bearing is None else _degrees(step.bearing),
+                "beam_of_study": numbers[number - 1],
                 "position_rms_m": step.position_std,
                 "expected_covariance": step.covariance.tolist(),
                 "value": step.value,

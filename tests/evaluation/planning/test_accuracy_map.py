@@ -22,6 +22,7 @@ from rangefix.filters import (
     Quantised,
     Rangefinder,
     StudentT,
+    Tempered,
     build,
     sweep,
 )
@@ -213,3 +214,11 @@ def test_a_bias_that_is_known_costs_nothing(noise: CumulativeNoise, bias: float)
     )
     np.testing.assert_allclose(biased.covariance, plain.covariance, rtol=1e-3, atol=1e-9)
     np.testing.assert_allclose(biased.mistaken, plain.mistaken, rtol=0.02, atol=1e-6)
+
+
+def test_readings_that_weigh_less_tell_a_share_of_what_their_law_tells() -> None:
+    """A fifth of the beams is lost by the law, 0.2; to the power of the weight that is 0.85."""
+    problem = located(RectangularRoom(4.0, 6.0), [0.0, 90.0])
+    noise = Tempered(LostBeams(Gaussian(0.02), 0.2), 0.1)
+    found = accuracy_map(problem, replace(problem.sensor, noise=noise), 0.5)  # type: ignore[type-var]
+    np.testing.assert_allclose(found.position_std, 0.02 * np.sqrt(2 / 0.8 / 0.1), rtol=0.01)

@@ -18,8 +18,9 @@ from rangefix.filters import (
 )
 from rangefix.filters.exact import ExactPositionFilter
 from rangefix.filters.refined_cells import RefinedPointMassFilter
+from rangefix.filters.refined_cells.coarse_cells import cover
 from rangefix.filters.space import deviations_apart
-from rangefix.maps import RectangularRoom
+from rangefix.maps import FloorPlan, RectangularRoom
 
 ROOM, SPACE = RectangularRoom(4.0, 6.0), position_space()
 
@@ -71,3 +72,19 @@ def test_a_part_narrower_than_cells_is_told() -> None:
     """A part of 1 mm between the corners of cells of 5 cm: an error of 0.002 was stated of what was 1 off."""
     off, stated, _ = answers(NEEDLE, (1.0, 2.0))
     assert off <= 1.01 * stated
+
+
+def test_cells_that_are_free_in_a_chink_alone_are_covered_in_silence() -> None:
+    """Neither middle, faces nor corners of such a cell are free, places in it are: numpy does not warn."""
+    spikes = [
+        [10 - (number + 0.3) / 4 - aside, height]
+        for number in range(40)
+        for aside, height in ((0.0, 4.0), (0.013, 5.03 + 0.01 * number), (0.03, 4.0))
+    ]
+    room, space = FloorPlan([[0, 0], [10, 0], [10, 4], *spikes, [0, 4]]), position_space(heading=0.0)
+    sensor = Rangefinder(room, np.deg2rad([0.0, 90.0]), Gaussian(0.02), space)
+    problem = Problem(space, Stationary(space), sensor, Uniform(room, space))
+    cells = cover(problem, np.zeros(2), 0)
+    assert (cells.prior.level == -np.inf).any()
+    assert not np.isnan(cells.prior.off).any()
+    assert np.exp(cells.log_integral) == pytest.approx(1.0, abs=0.01)

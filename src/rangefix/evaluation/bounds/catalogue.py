@@ -86,8 +86,11 @@ def bounds_of(
 def _compute(name: str, experiment: Experiment, beam_set: Sequence[int]) -> Bound:
     try:
         refuse_shared_errors(experiment.truth.sensor, "a bound")
-    except ValueError as error:
-        raise NoBoundError(str(error)) from None
+    except ValueError:
+        raise NoBoundError(
+            "the study's true readings share errors (correlation), whatever is assumed of them: computed "
+            "here for readings with errors of their own each"
+        ) from None
     weighed = with_beams(experiment.truth, beam_set)
     problem = without_weight(weighed)
     bound = _of_law(name, experiment, problem)

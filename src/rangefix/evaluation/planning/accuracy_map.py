@@ -154,16 +154,17 @@ def _fisher(sensor: Rangefinder, noise: Noise, reach: float) -> tuple[Array, Arr
 
     Fisher's information of rounded readings is none in the middle of a step and much at its ends, while the
     posterior is as wide as the step. So rounding counts as an error of its own that is even over a step: the
-    information before it is multiplied by s^2 / (s^2 + step^2 / 12), s the width of the noise.
+    information before it is multiplied by s^2 / (s^2 + step^2 / 12), s the width of the noise. Of readings
+    that weigh less it is that of their law, times the weight.
     """
+    noise, weight = law_and_weight(noise)
     told, step = before_rounding(noise), reading_step(noise)
     at, information = _unrounded(sensor, told, reach)
     if step:
         probed = np.linspace(0.0, reach, PROBES)
         widths = np.interp(at, probed, [noise_width(told, place, place) for place in probed])
-        rounding = step**2 / 12 / law_and_weight(noise)[1]
-        information = information * widths**2 / (widths**2 + rounding)
-    return at, information
+        information = information * widths**2 / (widths**2 + step**2 / 12)
+    return at, weight * information
 
 
 def _unrounded(sensor: Rangefinder, noise: Noise, reach: float) -> tuple[Array, Array]:

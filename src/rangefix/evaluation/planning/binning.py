@@ -41,8 +41,9 @@ def bin_by_range(
         widths: (N, n).
         low, step: Where the first bin begins, and how wide bins are, m.
         ends: Between which ranges can be, m: what a slope says beyond them is no range.
-        out: Written: (D, C, bins + 1); the last bin is for inf. Masses, the n first moments and, where there
-            is room for them, the second moments of x1 x1, x1 x2 and x2 x2, which stand first in the state.
+        out: Written: (D, C, bins + 1); the last bin is for inf. Masses, the n first moments and, as far as
+            there is room, the second moments of x1 x1, x1 x2, x2 x2, x1 heading, x2 heading and heading
+            squared: x1 and x2 stand first in the state.
     """
     if out.shape[1] == 3:
         squares = np.ascontiguousarray((widths**2 * TWELFTH).T)
@@ -251,13 +252,15 @@ def _bin_all(
                 centre[axis] = values[cell, axis]
                 along[axis] = slope * width * width * TWELFTH  # covariance with the range in bins
                 spread += along[axis] * slope
-            if columns > size:  # x1 x1, x1 x2 and x2 x2
-                for pair in range(3):
-                    one, other = pair // 2, (pair + 1) // 2
-                    centre[size + pair] = centre[one] * centre[other]
-                    along[size + pair] = centre[one] * along[other] + centre[other] * along[one]
-                    if one == other:
-                        centre[size + pair] += widths[cell, one] ** 2 * TWELFTH
+            column = size
+            for other in range(size):  # x1 x1, x1 x2, x2 x2, and so on
+                for one in range(other + 1):
+                    if column < columns:
+                        centre[column] = centre[one] * centre[other]
+                        along[column] = centre[one] * along[other] + centre[other] * along[one]
+                        if one == other:
+                            centre[column] += widths[cell, one] ** 2 * TWELFTH
+                        column += 1
             if spread >= NARROW or math.isinf(distance):
                 _add_wide(local, weight, distance, spread, centre, along, low, step, least, most)
                 continue

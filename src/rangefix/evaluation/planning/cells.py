@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...arrays import TWO_PI, Array, BoolArray
+from ...arrays import TWO_PI, Array, BoolArray, IntArray, wrap
 from ...filters import Problem, Rangefinder, StateSpace
 from ...filters.models.correlated import refuse_shared_errors
 from ...filters.models.motion import Stationary
@@ -26,7 +26,9 @@ MOST_CELLS = 30_000  # of a posterior
 NEGLIGIBLE_MASS = 1e-7  # of a belief, that may be left out
 NOTHING_NATS = 50.0  # below the heaviest cell there is nothing
 OFF_WALLS = 1e-5  # of a cell: a centre that lay on a wall would read 0 along half of its beams
+SAME_WAY = 1e-9  # rad; by which bearings of one beam differ
 CHECKED, UNLIKE = 16_384, 0.2  # draws by which cells are checked, and by how much their densities may be off
+WIDER, DRAWN_CELLS = 0.005, 120_000  # share by which variances of cells may be off; of draws if they are
 PRIOR_DRAWS, HALVINGS = 1_000_000, 12  # of a prior with narrower parts, and of its cells
 ROUNDS = 6  # of looking for the size of the cells
 CLOSE = 0.9, 1.02  # how many cells there may be, over how many are wanted
@@ -135,21 +137,45 @@ def turned(sensor: Rangefinder, bearings: Array) -> Rangefinder:
     """The same rangefinder with beams in other directions, or with some of its own.
 
     Raises:
-        ValueError: If a beam is none of its own, and its beams have noise of their own each.
+        ValueError: As `own_beams`, if its beams have noise of their own each.
     """
     noise = sensor.noise
     if not beams_alike(sensor):
-        places = [np.flatnonzero(np.abs(sensor.bearings - bearing) < 1e-9) for bearing in bearings]
-        if not all(len(place) for place in places):
+        noise = noise_of_beams(noise, own_beams(sensor, bearings), len(sensor.bearings))
+    return replace(sensor, bearings=np.asarray(bearings, dtype=float), noise=noise)
+
+
+def own_beams(sensor: Rangefinder, bearings: Array) -> IntArray:
+    """Which of its own beams, whose noise differs, look in some directions, (D,), from 0.
+
+    A full turn is no difference. Where several look one way, each is meant as often as it can be.
+
+    Raises:
+        ValueError: If a beam is none of its own, or is asked for alone where another looks the same way.
+    """
+    found, bearings = list[int](), np.asarray(bearings, dtype=float)
+    for place, bearing in enumerate(bearings):
+        same = np.flatnonzero(np.abs(wrap(sensor.bearings - bearing)) < SAME_WAY)
+        if not len(same):
             raise ValueError(
                 "each beam of this sensor has noise of its own: only its own beams can be planned with"
             )
-        noise = noise_of_beams(noise, np.array([int(place[0]) for place in places]), len(sensor.bearings))
-    return replace(sensor, bearings=np.asarray(bearings, dtype=float), noise=noise)
+        asked = np.flatnonzero(np.abs(wrap(bearings - bearing)) < SAME_WAY)
+        noises = {repr(noise_of_beams(sensor.noise, int(beam), len(sensor.bearings))) for beam in same}
+        if len(noises) > 1 and len(asked) < len(same):
+            raise ValueError(
+                f"{len(same)} beams of this sensor look along {np.rad2deg(bearing):g} deg, with noise of "
+                "their own each: name all of its beams"
+            )
+        found.append(int(same[np.searchsorted(asked, place) % len(same)]))
+    return np.array(found, dtype=np.int64)
 
 
 def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
     """A prior as cells of one size, about so many as asked for; of draws, where these miss a part of it.
+
+    So are as many as a plan takes where they are wider than the prior: a Gaussian one in cells of half its
+    deviation, as at an unknown heading, has 2 % more variance.
 
     Raises:
         ValueError: If measurements cannot be planned for the problem.
@@ -167,7 +193,11 @@ def prior_cells(problem: Problem, most: int = PRIOR_CELLS) -> Cells:
         share = max(share * kept / most, 1e-2)
     assert grid is not None
     cells = Cells.of(problem.space, grid.centres, np.exp(grid.log_mass), grid.step).heavy()
-    return cells if _follow(cells, problem.prior) else _drawn_cells(problem, grid.step, most)
+    if not _follow(cells, problem.prior):
+        return _drawn_cells(problem, grid.step, most)
+    if most < PRIOR_CELLS or _as_wide(cells, problem.prior):
+        return cells
+    return _drawn_cells(problem, grid.step, DRAWN_CELLS)
 
 
 def _follow(cells: Cells, prior: Prior) -> bool:
@@ -178,8 +208,14 @@ def _follow(cells: Cells, prior: Prior) -> bool:
     return bool((np.abs(found - 1) < UNLIKE).all())
 
 
+def _as_wide(cells: Cells, prior: Prior) -> bool:
+    """Whether cells have the prior's variances."""
+    found, wanted = np.diagonal(cells.covariance), np.diagonal(np.asarray(prior.covariance))
+    return bool((np.abs(found - wanted) <= WIDER * wanted).all())
+
+
 def _drawn_cells(problem: Problem, pitch: Array, most: int) -> Cells:
-    """A prior with parts narrower than cells of a pitch, (n,): draws, put together in up to so many cells.
+    """A prior with parts too narrow for cells of a pitch, (n,): draws, put together in up to so many cells.
 
     Each cell has the mean and the spread of the draws in it, however narrow they lie.
     """

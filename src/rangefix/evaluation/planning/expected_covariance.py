@@ -6,7 +6,9 @@ p(y) and m(y) of the reading y, and by the law of total variance
 
     E[P] = S - integral of m(y) m(y)' / p(y) dy,
 
-with S the second moments before the reading. Nothing is drawn at random.
+with S the second moments before the reading. Readings that weigh less than their law says come by that law
+and are believed by its power: then second moments are functions of the reading, too. Nothing is drawn at
+random.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from ...filters.models.noise_of_beams import noise_of_beams
 from ...filters.models.rangefinder import some_beams
 from .binning import bin_by_range, bin_in_convex_room, range_ends
 from .cells import Cells, beams_alike
-from .reading_table import ReadingTable, SharedTables, reading_table
+from .reading_table import ReadingTable, SharedTables, drawn_by, reading_table
 
 Criterion = Literal["trace", "det", "largest", "information"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
@@ -39,7 +41,8 @@ class ExpectedAccuracy:
         covariance: E[P], (D, n, n); m^2 and rad^2. Headings differ the short way round from the mean before.
         det: E[det P] of x1 and x2, m^4, (D,); NaN unless asked for.
         largest: E[largest eigenvalue of P] of x1 and x2, m^2, (D,); NaN unless asked for.
-        information: Mutual information of the state and the reading, nats, (D,).
+        information: Mutual information of the state and the reading, nats, (D,); of readings that weigh less,
+            the mean divergence of what is believed after one from what was before.
     """
 
     covariance: Array
@@ -152,7 +155,8 @@ def expected_covariance(
         ValueError: If the noise is too fine for the ranges.
     """
     size, count = belief.space.size, len(beams.bearings)
-    seen = None if second else ConvexViews.of(belief, replace(beams, blind_sector=0.0))
+    less = drawn_by(beams.noise)[1] < 1  # then second moments are needed: see `_fold`
+    seen = None if second or less else ConvexViews.of(belief, replace(beams, blind_sector=0.0))
     parts = [] if seen is None else [after_views(belief, seen, False, tables)]
     at_once = max(1, int(BYTES_AT_ONCE / (8 * len(belief.centres) * (1 + size))))
     for start in range(0, count if seen is None else 0, at_once):
@@ -185,38 +189,50 @@ def after_views(
     for label, group in alike.items():
         noise = noises[group[0]]
         table = tables.table(label, sensor, noise, *ends) if tables else reading_table(sensor, noise, *ends)
-        columns = 1 + size + 3 * second
+        columns = 1 + size + (3 * second if table.law is None else size * (size + 1) // 2)
         at_once = max(1, VALUES_AT_ONCE // (columns * (table.bins + table.probability.shape[1])))
         for start in range(0, len(group), at_once):
             some = np.array(group[start : start + at_once])
             part = slice(some[0], some[-1] + 1) if len(some) == some[-1] - some[0] + 1 else some
             masses = np.empty((len(some), columns, table.bins + 1))
             views.bin(part, belief, table, masses)
-            _fold(result, some, belief, table, masses)
+            _fold(result, some, belief, table, masses, second)
     return result
 
 
 def _fold(
-    result: ExpectedAccuracy, beams: IntArray, belief: Cells, table: ReadingTable, masses: Array
+    result: ExpectedAccuracy, beams: IntArray, belief: Cells, table: ReadingTable, masses: Array, second: bool
 ) -> None:
     """From moments by expected range to moments by reading, and their averages over all readings."""
     size = belief.space.size
     by_reading = table.readings_of(masses)
-    p = by_reading[:, 0]
-    probable = p > IMPROBABLE * p.max(axis=1, keepdims=True)
-    p = np.where(probable, p, 1.0)
+    fits = p = by_reading[:, 0]
+    if table.law is not None:
+        p = table.law.readings_of(masses[:, 0])
+    probable = (p > IMPROBABLE * p.max(axis=1, keepdims=True)) & (fits > 0)
+    fits, p = np.where(probable, fits, 1.0), np.where(probable, p, 1.0)
+    weight = np.where(probable, p, 0.0)
     means = np.where(probable[:, None], by_reading[:, 1 : 1 + size], 0.0)
-    explained = np.matmul(means / p[:, None], np.swapaxes(means, 1, 2))
-    covariance = belief.covariance - explained
+    seconds = np.where(probable[:, None], by_reading[:, 1 + size :], 0.0)
+    sharpness = masses[:, 0] @ table.minus_entropy
+    if table.law is None:
+        explained = np.matmul(means / p[:, None], np.swapaxes(means, 1, 2))
+        covariance = belief.covariance - explained
+    else:  # readings come by their law and weigh less: no law of total variance
+        inside = np.tril_indices(size)
+        covariance = np.zeros((len(p), size, size))
+        covariance[:, inside[0], inside[1]] = np.einsum("dr,dcr->dc", weight / fits, seconds)
+        covariance[:, inside[1], inside[0]] = covariance[:, inside[0], inside[1]]
+        sharpness = -(weight / fits * table.entropies.readings_of(masses[:, 0])).sum(axis=1)
+        covariance -= np.matmul(means * (weight / fits**2)[:, None], np.swapaxes(means, 1, 2))
     result.covariance[beams] = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-    result.information[beams] = masses[:, 0] @ table.minus_entropy - (p * np.log(p)).sum(axis=1)
-    if masses.shape[1] > 1 + size:
-        seconds = np.where(probable[:, None], by_reading[:, 1 + size :], 0.0)
+    result.information[beams] = sharpness - (p * np.log(fits)).sum(axis=1)
+    if second:
         a, b, c = (
-            seconds[:, pair] / p - means[:, pair // 2] * means[:, (pair + 1) // 2] / p**2 for pair in range(3)
+            seconds[:, pair] / fits - means[:, pair // 2] * means[:, (pair + 1) // 2] / fits**2
+            for pair in range(3)
         )
         a, c = np.maximum(a, 0.0), np.maximum(c, 0.0)
-        weight = np.where(probable, p, 0.0)
         result.det[beams] = (weight * np.maximum(a * c - b * b, 0.0)).sum(axis=1)
         root = np.sqrt((0.5 * (a - c)) ** 2 + b * b)
         result.largest[beams] = (weight * (0.5 * (a + c) + root)).sum(axis=1)

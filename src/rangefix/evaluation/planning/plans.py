@@ -24,6 +24,7 @@ class Step:
         looked_at: From how many these were chosen, so that places which are easily mistaken for others are
             among them: what is rarer than about 3 in so many may not have been met, and is then missing
             from value and error.
+        candidate: Its place among the candidates; None where it depends on the readings before.
     """
 
     bearing: float | None
@@ -33,6 +34,7 @@ class Step:
     objective: Array
     truths: int = 0
     looked_at: int = 0
+    candidate: int | None = None
 
     @property
     def position_std(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from ...arrays import Array
 from ...filters import Rangefinder
 from ...filters.models.noise import log_below
 from ...filters.models.rangefinder import LIMIT_ROUNDING
-from ...filters.models.wrapped_noise import reading_bias, reading_step
+from ...filters.models.wrapped_noise import law_and_weight, reading_bias, reading_step, wider_gaussian
 from ...filters.problem import Noise
 from .one_beam import noise_width
 
@@ -38,8 +38,9 @@ class ReadingTable:
         step: Width of a bin, m.
         bins: How many there are. One more row stands for "no wall, or a beam that is lost".
         probability: Of each reading, (bins + 1, readings); rows sum to one. The last readings are "no return"
-            and "too close", where there are such.
+            and "too close", where there are such. Where readings weigh less, their power.
         minus_entropy: Sum of p log p over the readings, nats, (bins + 1,).
+        law: By which readings are drawn that weigh less; None where they are drawn by `probability`.
     """
 
     low: float
@@ -47,6 +48,14 @@ class ReadingTable:
     bins: int
     probability: Array
     minus_entropy: Array
+    law: ReadingTable | None = None
+
+    @cached_property
+    def entropies(self) -> ReadingTable:
+        """- p log p of each reading by itself, nats, in the place of probabilities."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            terms = np.where(self.probability > 0, -self.probability * np.log(self.probability), 0.0)
+        return replace(self, probability=terms, law=None)
 
     @cached_property
     def blocks(self) -> list[tuple[slice, slice, Array]]:
@@ -110,7 +119,8 @@ def reading_table(sensor: Rangefinder, noise: Noise, low: float, high: float) ->
     Raises:
         ValueError: If the noise is too fine for the ranges.
     """
-    width = noise_width(noise, low, high)
+    law, weight = drawn_by(noise)
+    width = noise_width(law, low, high)
     count = max(np.ceil((high - low) * BINS_PER_WIDTH / width) + 1, LEAST_BINS)
     if count > MOST_BINS:
         raise ValueError(
@@ -122,15 +132,27 @@ def reading_table(sensor: Rangefinder, noise: Noise, low: float, high: float) ->
     first = low - 2.5 * step
     centres = first + step * (np.arange(-1, bins + 1) + 0.5)  # and neighbours, for the correction
     expected = np.append(centres, np.inf)[:, None]
-    table = probabilities(sensor, noise, width, (low, high), expected)
+    table = probabilities(sensor, law, width, (low, high), expected)
     with np.errstate(divide="ignore", invalid="ignore"):
         terms = np.where(table > 0, table * np.log(table), 0.0)
+    sharp = _sharpened(table)
+    sharp[:-1] /= sharp[:-1].sum(axis=1, keepdims=True)
+    entropy = np.append(terms[1:-2].sum(axis=1), terms[-1].sum())
+    drawn = ReadingTable(first, step, bins, sharp, entropy)
+    return drawn if weight == 1 else replace(drawn, probability=_sharpened(table**weight), law=drawn)
+
+
+def drawn_by(noise: Noise) -> tuple[Noise, float]:
+    """The law of readings, and what one weighs: Gaussian ones that weigh less count as wider ones."""
+    law, weight = law_and_weight(noise)
+    return (noise, 1.0) if weight == 1 or wider_gaussian(noise) else (law, weight)
+
+
+def _sharpened(table: Array) -> Array:
+    """Sheppard's correction of all rows but the last; the first and the last but one are neighbours only."""
     inner, last = table[:-1], table[-1:]
     sharp = inner[1:-1] - SHARPEN * (inner[2:] - 2 * inner[1:-1] + inner[:-2])
-    sharp = np.maximum(sharp, 0.0)
-    sharp /= sharp.sum(axis=1, keepdims=True)
-    entropy = np.append(terms[1:-2].sum(axis=1), terms[-1].sum())
-    return ReadingTable(first, step, bins, np.concatenate([sharp, last]), entropy)
+    return np.concatenate([np.maximum(sharp, 0.0), last])
 
 
 def probabilities(

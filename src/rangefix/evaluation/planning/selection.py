@@ -158,7 +158,7 @@ class Planner:
                     objective = np.mean([self.objective.values(belief) for belief in some], axis=0)
             bearing, value = float(self.candidates[last]), self.objective.shown(found.value)
             step = Step(
-                bearing, found.covariance, value, found.error, objective, found.truths, found.looked_at
+                bearing, found.covariance, value, found.error, objective, found.truths, found.looked_at, last
             )
             steps.append(step)
         return steps

@@ -198,7 +198,8 @@ def _asked(
     most = np.maximum(prior.most, logs.max(axis=1))
     ends = (logs == -np.inf).any(axis=1)
     fitted = quadratic(prior.level, prior.slope, prior.curve, spots - centres[:, None])
-    off = np.where(ends, np.inf, np.maximum(prior.off, np.abs(fitted - logs).max(axis=1)))
+    with np.errstate(invalid="ignore"):  # of cells free in a chink alone both are none: see `ends`
+        off = np.where(ends, np.inf, np.maximum(prior.off, np.abs(fitted - logs).max(axis=1)))
     bands, bent = _whole_bands(ranges, slopes, seen, steps), ~(bend < SAME_WALL_M)
     bands[bent] = _two_bands(np.moveaxis(seen, 1, -1)[bent], side)
     return (
