@@ -14,6 +14,7 @@ from rangefix.evaluation import Experiment, NamedEstimator, load_study, repeat_r
 from rangefix.evaluation.figures.beliefs import draw_posterior
 from rangefix.evaluation.figures.catalogue import alone
 from rangefix.evaluation.figures.data import FigureData
+from rangefix.evaluation.figures.drives import draw_ways
 from rangefix.evaluation.figures.errors import draw_runs
 from rangefix.evaluation.figures.planning.accuracy import draw_accuracy
 from rangefix.evaluation.figures.planning.compass import draw_plan
@@ -25,7 +26,7 @@ from rangefix.evaluation.planning.plans import Plan, Step
 from rangefix.evaluation.planning.scene import FloorPlan
 from rangefix.maps.rectangle import RectangularRoom
 
-from ..conftest import make_problem
+from ..conftest import PriorOnly, make_problem
 from .drawn_text import cut_off, drawn_lines, overlaps
 
 
@@ -171,3 +172,24 @@ def test_decades_beside_each_other_look_alike() -> None:
         tick: label.get_text() for tick, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
     }
     assert {labels[tick] for tick in (1.0, 1e5, 1e6)} == {"1", "100000", "1000000"}
+
+
+class SilentAtFirst(PriorOnly):
+    """Gives no estimate in the first run."""
+
+    def estimate(self, belief: Any) -> Any:
+        estimate = super().estimate(belief)
+        silent = (np.arange(len(belief)) == 0)[:, None]
+        return estimate._replace(mean=np.where(silent, np.nan, estimate.mean))
+
+
+@pytest.mark.parametrize("draw", [draw_posterior, draw_ways])
+def test_a_panel_without_an_answer_says_so(draw: Any, tmp_path: Path) -> None:
+    """What is drawn of the first run alone: an empty room would look as if nothing were claimed."""
+    of = {"silent": SilentAtFirst, "prior": PriorOnly}
+    results = run(Experiment(make_problem(), of, runs=4), tmp_path / "silent", timing=False)
+    assert results.trials[0].ok.tolist() == [False, True, True, True]
+    titles = [
+        axes.get_title(loc) for axes in alone(draw)(FigureData(results)).axes for loc in ("left", "center")
+    ]
+    assert [title for title in titles if title] == ["silent\nno answer in this run", "prior"]
