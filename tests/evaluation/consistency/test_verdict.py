@@ -239,8 +239,9 @@ def test_false_alarms_are_as_rare_as_stated():
 def test_no_bias_is_told_of_errors_that_are_only_too_large() -> None:
     """Errors ten times what is claimed scatter evenly about 0: their mean is chance.
 
-    A component's 95 % interval of the mean error leaves out 0 in 5 % of studies, one of two in 10 %; more than
-    20 of 100 are 7 in 10 000 seeds. With a bias of 0.7 deviations of the errors it is told in all.
+    A component's 95 % interval of the mean error leaves out 0 in 5 % of studies, one of two in 10 %; that
+    more than 20 of 100 do happens for 6 in 10 000 seeds. With a bias of 0.7 deviations of the errors it is
+    told in all.
     """
     told = Counter[float]()
     for seed in range(100):
