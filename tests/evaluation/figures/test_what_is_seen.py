@@ -136,6 +136,21 @@ def test_the_legend_of_a_plan_says_what_is_drawn_and_no_more(beams: int, method:
     assert not cut_off(lines, figure)
 
 
+def test_a_compass_beside_a_wall_is_shown_whole() -> None:
+    """A prior in the room's corner: directions through the wall, and the best among them, lie in the view."""
+    candidates = np.deg2rad(np.arange(-180.0, 180.0, 15.0))
+    objective = 2.0 + np.cos(candidates)
+    steps = tuple(Step(bearing, np.eye(2), 1.0, 0.0, objective) for bearing in (-np.pi, 0.0))
+    floor = FloorPlan.of(make_problem(), np.array([[0.1, 0.1]]))
+    for axes in draw_plan(Plan(candidates, "trace", "greedy", False, steps), floor).axes:
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        drawn = np.concatenate([line.get_xydata() for line in axes.lines])
+        assert (drawn > [left, bottom]).all()
+        assert (drawn < [right, top]).all()
+        assert left < 0 < 4 < right
+        assert bottom < 0 < 6 < top
+
+
 def test_equal_deviations_have_one_plain_number() -> None:
     """0.05 m everywhere: the bar shows it between nothing and twice as much; else what occurs, in metres."""
     for largest, count in ((0.05, 2), (0.1, 5)):
