@@ -55,7 +55,7 @@ def draw_plan(plan: Plan, floor: FloorPlan) -> Figure:
             before.append(step.bearing)
         after = f"then the position errs by {step.position_std:.3g} m (rms)"
         axes.set_title(f"beam {number}: {_direction(step.bearing)}\n{after}")
-    low, high = _show_all(panels[: len(steps)], floor)
+    low, high = _show_all(list(panels[: len(steps)]), floor)
     shape = float(np.clip((high - low)[1] / (high - low)[0], 0.4, 2.0))
     figure.set_figheight(lines * (PANEL * shape + 0.9))
     room = width - 2 * MARGIN
