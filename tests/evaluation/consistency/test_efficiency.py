@@ -50,7 +50,7 @@ def test_its_interval_is_that_of_g_turned_over() -> None:
 def test_the_best_estimator_is_seldom_called_worse() -> None:
     """Of 400 studies of 100 runs, a third of which err by 1 m and the others by 3 cm, all of them by right.
 
-    An end of an interval of 95 % is to be passed in 2.5 % of studies, in 20 of 400 or more for 4 of 1000
+    An end of an interval of 95 % is to be passed in 2.5 % of studies, in 20 of 400 or more for 3 of 1000
     seeds. By the delta method the upper end lay below 100 % in 8 %.
     """
     rng, below = np.random.default_rng(0), 0
