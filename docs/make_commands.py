@@ -23,8 +23,10 @@ HEAD = """# Commands
 `rangefix` alone shows what there is, `rangefix COMMAND -h` one command. `python -m rangefix` is the same
 command. What a command prints for programs is on standard output, with `--json` one JSON document and nothing
 else; what it has to say of mistakes is on standard error, one line each, in the words that were typed. Tables
-are as wide as the terminal, or as `COLUMNS` says; where that is too narrow for a table, a line for each
-figure stands in its place.
+are as wide as the terminal, or as `COLUMNS` says (200 where there is neither); where that is too narrow for a
+table, a line for each figure stands in its place. Of a study's table energy scores, effective particles and
+times are left out before that, then intervals, and deviations get a table of their own: all figures are in
+`summary.csv` and with `--json`.
 
 A file that `--out` or `--curve` names and that is there already is replaced if rangefix wrote such a file,
 and standard error says so; one of anybody else, or one that the command reads, is refused and kept,

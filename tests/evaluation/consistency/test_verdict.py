@@ -236,6 +236,24 @@ def test_false_alarms_are_as_rare_as_stated():
     assert found["alarms of rows"] <= 2 * binom.isf(1e-4, studies, ALARMS)  # the two rows share truths
 
 
+def test_no_bias_is_told_of_errors_that_are_only_too_large() -> None:
+    """Errors ten times what is claimed scatter evenly about 0: their mean is chance.
+
+    A component's 95 % interval of the mean error leaves out 0 in 5 % of studies, one of two in 10 %; that
+    more than 20 of 100 do happens for 6 in 10 000 seeds. With a bias of 0.7 deviations of the errors it is
+    told in all.
+    """
+    told = Counter[float]()
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        errors, draws = rng.normal(size=(100, 2)), 0.1 * rng.normal(size=(100, 39, 2))
+        for bias in (0.0, 0.7):
+            row = credibility(errors + bias, np.zeros((100, 2)), 0.01 * np.eye(2), draws=draws)
+            told[bias] += any("on average" in note for note in decide(row).notes)
+    assert told[0.0] <= 20
+    assert told[0.7] == 100
+
+
 def test_the_harness_can_accuse():
     """Negative control: of ten studies of a filter 1.4 times too sure, each is an alarm."""
     studies = [

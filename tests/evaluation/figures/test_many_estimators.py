@@ -6,9 +6,10 @@ from rangefix.evaluation import Experiment, run
 from rangefix.evaluation.figures.catalogue import alone, study_figures
 from rangefix.evaluation.figures.claims import draw_time
 from rangefix.evaluation.figures.data import MAX_ESTIMATORS_DRAWN, FigureData
-from rangefix.evaluation.figures.style import colour_and_line, colour_and_marker
+from rangefix.evaluation.figures.style import colour_and_line, colour_and_marker, styled
 
 from ..conftest import PriorOnly, make_problem
+from .drawn_text import cut_off, drawn_lines, overlaps
 
 
 def results_of(count, timing=False):
@@ -37,3 +38,16 @@ def test_no_two_estimators_look_alike() -> None:
     assert len(set(looks)) == len(looks) == 12
     for look in (colour_and_marker, colour_and_line):
         assert len(set(map(look, range(MAX_ESTIMATORS_DRAWN)))) == MAX_ESTIMATORS_DRAWN
+
+
+def test_a_long_legend_leaves_the_panel_its_height() -> None:
+    """Two dozen labels below the figure of times: the panel, 1.2 inches high once, is as high as of a few."""
+    heights = []
+    for count in (2, MAX_ESTIMATORS_DRAWN):
+        with styled():
+            figure = alone(draw_time)(FigureData.of(results_of(count, timing=True)))
+            lines = drawn_lines(figure)
+        assert not cut_off(lines, figure)
+        assert not overlaps(lines)
+        heights.append(figure.axes[0].get_window_extent().height / figure.dpi)
+    assert heights[1] > 0.7 * heights[0]

@@ -14,6 +14,7 @@ from rangefix.evaluation import Experiment, NamedEstimator, load_study, repeat_r
 from rangefix.evaluation.figures.beliefs import draw_posterior
 from rangefix.evaluation.figures.catalogue import alone
 from rangefix.evaluation.figures.data import FigureData
+from rangefix.evaluation.figures.drives import draw_ways
 from rangefix.evaluation.figures.errors import draw_runs
 from rangefix.evaluation.figures.planning.accuracy import draw_accuracy
 from rangefix.evaluation.figures.planning.compass import draw_plan
@@ -25,7 +26,7 @@ from rangefix.evaluation.planning.plans import Plan, Step
 from rangefix.evaluation.planning.scene import FloorPlan
 from rangefix.maps.rectangle import RectangularRoom
 
-from ..conftest import make_problem
+from ..conftest import PriorOnly, make_problem
 from .drawn_text import cut_off, drawn_lines, overlaps
 
 
@@ -135,6 +136,21 @@ def test_the_legend_of_a_plan_says_what_is_drawn_and_no_more(beams: int, method:
     assert not cut_off(lines, figure)
 
 
+def test_a_compass_beside_a_wall_is_shown_whole() -> None:
+    """A prior in the room's corner: directions through the wall, and the best among them, lie in the view."""
+    candidates = np.deg2rad(np.arange(-180.0, 180.0, 15.0))
+    objective = 2.0 + np.cos(candidates)
+    steps = tuple(Step(bearing, np.eye(2), 1.0, 0.0, objective) for bearing in (-np.pi, 0.0))
+    floor = FloorPlan.of(make_problem(), np.array([[0.1, 0.1]]))
+    for axes in draw_plan(Plan(candidates, "trace", "greedy", False, steps), floor).axes:
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        drawn = np.concatenate([line.get_xydata() for line in axes.lines])
+        assert (drawn > [left, bottom]).all()
+        assert (drawn < [right, top]).all()
+        assert left < 0 < 4 < right
+        assert bottom < 0 < 6 < top
+
+
 def test_equal_deviations_have_one_plain_number() -> None:
     """0.05 m everywhere: the bar shows it between nothing and twice as much; else what occurs, in metres."""
     for largest, count in ((0.05, 2), (0.1, 5)):
@@ -171,3 +187,24 @@ def test_decades_beside_each_other_look_alike() -> None:
         tick: label.get_text() for tick, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
     }
     assert {labels[tick] for tick in (1.0, 1e5, 1e6)} == {"1", "100000", "1000000"}
+
+
+class SilentAtFirst(PriorOnly):
+    """Gives no estimate in the first run."""
+
+    def estimate(self, belief: Any) -> Any:
+        estimate = super().estimate(belief)
+        silent = (np.arange(len(belief)) == 0)[:, None]
+        return estimate._replace(mean=np.where(silent, np.nan, estimate.mean))
+
+
+@pytest.mark.parametrize("draw", [draw_posterior, draw_ways])
+def test_a_panel_without_an_answer_says_so(draw: Any, tmp_path: Path) -> None:
+    """What is drawn of the first run alone: an empty room would look as if nothing were claimed."""
+    of = {"silent": SilentAtFirst, "prior": PriorOnly}
+    results = run(Experiment(make_problem(), of, runs=4), tmp_path / "silent", timing=False)
+    assert results.trials[0].ok.tolist() == [False, True, True, True]
+    titles = [
+        axes.get_title(loc) for axes in alone(draw)(FigureData(results)).axes for loc in ("left", "center")
+    ]
+    assert [title for title in titles if title] == ["silent\nno answer in this run", "prior"]

@@ -167,6 +167,26 @@ def test_the_probe_measures_and_ends_soon():
     assert 10 <= seconds < 20
 
 
+class CompilesWhenItMoves(Slow):
+    """Takes half a second to be ready for its first move, and then next to nothing."""
+
+    ready = False
+
+    def predict(self, belief, control, rngs):
+        if not self.ready:
+            time.sleep(0.5)
+            self.ready = True
+        return belief
+
+
+def test_what_the_first_move_compiles_is_no_part_of_a_run():
+    """0.002 s for each of 500 steps are 1 s a run; half a second at the first move is not met again."""
+    made = experiment({"slow": Slow}, controls=np.zeros((499, 2)))
+    worker = Worker(made)
+    seconds = seconds_per_run(worker.trial, CompilesWhenItMoves(made.truth, 0.002), np.zeros((2, 500, 3)))
+    assert 0.9 < seconds < 10
+
+
 def test_an_estimator_that_fails_costs_nothing(tmp_path: Path):
     def broken(problem):
         raise RuntimeError("no")

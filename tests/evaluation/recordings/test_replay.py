@@ -785,7 +785,7 @@ def test_what_of_a_sensor_file_is_not_used_is_told(
 
 
 def test_titles_are_not_cut_off_on_a_narrow_map(recording: Path) -> None:
-    """The paths in a room of 6 x 40 m: every line of the title lies within the figure."""
+    """The paths in a room of 6 x 40 m: every line of the title lies within the figure, the legend below."""
     log, room, trace = open_log(recording), RectangularRoom(4.0, 40.0), Trace()
     problem = problem_of(room, log.sensor, Choice().places(log.sensor), Assumptions(), Start(drive(24)[1][0]))
     for believed in replay(build("ekf", problem), problem, steps(log, Choice()), odometry_is_true):
@@ -793,9 +793,10 @@ def test_titles_are_not_cut_off_on_a_narrow_map(recording: Path) -> None:
     with styled():
         figure = draw_paths({"ekf": trace}, room)
         figure.draw_without_rendering()
-        box = figure.texts[0].get_window_extent()
+        box, (legend,) = figure.texts[0].get_window_extent(), figure.legends
     assert box.x0 > 0
     assert box.x1 < figure.bbox.x1
+    assert 0 <= legend.get_window_extent().y0 < legend.get_window_extent().y1 < figure.axes[0].bbox.y0
 
 
 @pytest.mark.parametrize(

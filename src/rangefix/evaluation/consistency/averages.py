@@ -86,6 +86,29 @@ class Ratio(Mean):
         return self.moments.p_value(self.value, honest)
 
 
+class OverMean(Mean):
+    """A number, which is the first value of every run, over the mean of the second ones.
+
+    It is the mean's interval, turned over: that of `Ratio` would be as long above as below, though few large
+    values make a small quotient. Where the mean may be 0 the upper end is infinite.
+    """
+
+    number = float("nan")
+
+    def add(self, number: int, values: tuple[Array, ...], errors: Array) -> None:
+        self.number = float(values[0][0]) if len(values[0]) else self.number
+        self.moments.add(values[1])
+
+    def interval(self, level: float) -> Interval:
+        value, low, high = (float(end) for end in self.moments.interval(level))
+        if not 0 < value < HUGE or self.number != self.number:
+            return UNKNOWN
+        return Interval(self.number / value, self.number / high, self.number / low if low > 0 else np.inf)
+
+    def p_value(self, honest: float) -> float:
+        return self.moments.p_value_of_mean(self.number / honest)
+
+
 def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
     """The ratio of the means of paired samples (M,), of which the second is positive, and its interval."""
     ratio, pairs = Ratio(), (np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float))
@@ -153,11 +176,14 @@ class AbsoluteLogRatio(LogRatio):
         return Interval(value, max(low, 0.0), high)  # with the error of G samples may be negative
 
 
-Average = Literal["mean", "root mean", "ratio of means", "share", "log ratio", "absolute log ratio"]
+Average = Literal[
+    "mean", "root mean", "ratio of means", "over mean", "share", "log ratio", "absolute log ratio"
+]
 AVERAGES: dict[Average, type[Mean]] = {
     "mean": Mean,
     "root mean": RootMean,
     "ratio of means": Ratio,
+    "over mean": OverMean,
     "share": Share,
     "log ratio": LogRatio,
     "absolute log ratio": AbsoluteLogRatio,

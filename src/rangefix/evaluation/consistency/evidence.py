@@ -155,7 +155,9 @@ class Evidence:
         return {
             name: bias.value
             for i, (name, bias) in enumerate(zip(self.row.names, self.row.bias, strict=True))
-            if name != "heading" and max(self._p_value(f"bias_{name}"), self._p_of_bias(i)) < bound
+            if name != "heading"
+            and max(self._p_value(f"bias_{name}"), self._p_of_bias(i)) < bound
+            and not bias.low <= 0 <= bias.high  # errors that are too large have a larger mean by chance
         }
 
     def shape(self, level: float) -> ShapeFault | None:

@@ -136,8 +136,9 @@ class Metric:
         unit: "m", "nats", "dB", "" for a plain number; COMPONENT for m, m/s or rad, shown in degrees; "%" for
             a share, 0 to 1, shown in per cent.
         per_run: From a block of runs, values (K,), or (K, n) for a figure of each component; None if the runs
-            do not tell it. For a ratio of means two such arrays; for a share one of truths, of any length;
-            for a log ratio squared errors over what is claimed for them.
+            do not tell it. For a ratio of means two such arrays; for "over mean" too, the first of one
+            number alone; for a share one of truths, of any length; for a log ratio squared errors over what
+            is claimed for them.
         average: How the values are averaged: see `averages.py`.
         honest: The figure of an honest estimator, against which rows have p-values; None if none is fixed.
         better: Which figures are better: "lower", "higher", or those near the "honest" one.
@@ -242,9 +243,9 @@ METRICS = (
            label="G / P of {}"),
     Metric("bound", VARIANCE, _bound, "mean", shown=("csv",), label="bound of {} std"),
     Metric("optimum", VARIANCE, _optimum, "mean", shown=("csv",), label="best possible std of {}"),
-    Metric("efficiency", "%", _efficiency, "ratio of means", better="higher", shown=TERMINAL,
+    Metric("efficiency", "%", _efficiency, "over mean", better="higher", shown=TERMINAL,
            label="efficiency in {}"),
-    Metric("efficiency_at_least", "%", _least_efficiency, "ratio of means", better="higher", shown=TERMINAL,
+    Metric("efficiency_at_least", "%", _least_efficiency, "over mean", better="higher", shown=TERMINAL,
            label="efficiency in {} at least"),
     Metric("rmse", COMPONENT, lambda runs: runs.errors**2, "root mean", shown=("csv",)),
     Metric("bias", COMPONENT, lambda runs: runs.errors, "mean", 0.0, "honest", label="mean error of {}"),

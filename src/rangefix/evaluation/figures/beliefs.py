@@ -98,7 +98,7 @@ def draw_posterior(data: FigureData, sheet: Sheet) -> None:
     for k, (block, estimator) in enumerate(zip(panels, estimators, strict=True)):
         trials = results.get(estimator, data.beams)
         mean, covariance = trials.mean[0, -1], trials.covariance[0, -1]
-        sheet.title(block[0], data.labels[estimator])
+        sheet.title(block[0], data.labels[estimator], *data.silence(estimator))
         shown = _Shown(results.space, scene, pictures.get(estimator), mean, covariance)
         _room(block[0], shown)
         if (corners := _small(shown, low, high)) is not None:

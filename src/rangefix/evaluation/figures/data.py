@@ -89,6 +89,10 @@ class FigureData:
         ok = {row.estimator for row in self.last_rows if row.ok and row.beams == self.beams}
         return [estimator for estimator in self.results.estimators if self.labels[estimator] in ok]
 
+    def silence(self, estimator: str) -> tuple[str, ...]:
+        """What a panel of the first run says of an estimator that gave no answer there; nothing if it did."""
+        return () if self.results.get(estimator, self.beams).ok[0] else ("no answer in this run",)
+
     @property
     def silent(self) -> str:
         """Which estimators a figure of that set of beams leaves out, and why; "" if none."""

@@ -15,7 +15,7 @@ from .style import CLAIMED, colour_and_marker, label_positions, symbol
 from .ticks import even_numbers, plain_numbers
 
 WAYS_BESIDE = 3  # estimators side by side
-ELLIPSES = 6  # along a way
+ELLIPSES, DOTS = 6, 50  # along a way, about
 
 
 def draw_steps(data: FigureData, sheet: Sheet) -> None:
@@ -96,11 +96,12 @@ def draw_ways(data: FigureData, sheet: Sheet) -> None:
         axes.plot(*truth[0], "*", markersize=10, markerfacecolor="white", markeredgecolor="black",
                   linestyle="none", label="its start", zorder=6)  # fmt: skip
         axes.plot(*mean.T, color=CLAIMED, linewidth=1.2, marker="o", markersize=2.5, zorder=5,
+                  markevery=max(1, len(mean) // DOTS),  # of a long way they would hide the true one
                   label="what the estimator believes, with 95 % ellipses")  # fmt: skip
         for step in np.unique(np.linspace(0, len(truth) - 1, ELLIPSES).astype(int)):
             if np.isfinite(mean[step]).all() and np.isfinite(covariance[step]).all():
                 axes.add_patch(ellipse(covariance[step], tuple(mean[step]), edgecolor=CLAIMED, zorder=4))
-        sheet.title(axes, data.labels[estimator])
+        sheet.title(axes, data.labels[estimator], *data.silence(estimator))
         label_positions(axes)
         margin = 0.03 * max(right - left, upper - lower)
         axes.set_xlim(left - margin, right + margin)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .layout import Layout, dpi_of, line_height, text_width, wrapped
 
 MARGIN = 0.15  # inches, at the edges of a figure
-LINES_OF_NOTE = 2  # for which the natural size of a figure has room
+LINES_OF_NOTE, LINES_OF_LEGEND = 2, 6.5  # for which the natural size of a figure has room, with margins
 HANDLE = 3.4  # widths of an m that an entry of a legend needs beside its text
 Panels = NDArray[np.object_]
 
@@ -175,7 +175,7 @@ class Sheet:
             handles, labels = axes.get_legend_handles_labels()
             entries |= dict(zip(labels, handles, strict=True))
         entries |= more or {}
-        added = self._legend(entries, columns, note)
+        added = legend = self._legend(entries, columns, note)
         if self._own and self.layout.titles:
             title = wrapped(title, self.width - MARGIN, "figure.titlesize")
             self.figure.suptitle(title)
@@ -183,10 +183,11 @@ class Sheet:
         if self._own and self.layout.width is not None:
             added += self._lines * self._broken_lines * line_height("axes.titlesize")
             self.root.set_figheight(self.root.get_figheight() + added)
-        elif self._own:  # a long note would leave no room for the panels
-            lines = wrapped(note, self.width - MARGIN, "legend.fontsize").count("\n") + 1
-            more_lines = max(0, lines - LINES_OF_NOTE) * line_height("legend.fontsize") * 1.2
-            self.root.set_figheight(self.root.get_figheight() + more_lines)
+        elif self._own:  # a long note, or a long legend, would leave no room for the panels
+            line = 1.2 * line_height("legend.fontsize")
+            noted = wrapped(note, self.width - MARGIN, "legend.fontsize").count("\n") + 1 if note else 0
+            beyond = max(0, noted - LINES_OF_NOTE) + max(0.0, legend / line - noted - LINES_OF_LEGEND)
+            self.root.set_figheight(self.root.get_figheight() + beyond * line)
 
     def _legend(self, entries: Mapping[str, Artist], columns: int, note: str) -> float:
         """One legend below; returns its height, inches."""

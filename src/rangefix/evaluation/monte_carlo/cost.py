@@ -35,6 +35,7 @@ WORTH_A_PROCESS_S = 10.0  # of trials: to begin a process takes two seconds
 PROCESS_GB = 0.3  # that a process takes beside its arrays
 PROBE_S = 0.04  # for each estimator and set of beams, or as long as one update takes
 PROBE_RUNS, PROBE_GROWTH = 32, 8
+WARM_UPDATES = 2  # before anything is timed, for some loops are compiled at the first move
 KEEPING_S = 2e-5  # to check, save, read and summarise an estimate, a step of one run and estimator
 JUDGING_S = 1e-3  # to sample and judge a belief
 MAX_NAMED = 3  # estimators in a line
@@ -257,7 +258,7 @@ def seconds_per_run(trial: Trial, estimator: Estimator[Any], measurement: Array)
     """
     steps = measurement.shape[1]
 
-    def once(runs: int, most: float = PROBE_S) -> float:
+    def once(runs: int, least: int = 1) -> float:
         readings = np.resize(measurement, (runs, *measurement.shape[1:])).swapaxes(0, 1)
         rngs = Streams(trial.seed, "estimator", range(runs))
         start, updates = perf_counter(), 0
@@ -265,11 +266,11 @@ def seconds_per_run(trial: Trial, estimator: Estimator[Any], measurement: Array)
             if verb == "update":
                 estimator.estimate(belief)
                 updates += 1
-                if perf_counter() - start > most:
+                if updates >= least and perf_counter() - start > PROBE_S:
                     break
         return float((perf_counter() - start) / updates * steps / runs)
 
-    once(1, 0.0)  # compiles, fills caches
+    once(1, WARM_UPDATES)  # compiles, fills caches
     return _until_slow(once, 1 if isinstance(estimator, EachRun) else PROBE_RUNS)
 
 

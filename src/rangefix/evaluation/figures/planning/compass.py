@@ -39,10 +39,8 @@ def draw_plan(plan: Plan, floor: FloorPlan) -> Figure:
     steps = plan.steps[:MOST_PANELS]
     columns = min(len(steps), 4)
     lines = -(-len(steps) // columns)
-    low, high = floor.bounds
-    shape = float(np.clip((high - low)[1] / (high - low)[0], 0.4, 2.0))
-    size = columns * PANEL + 0.3, lines * (PANEL * shape + 0.9)
-    figure = Figure(figsize=size, layout="constrained")
+    width = columns * PANEL + 0.3
+    figure = Figure(figsize=(width, PANEL), layout="constrained")
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes in panels[len(steps) :]:
         axes.set_visible(False)
@@ -57,11 +55,14 @@ def draw_plan(plan: Plan, floor: FloorPlan) -> Figure:
             before.append(step.bearing)
         after = f"then the position errs by {step.position_std:.3g} m (rms)"
         axes.set_title(f"beam {number}: {_direction(step.bearing)}\n{after}")
-    room = size[0] - 2 * MARGIN
+    low, high = _show_all(list(panels[: len(steps)]), floor)
+    shape = float(np.clip((high - low)[1] / (high - low)[0], 0.4, 2.0))
+    figure.set_figheight(lines * (PANEL * shape + 0.9))
+    room = width - 2 * MARGIN
     added = legend_below(figure, _legend(plan, steps), room, 2, _note(plan, len(steps)))
     title = wrapped(TITLE, room, "figure.titlesize")
     figure.suptitle(title)
-    figure.set_figheight(size[1] + added + 0.2 * title.count("\n"))
+    figure.set_figheight(figure.get_figheight() + added + 0.2 * title.count("\n"))
     return figure
 
 
@@ -107,12 +108,19 @@ def _direction(bearing: float | None) -> str:
 def _draw_floor(axes: Axes, floor: FloorPlan) -> None:
     walls = list(floor.segments.reshape(-1, 2, 2))
     axes.add_collection(LineCollection(walls, colors="black", linewidths=1.4, capstyle="projecting"))
-    low, high = floor.bounds
-    edge = 0.04 * float((high - low).max())
-    axes.set_xlim(low[0] - edge, high[0] + edge)
-    axes.set_ylim(low[1] - edge, high[1] + edge)
     axes.plot(*floor.place, marker="+", color="black", markersize=6)
     label_positions(axes)
+
+
+def _show_all(panels: Sequence[Axes], floor: FloorPlan) -> tuple[Array, Array]:
+    """Have all panels show the map, and what reaches beyond it of the compass; the corners of both, m."""
+    boxes = [np.asarray(floor.bounds), *(axes.dataLim.get_points() for axes in panels)]
+    low, high = np.min(boxes, axis=(0, 1)), np.max(boxes, axis=(0, 1))
+    edge = 0.04 * float((high - low).max())
+    for axes in panels:
+        axes.set_xlim(low[0] - edge, high[0] + edge)
+        axes.set_ylim(low[1] - edge, high[1] + edge)
+    return low, high
 
 
 def _draw_curve(axes: Axes, floor: FloorPlan, bearings: Array, objective: Array) -> None:

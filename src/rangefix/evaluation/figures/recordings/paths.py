@@ -32,6 +32,7 @@ WORTH_ENLARGING = 0.5  # share of a map: less of it is shown alone
 LEVEL = 2.4477  # radius of an ellipse that holds a position in 95 % of Gaussian beliefs, in deviations
 TITLE = "Estimated paths, with ellipses claimed to hold the position in 95 %"
 TITLE_MARGIN = 0.1  # inches, beside a title
+LEGEND_COLUMNS = 4  # at most
 GAP_M = 3.0  # between neighbours of a way, beyond which it is broken
 WALL, CLAIM, DENSITY = "0.25", COLOURS[5], "#4f94c4"
 POSE: dict[str, Any] = {
@@ -61,9 +62,11 @@ def draw_paths(traces: Mapping[str, Trace], room: RangeMap) -> Figure:
         axes.plot(*_broken(trace.means[:, :2]).T, line, color=colour, linewidth=1.1, label=name)
         chosen = np.unique(np.linspace(0, len(trace.kept) - 1, ELLIPSES).round().astype(int))
         draw_ellipses(axes, trace.means[chosen, :2], trace.covariances[chosen, :2, :2], colour)
-    axes.legend(loc="best", framealpha=0.9)
-    width = figure.get_size_inches()[0] - 2 * TITLE_MARGIN
-    figure.suptitle(wrapped(TITLE, width, "figure.titlesize"))
+    width, height = figure.get_size_inches()
+    handles, labels = axes.get_legend_handles_labels()  # below: within it would hide a part of the map
+    entries = dict(zip(labels, handles, strict=True))
+    figure.set_figheight(height + legend_below(figure, entries, width - 2 * TITLE_MARGIN, LEGEND_COLUMNS))
+    figure.suptitle(wrapped(TITLE, width - 2 * TITLE_MARGIN, "figure.titlesize"))
     return figure
 
 
