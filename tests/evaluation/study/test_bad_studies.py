@@ -214,6 +214,13 @@ def test_a_missing_map_is_told_at_once_with_all_else(tmp_path: Path) -> None:
     ]
 
 
+def test_an_estimator_without_options_is_told_at_its_name() -> None:
+    """No key is named that was not written."""
+    text = 'map = "room:4x6"\nsensor = { bearings_deg = [0], std_m = 0.05 }\nstate = { heading = "unknown" }\n'
+    with pytest.raises(StudyError, match=r"s\.toml:5: estimators\[1\]\.name: exact: the exact filter is for"):
+        parse_study(f'{text}[[estimators]]\nname = "exact"\n', source="s.toml").experiment()
+
+
 def test_the_study_itself_is_sound() -> None:
     """Negative control: what is changed above is what is wrong."""
     study = parse_study(STUDY, source="study.toml")

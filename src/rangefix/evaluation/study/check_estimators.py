@@ -148,7 +148,8 @@ def _check_built_in(
         except WallsAsked:
             pass
         except Exception as error:  # whatever an option of a wrong kind leads to
-            mistakes.add((*at, "options"), f"{variant.label}: {one_line(error)}")
+            key = "options" if variant.options else "name"
+            mistakes.add((*at, key), f"{variant.label}: {one_line(error)}")
 
 
 def refuse_plugins(entries: list[EstimatorSection], mistakes: Mistakes) -> None:
