@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
+from time import sleep
 from typing import Any, NamedTuple
 
 from ...file_lock import lock
@@ -16,6 +17,7 @@ from ..results import (
     BOUNDS,
     FIGURES,
     FILE,
+    LOCK,
     MANIFEST,
     REPORT,
     SCENE,
@@ -24,6 +26,7 @@ from ..results import (
     WORST_RUNS,
     FolderLayout,
     ResultsError,
+    read_bounds,
     read_json,
     remove,
     runs_of_part,
@@ -32,9 +35,9 @@ from ..results import (
 )
 from .environment import LIBRARIES
 
-LOCK = ".lock"
 SETTINGS = ("config", "seed", "runs", "beam_sets", "estimators")  # of a manifest
 OURS = (TIMING, BOUNDS, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
+TRIES, PAUSE_S = 5, 0.02  # to lock a folder: who asks whether it is in use holds it for a moment
 ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
 
 
@@ -86,6 +89,7 @@ def _hold(path: Path) -> int:
     Raises:
         BlockingIOError: With the process that holds it.
     """
+    tries = 0
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0), 0o644)
         try:
@@ -97,6 +101,10 @@ def _hold(path: Path) -> int:
         except BlockingIOError:
             holder = os.read(handle, 20).decode(errors="replace").strip()
             os.close(handle)
+            tries += 1
+            if tries < TRIES:
+                sleep(PAUSE_S)
+                continue
             raise BlockingIOError(holder if holder.isdigit() else "(unknown)") from None
         except FileNotFoundError:
             pass  # whoever held it has removed it: once more
@@ -155,7 +163,7 @@ def _other_settings(
     anew = any(before["plan"].get(key) != now[key] for key in ("world", "block", "shape")) or any(
         old_keys[label] != now["trials"][label] for label in shared
     )
-    shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
+    shown = [*shown_files(folder)]
     orphans = _orphans(folder, plan)
     files = [*shown, *orphans, folder / SUMMARY, folder / WORST_RUNS, *([folder / TIMING] if anew else [])]
     if any(before["plan"].get(key) != now[key] for key in ("world", "beams")):
@@ -193,6 +201,28 @@ def _manifest(path: Path) -> dict[str, Any] | None:
     ours = isinstance(found, dict) and isinstance(found.get("format"), int)
     ours = ours and isinstance(found.get("name"), str) and isinstance(found.get("plan"), dict)
     return found if ours else None
+
+
+def shown_files(folder: Path) -> dict[Path, int]:
+    """The figures and the report that rangefix has written, and when, ns."""
+    paths = (*_figures(folder), folder / REPORT)
+    return {path: path.stat().st_mtime_ns for path in paths if path.exists()}
+
+
+def drawn_meanwhile(folder: Path, before: Mapping[Path, int]) -> list[Path]:
+    """What `shown_files` are new since it was asked before, but for figures of runs that were repeated."""
+    later = shown_files(folder).items()
+    return [path for path, when in later if before.get(path) != when and not ONE_RUN.fullmatch(path.name)]
+
+
+def remove_damaged_bounds(folder: Path, plan: FolderLayout) -> str:
+    """Remove saved bounds that cannot be read, or are of another problem: a line that says so; "" if not."""
+    try:
+        read_bounds(folder / BOUNDS, plan)
+    except ResultsError:
+        remove(folder / BOUNDS)
+        return f"{folder / BOUNDS} is damaged, or of another problem, and is removed"
+    return ""
 
 
 def _figures(folder: Path) -> list[Path]:
