@@ -201,22 +201,3 @@ def test_limits_of_an_estimator_are_in_its_keys(experiment: Experiment) -> None:
     assert len({usual["ours"], endless["ours"], trials(timeout=5.0)["ours"]}) == 3
     assert usual["theirs"] != endless["theirs"]
     assert (small["ours"] == usual["ours"], small["theirs"] == usual["theirs"]) == (True, False)
-
-
-def test_files_that_options_of_a_plugin_name_are_in_its_keys(tmp_path: Path) -> None:
-    """Weights that were learnt anew: the folder kept what the older ones had given."""
-    (tmp_path / "mine.py").write_text("class Mine: ...\n")
-    weights = tmp_path / "weights.npz"
-
-    def key(**options: str) -> str:
-        plugin = NamedEstimator("mine.py:Mine", options, tmp_path)
-        return keys.part_keys(Experiment(make_problem(), {"mine": plugin}))[1]["mine"]
-
-    absent = key(weights="weights.npz")
-    found = []
-    for content in ("older", "newer", "older"):
-        weights.write_text(content)
-        found.append(key(weights="weights.npz"))
-    assert found[0] == found[2]
-    assert len({absent, *found}) == 3
-    assert key(words="\0 or more") == key(words="\0 or more")

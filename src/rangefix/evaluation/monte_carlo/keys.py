@@ -11,7 +11,7 @@ import pickle
 import sys
 from collections.abc import Collection
 from contextlib import suppress
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from modulefinder import ModuleFinder
 from pathlib import Path
 from types import FunctionType
@@ -70,27 +70,7 @@ def _world_source(experiment: Experiment) -> dict[str, str]:
 
 
 def plugin_source(builder: Builder) -> str:
-    """SHA-256 of what is behind a builder that is not ours, "" for ours.
-
-    That is its package, module or files, and the files that its options name, such as weights of a network.
-    """
-    source = _code_of(builder)
-    if not isinstance(builder, NamedEstimator) or builder.is_built_in:
-        return source
-    texts = [value for value in builder.options.values() if isinstance(value, str)]
-    places = [os.path.join(folder, text) for text in texts for folder in (builder.folder or "", "")]
-    contents = [_file_digest(Path(place)) for place in places if os.path.isfile(place)]
-    return hash_of(source, contents) if contents else source
-
-
-def _file_digest(file: Path) -> str:
-    with suppress(OSError), file.open("rb") as opened:  # what nobody may read is nothing to a plug-in, either
-        return file_digest(opened, "sha256").hexdigest()
-    return "not read"
-
-
-def _code_of(builder: Builder) -> str:
-    """SHA-256 of the source behind a builder: its package, module or files; "" for ours."""
+    """SHA-256 of the source behind a builder that is not ours: its package, module or files; "" for ours."""
     if not isinstance(builder, NamedEstimator):
         module = inspect.getmodule(builder)
         return "" if module is None else _module_source(module.__name__)
