@@ -38,7 +38,7 @@ from .environment import LIBRARIES
 SETTINGS = ("config", "seed", "runs", "beam_sets", "estimators")  # of a manifest
 OURS = (TIMING, BOUNDS, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
 TRIES, PAUSE_S = 5, 0.02  # to lock a folder: who asks whether it is in use holds it for a moment
-ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
+ONE_RUN = re.compile(r"run-\d+\.(png|svg|pdf)")  # the figure of a run that was repeated
 
 
 class Older(NamedTuple):
@@ -230,8 +230,9 @@ def _figures(folder: Path) -> list[Path]:
     if not (folder / FIGURES).is_dir():
         return []
     from ..figures.catalogue import figure_kinds
+    from ..figures.files import FORMATS
 
-    names = [f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg")]
+    names = [f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in FORMATS]
     paths = (folder / FIGURES).iterdir()
     return [path for path in paths if path.is_file() and (path.name in names or ONE_RUN.fullmatch(path.name))]
 
