@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import os
+from pathlib import Path
 from typing import Any
 
-__all__ = ["lock"]
+__all__ = ["is_locked", "lock"]
 
 
 def lock(handle: int) -> None:
@@ -24,3 +26,24 @@ def lock(handle: int) -> None:
         raise
     except OSError:
         return
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a process holds the lock of a file; False where that cannot be told.
+
+    To ask takes a shared lock for a moment: others may ask meanwhile, and who wants it must try again.
+    """
+    try:
+        fcntl: Any = importlib.import_module("fcntl")
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except (ModuleNotFoundError, OSError):
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False

@@ -11,6 +11,7 @@ import pytest
 from rangefix.evaluation import load, load_study, run, summarise
 from rangefix.evaluation.consistency.verdict import decide
 from rangefix.evaluation.figures import plots
+from rangefix.evaluation.monte_carlo.own_folder import locked
 from rangefix.evaluation.results import ResultsError, read_json, write_json
 
 from .conftest import Said
@@ -99,3 +100,18 @@ def test_many_that_have_not_run_leave_room_for_the_others(
     assert first.endswith(" and 10 more.")
     with pytest.raises(ResultsError, match="no figure 'runs': no run went well"):
         plots.plot_runs(results, beams="1")
+
+
+def test_of_one_that_is_still_running_every_command_says_so(
+    rangefix: Callable[..., Said], tmp_path: Path
+) -> None:
+    """It was called interrupted."""
+    out = interrupted(tmp_path, "ekf")
+    with locked(out):
+        for command in ("report", "table", "plot", "compare"):
+            far = "still running after 0 to 8 of 8 runs"
+            assert rangefix(command, out).err.startswith(f"rangefix: {out} was {far}: "), command
+        rows = {row.estimator: row for row in summarise(load(out))}
+        assert decide(rows["second"]).words == "not run yet (still running after 0 of 8 runs)"
+        assert "This study was still running after 0 to 8 of 8 runs" in (out / "report.html").read_text()
+    assert "interrupted" in load(out).interruption

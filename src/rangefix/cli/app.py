@@ -9,7 +9,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -64,6 +64,9 @@ app = typer.Typer(
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
+_documents: list[str] = []  # to be printed when the command has ended
+
+
 class Command(TyperCommand):
     """A command that refuses an option given twice, of which typer would take the last, or given empty."""
 
@@ -87,6 +90,36 @@ class Command(TyperCommand):
                 mend = "name a file or folder" if option.metavar in PATHS else "leave it out, or fill it in"
                 raise typer.BadParameter(f"it is empty: {mend}", ctx=ctx, param=option)
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; of one with --json, standard output is for the document alone."""
+        if not ctx.params.get("as_json"):
+            return super().invoke(ctx)
+        try:
+            with _printed_aside():
+                return super().invoke(ctx)
+        finally:
+            while _documents:
+                typer.echo(_documents.pop(0))
+
+
+@contextmanager
+def _printed_aside() -> Iterator[None]:
+    """Send what is printed to standard error, also by plug-ins, libraries and processes begun here."""
+    try:
+        print(end="", flush=True)
+        kept = os.dup(1)
+        os.dup2(2, 1)
+    except OSError:  # one of them is closed
+        yield
+        return
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        print(end="", flush=True)
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def refuse_turns(name: str, *degrees: float) -> None:
@@ -364,7 +397,7 @@ def doing(text: str) -> None:
 
 def print_json(document: Any) -> None:
     """One JSON document on standard output, in printable ASCII; numbers that are not finite become null."""
-    typer.echo(json.dumps(plain_json(document), indent=2, allow_nan=False).replace("\x7f", "\\u007f"))
+    _documents.append(json.dumps(plain_json(document), indent=2, allow_nan=False).replace("\x7f", "\\u007f"))
 
 
 def plain_json(value: Any) -> Any:

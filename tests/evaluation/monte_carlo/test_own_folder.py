@@ -13,6 +13,7 @@ import pytest
 from rangefix.cli.main import main
 from rangefix.evaluation import Experiment, NamedEstimator, ResultsError, load, run, write_report
 from rangefix.evaluation.drawing import draw
+from rangefix.evaluation.figures.files import FORMATS
 from rangefix.evaluation.monte_carlo.own_folder import LOCK, locked
 from rangefix.evaluation.results import read_json, write_json
 
@@ -173,3 +174,12 @@ def test_the_command_refuses_too(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "it is empty" in capsys.readouterr().err
     with pytest.raises(ValueError, match="empty"):
         run(experiment(), "")
+
+
+def test_figures_of_every_format_go_when_numbers_are_made_anew(tmp_path: Path) -> None:
+    """Those as PDF stayed, with the older numbers."""
+    run(experiment(), tmp_path, timing=False)
+    drawn = draw(tmp_path, only=("errors",), formats=tuple(FORMATS))
+    assert len(drawn) == len(FORMATS) == 3
+    run(experiment(seed=2), tmp_path, timing=False)
+    assert not any(path.exists() for path in drawn)

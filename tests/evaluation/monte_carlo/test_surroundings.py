@@ -204,3 +204,21 @@ def test_a_run_that_is_stopped_before_it_begins_says_so(how, tmp_path):
         assert running.stderr.read().strip() == "rangefix: stopped"
         assert running.wait(timeout=20) == 130
     assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_plugin_that_changes_the_current_folder_moves_no_results(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All parts after it went to a folder of the same name below the one that it had changed to."""
+    monkeypatch.chdir(tmp_path)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    change = f"import os\n        os.chdir({str(elsewhere)!r})\n        time.sleep"
+    Path("moves.py").write_text(PLUGIN.replace("time.sleep", change, 1))
+    builders = {"moves": NamedEstimator("moves.py:Mine"), "ekf": NamedEstimator("ekf")}
+    experiment = Experiment(make_problem(), builders, runs=6, block=3, timeout=0.0)
+    assert all(trials.ok.all() for trials in run(experiment, "out", workers=workers).trials)
+    assert Path.cwd() == tmp_path
+    assert len(list(Path("out/parts").rglob("*.npz"))) == 6
+    assert not list(elsewhere.iterdir())

@@ -393,3 +393,17 @@ def test_lines_count_as_tomllib_counts_them(first):
     text = f"{first}\n[sensor]\nstd_m = 1\n"
     assert tomllib.loads(text)["sensor"] == {"std_m": 1}
     assert key_lines(text)["sensor", "std_m"] == text[: text.index("std_m")].count("\n") + 1
+
+
+def test_studies_are_the_same_where_their_keys_are() -> None:
+    """Two that were built were compared array by array: "The truth value of an array ... is ambiguous"."""
+    text = (
+        '[map]\nkind = "rectangle"\nwidth_m = 4.0\nlength_m = 6.0\n'
+        '[sensor]\nbearings_deg = [0.0, 90.0]\nstd_m = 0.05\n[[estimators]]\nname = "ekf"\n'
+    )
+    one, same, other = (parse_study(each) for each in (text, text, text.replace("0.05", "0.1")))
+    for study in (one, same, other):
+        study.experiment()
+    assert one == same
+    assert one != other
+    assert one != "study"

@@ -87,6 +87,7 @@ class Row:
         directions: Mean squared errors over claimed variances along lines at right angles in the frame of the
             claims' principal axes, the least and the largest first and last, (n,); their mean is ANEES / n.
         pending: Of the runs planned, those that were not made yet, as the study was interrupted.
+        running: Whether a process was still making them.
         anees_of_runs: ANEES / n with the interval that the runs alone give; that of `anees` holds it, and a
             far mode of the beliefs that no truth was in counts there.
     """
@@ -111,6 +112,7 @@ class Row:
     pending: int = 0
     anees_of_runs: Interval | None = None
     updates_timed: int | None = None
+    running: bool = False
 
     g = _components("G", "Diagonal of G.")
     p = _components("P", "Diagonal of P.")

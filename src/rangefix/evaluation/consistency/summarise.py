@@ -52,7 +52,7 @@ def _rows(results: Results, estimator: str, beams: str) -> Iterator[Row]:
     for step, accumulator in enumerate(accumulators):
         row = accumulator.row(estimator, beams, step, seconds, results.one_truth)
         cut = results.timing_cut.get((estimator, beams))
-        yield row if cut is None else replace(row, updates_timed=cut)
+        yield replace(row, updates_timed=cut, running=results.running)
 
 
 def run_blocks(results: Results, trials: Trials, first: int, ok: BoolArray) -> list[RunBlock]:

@@ -118,9 +118,7 @@ def decide(row: Row, family: int = 1) -> Verdict:
         family: Rows among which false alarms are to be as rare as stated for one (Bonferroni).
     """
     if not row.made:
-        return Verdict(
-            "pending", row.anees, f"not run yet (interrupted after 0 of {counted(row.planned, 'run')})"
-        )
+        return Verdict("pending", row.anees, f"not run yet ({_how_far(row)})")
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
     evidence = Evidence(row)
@@ -297,10 +295,15 @@ def _bias_words(name: str, bias: float) -> str:
     return f"estimates of {name} are {size} {unit(name)} too {side} on average"
 
 
+def _how_far(row: Row) -> str:
+    how = "still running" if row.running else "interrupted"
+    return f"{how} after {row.made} of {counted(row.planned, 'run')}"
+
+
 def _caveats(row: Row) -> tuple[str, ...]:
     notes = []
     if row.pending:
-        notes.append(f"interrupted after {row.made} of {counted(row.planned, 'run')}, by which it is judged")
+        notes.append(f"{_how_far(row)}, by which it is judged")
     if row.ok < row.made:
         failed = ", ".join(f"{count} {name}" for name, count in row.failures.items())
         some = f"judged by the {row.ok} of {counted(row.made, 'run')} that went well ({failed})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import random
 import sys
 from collections.abc import Iterator
@@ -21,8 +22,9 @@ MAX_DEPTH = 6  # how deep a trial is searched for arrays
 def undisturbed(trial: object) -> Iterator[None]:
     """Let nobody write into the arrays of a trial and its problem; restore what an estimator may have set.
 
-    That is numpy's error state, the global random states, and how many threads numba and BLAS may take. Maps
-    are left out: ours hand out copies, or arrays that cannot be written to. BLAS takes one thread meanwhile.
+    That is numpy's error state, the global random states, the current folder, and how many threads numba and
+    BLAS may take. Maps are left out: ours hand out copies, or arrays that cannot be written to. BLAS takes
+    one thread meanwhile.
     """
     here, drawn = random.getstate(), np.random.get_state()  # noqa: NPY002
     others = [pool for pool in thread_pools() if pool.user_api != "blas"]  # BLAS is restored where it is held
@@ -33,6 +35,7 @@ def undisturbed(trial: object) -> Iterator[None]:
         stack.enter_context(blas_on_one_thread())
         stack.callback(random.setstate, here)
         stack.callback(np.random.set_state, drawn)
+        stack.callback(_go_back, _current_folder())
         _close(trial, writeable, set(), MAX_DEPTH)
         try:
             yield
@@ -46,6 +49,19 @@ def undisturbed(trial: object) -> Iterator[None]:
             if (now := _numba_threads()) is not None and threads != now:
                 numba = sys.modules["numba"]
                 numba.set_num_threads(threads or numba.config.NUMBA_NUM_THREADS)
+
+
+def _current_folder() -> str:
+    """The current folder, from which the names count that users have typed; "" where it was removed."""
+    with suppress(OSError):
+        return os.getcwd()
+    return ""
+
+
+def _go_back(folder: str) -> None:
+    if _current_folder() != folder:
+        with suppress(OSError):
+            os.chdir(folder)
 
 
 @contextmanager

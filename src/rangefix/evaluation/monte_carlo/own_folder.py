@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
+from time import sleep
 from typing import Any, NamedTuple
 
 from ...file_lock import lock
@@ -16,6 +17,7 @@ from ..results import (
     BOUNDS,
     FIGURES,
     FILE,
+    LOCK,
     MANIFEST,
     REPORT,
     SCENE,
@@ -24,6 +26,7 @@ from ..results import (
     WORST_RUNS,
     FolderLayout,
     ResultsError,
+    read_bounds,
     read_json,
     remove,
     runs_of_part,
@@ -32,10 +35,10 @@ from ..results import (
 )
 from .environment import LIBRARIES
 
-LOCK = ".lock"
 SETTINGS = ("config", "seed", "runs", "beam_sets", "estimators")  # of a manifest
 OURS = (TIMING, BOUNDS, SCENE, FILE, SUMMARY, WORST_RUNS, REPORT)
-ONE_RUN = re.compile(r"run-\d+\.(png|svg)")  # the figure of a run that was repeated
+TRIES, PAUSE_S = 5, 0.02  # to lock a folder: who asks whether it is in use holds it for a moment
+ONE_RUN = re.compile(r"run-\d+\.(png|svg|pdf)")  # the figure of a run that was repeated
 
 
 class Older(NamedTuple):
@@ -86,6 +89,7 @@ def _hold(path: Path) -> int:
     Raises:
         BlockingIOError: With the process that holds it.
     """
+    tries = 0
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0), 0o644)
         try:
@@ -97,6 +101,10 @@ def _hold(path: Path) -> int:
         except BlockingIOError:
             holder = os.read(handle, 20).decode(errors="replace").strip()
             os.close(handle)
+            tries += 1
+            if tries < TRIES:
+                sleep(PAUSE_S)
+                continue
             raise BlockingIOError(holder if holder.isdigit() else "(unknown)") from None
         except FileNotFoundError:
             pass  # whoever held it has removed it: once more
@@ -155,7 +163,7 @@ def _other_settings(
     anew = any(before["plan"].get(key) != now[key] for key in ("world", "block", "shape")) or any(
         old_keys[label] != now["trials"][label] for label in shared
     )
-    shown = [*_figures(folder), *(each for each in [folder / REPORT] if each.exists())]
+    shown = [*shown_files(folder)]
     orphans = _orphans(folder, plan)
     files = [*shown, *orphans, folder / SUMMARY, folder / WORST_RUNS, *([folder / TIMING] if anew else [])]
     if any(before["plan"].get(key) != now[key] for key in ("world", "beams")):
@@ -195,13 +203,36 @@ def _manifest(path: Path) -> dict[str, Any] | None:
     return found if ours else None
 
 
+def shown_files(folder: Path) -> dict[Path, int]:
+    """The figures and the report that rangefix has written, and when, ns."""
+    paths = (*_figures(folder), folder / REPORT)
+    return {path: path.stat().st_mtime_ns for path in paths if path.exists()}
+
+
+def drawn_meanwhile(folder: Path, before: Mapping[Path, int]) -> list[Path]:
+    """What `shown_files` are new since it was asked before, but for figures of runs that were repeated."""
+    later = shown_files(folder).items()
+    return [path for path, when in later if before.get(path) != when and not ONE_RUN.fullmatch(path.name)]
+
+
+def remove_damaged_bounds(folder: Path, plan: FolderLayout) -> str:
+    """Remove saved bounds that cannot be read, or are of another problem: a line that says so; "" if not."""
+    try:
+        read_bounds(folder / BOUNDS, plan)
+    except ResultsError:
+        remove(folder / BOUNDS)
+        return f"{folder / BOUNDS} is damaged, or of another problem, and is removed"
+    return ""
+
+
 def _figures(folder: Path) -> list[Path]:
     """The figures that `draw` has written; the pictures of others in the same folder are not ours."""
     if not (folder / FIGURES).is_dir():
         return []
     from ..figures.catalogue import figure_kinds
+    from ..figures.files import FORMATS
 
-    names = [f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in ("png", "svg")]
+    names = [f"{kind.name}.{suffix}" for kind in figure_kinds() for suffix in FORMATS]
     paths = (folder / FIGURES).iterdir()
     return [path for path in paths if path.is_file() and (path.name in names or ONE_RUN.fullmatch(path.name))]
 

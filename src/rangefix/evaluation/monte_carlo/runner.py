@@ -39,7 +39,14 @@ from .backends import ClusterTls, connected, in_process, on_cluster, on_workers
 from .cost import check_disk, check_memory, estimate_line, time_needed, workers_for
 from .environment import environment
 from .keys import own_code, part_keys
-from .own_folder import locked, remove_files, what_is_older
+from .own_folder import (
+    drawn_meanwhile,
+    locked,
+    remove_damaged_bounds,
+    remove_files,
+    shown_files,
+    what_is_older,
+)
 from .progress import Tell, TrialCounts, passing, shown
 from .record_beliefs import SHOWN_RUN, save_pictures, scene_of
 from .shares import Shares
@@ -105,7 +112,7 @@ def run(
         study: What to run.
         out: Folder for the results, made if need be; without it nothing is kept but what is returned. It
             belongs to the study of that name, and to one run at a time; what is older than its numbers
-            (figures, report, parts of other settings) is removed.
+            (figures, report, parts of other settings) is removed, also what was drawn while it ran.
         workers: Processes. They change no number. None: as many as pay, where built-in estimators take more
             than some 20 s; it depends on the processors and the memory.
         cluster: Address of a dask scheduler, whose workers are taken instead. They change no number either:
@@ -160,16 +167,17 @@ def run(
                 tell(line)
         write_json(folder / MANIFEST, manifest | {"state": "running"})
         remove_files(older.files, folder)
+        damaged, shown_before = remove_damaged_bounds(folder, plan), shown_files(folder)
         remove_partial_files(folder / "parts")  # what a run left that was killed while writing
         tell_progress = stack.enter_context(shown(progress))
-        with closing(Worker(experiment, Unfinished(folder, plan))) as worker:
+        with closing(Worker(experiment, Unfinished(folder.absolute(), plan))) as worker:
             line, processes = "", workers or 1
             if say or workers is None:
                 need = time_needed(worker, plan, folder, resume)
                 if workers is None and client is None:
                     processes = workers_for(experiment, need, memory_gb)
                 line = estimate_line(need, plan, folder, disk, processes)
-            for text in filter(None, (older.line, line)):
+            for text in filter(None, (older.line, damaged, line)):
                 tell(text)
             _simulate_all(experiment, plan, folder, resume, tell_progress)
             _work_all(worker, plan, folder, processes, client, tell_progress, resume)
@@ -180,6 +188,9 @@ def run(
             save_pictures(experiment, folder, hash_of(dict(plan.trials), plan.beams[-1]))
         if bounds and not (resume and (folder / BOUNDS).exists()):
             _save_bounds(experiment, plan, folder, tell_progress)
+        if early := drawn_meanwhile(folder, shown_before):
+            tell(f"{folder}: the figures and report that were made while it ran are removed")
+            remove_files(early, folder)
         write_json(folder / MANIFEST, manifest | {"state": "complete"})
         results = load(folder)
         with passing(tell_progress, "summary, worst runs", 2) as advance:

@@ -14,6 +14,7 @@ from .files import (
 from .folder import (
     BOUNDS,
     FIGURES,
+    LOCK,
     MANIFEST,
     REPORT,
     SCENE,
@@ -46,5 +47,5 @@ from .outcome import (
 )
 from .parts import Part, if_valid, outcome_of, part_arrays, read_if_valid, read_trials, read_world
 from .results import MAX_RUNS_IN_MEMORY, Results, load, read_timing
-from .saved_bounds import SavedBounds
+from .saved_bounds import SavedBounds, read_bounds
 from .trials import InMemory, Source, Trials

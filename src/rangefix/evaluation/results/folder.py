@@ -15,6 +15,7 @@ from .npz import part_key
 
 FORMAT = 2
 MANIFEST = "manifest.json"
+LOCK = ".lock"  # held by the process that is at work on the folder
 TIMING = "timing.json"
 SCENE = "scene.npz"
 BOUNDS = "bounds.json"

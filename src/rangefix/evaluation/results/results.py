@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...errors import counted, printable
+from ...file_lock import is_locked
 from ...filters import StateSpace
 from .belief_images import load_pictures
 from .dataframes import to_dataframe, to_xarray
 from .files import ResultsError, read_json
-from .folder import BOUNDS, MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
+from .folder import BOUNDS, LOCK, MANIFEST, SCENE, TIMING, FolderLayout, run_blocks
 from .notebook import html_table
 from .npz import read_npz
 from .outcome import LARGEST
@@ -49,6 +50,7 @@ class Results:
         scene: Walls, free space, prior, beams to draw: see `map_snapshot.py`; empty if it was not saved.
         bounds: Label of a set of beams -> how good anybody could be; empty unless `rangefix bounds` saved it.
         folder: Where they are saved, if anywhere.
+        running: Whether a process was still making them when they were read.
     """
 
     manifest: dict[str, Any]
@@ -63,6 +65,7 @@ class Results:
     scene: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     bounds: Mapping[str, SavedBounds] = field(default_factory=dict)
     folder: Path | None = None
+    running: bool = False
 
     def __repr__(self) -> str:
         """What was run, on three lines; nothing is read for it."""
@@ -115,12 +118,16 @@ class Results:
 
     @property
     def interruption(self) -> str:
-        """How far an interrupted study came, "interrupted after 0 of 400000 runs"; "" of a finished one."""
+        """How far an unfinished study came, "interrupted after 0 of 400000 runs"; "" of a finished one.
+
+        Of one that a process was at work on when it was read, "still running after 0 of 400000 runs".
+        """
         if self.manifest.get("state") == "complete":
             return ""
         least, most = min(self.made.values()), max(self.made.values())
         made = least if least == most else f"{least} to {most}"
-        return f"interrupted after {made} of {counted(self.runs, 'run')}"
+        how = "still running" if self.running else "interrupted"
+        return f"{how} after {made} of {counted(self.runs, 'run')}"
 
     def blocks(self) -> list[tuple[int, int]]:
         """First run and end of the blocks in which a large study is gone through."""
@@ -171,6 +178,7 @@ def load(folder: Path | str) -> Results:
         ResultsError: If it is no folder of results, or a part of it is missing or damaged.
     """
     folder = Path(folder)
+    in_use = is_locked(folder / LOCK)  # before the manifest says that it is finished
     manifest = read_json(folder / MANIFEST)
     check_manifest(folder / MANIFEST, manifest)
     plan = FolderLayout.read(manifest)
@@ -197,6 +205,7 @@ def load(folder: Path | str) -> Results:
         scene=_scene(folder / SCENE, plan.shape[2]),
         bounds=read_bounds(folder / BOUNDS, plan),
         folder=folder,
+        running=in_use and manifest["state"] != "complete",
     )
     return replace(results, source=results.in_memory().source) if plan.runs <= MAX_RUNS_IN_MEMORY else results
 

@@ -156,6 +156,8 @@ class InMemory:
 class InFolder:
     """A folder of parts; those missing from an interrupted study are "pending".
 
+    A part that was missing once stays so, though the study may be running: several passes see the same runs.
+
     The first parts that are read, up to `MOST_KEPT` bytes, are kept: summaries go through all of them again
     and again, and opening a part takes longer than adding up what is in it.
     """
@@ -164,6 +166,7 @@ class InFolder:
     plan: FolderLayout
     complete: bool
     kept: dict[Path, Part] = field(default_factory=dict, repr=False, compare=False)
+    missing: set[Path] = field(default_factory=set, repr=False, compare=False)
 
     def world(self, first: int, end: int) -> tuple[Array, Array]:
         """True states and measurements, read part by part into arrays of their full size."""
@@ -172,7 +175,7 @@ class InFolder:
         measurement = np.full((end - first, steps, beams), np.nan)
         for low, high in self.plan.blocks(first, end):
             path = world_path(self.folder, low, high)
-            if self.complete or path.exists():
+            if self._is_there(path):
                 part = self._part(path, read_world, low, high)
                 mine, its = _overlap(low, high, first, end)
                 truth[mine], measurement[mine] = part["truth"][its], part["measurement"][its]
@@ -194,7 +197,7 @@ class InFolder:
         draws: HalfArray | None = None
         for low, high in self.plan.blocks(first, end):
             path = trials_path(self.folder, estimator, beams, low, high)
-            if not self.complete and not path.exists():
+            if not self._is_there(path):
                 continue
             part = self._part(path, read_trials, estimator, beams, low, high)
             mine, its = _overlap(low, high, first, end)
@@ -214,6 +217,12 @@ class InFolder:
         return Trials(
             estimator, beams, reasons=reasons, beliefs=beliefs, diagnostics=diagnostics, draws=draws, **arrays
         )
+
+    def _is_there(self, path: Path) -> bool:
+        if not self.complete and (path in self.missing or not path.exists()):
+            self.missing.add(path)
+            return False
+        return True
 
     def _part(self, path: Path, read: Callable[..., Part], *told: Any) -> Part:
         if path in self.kept:

@@ -79,6 +79,12 @@ class Study(StudySections):
         assert self._world is not None  # else there would be a mistake
         return self._world
 
+    def __eq__(self, other: object) -> bool:
+        """Whether all keys are the same and paths count from the same folder."""
+        if not isinstance(other, Study):
+            return NotImplemented
+        return self._folder == other._folder and self.model_dump() == other.model_dump()
+
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with some sections changed, to be built anew."""
         copy = super().model_copy(update=update, deep=deep)
