@@ -12,15 +12,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand
 
 from ..errors import CLEARED, printable, suggestion
-
-if TYPE_CHECKING:
-    from ..arrays import Array
 
 Name = TypeVar("Name", bound=str)
 HELP = """How far an indoor position estimate can be trusted: what estimators claim against what is true."""
@@ -35,7 +32,6 @@ Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
 MAX_LISTED = 8  # folders
-MOST_DIRECTIONS = 100_000
 PATHS = ("FILE", "DIR", "PATH", "LOG")  # as the help calls them
 PICTURES = (".png", ".svg", ".pdf")  # what a file of a figure may end with
 FILES = (  # what files end with, and hardly a folder
@@ -120,52 +116,6 @@ def _printed_aside() -> Iterator[None]:
         print(end="", flush=True)
         os.dup2(kept, 1)
         os.close(kept)
-
-
-def refuse_turns(name: str, *degrees: float) -> None:
-    """Refuse angles beyond ten turns, as studies do: they have lost their digits, or are no angles.
-
-    Raises:
-        ValueError: If there is one; NaN, too.
-    """
-    from ..arrays import TEN_TURNS_DEG  # with numpy, which --help need not wait for
-
-    for angle in degrees:
-        if not abs(angle) <= TEN_TURNS_DEG:
-            limits = f"from -{TEN_TURNS_DEG} to {TEN_TURNS_DEG} deg"
-            raise ValueError(f"{name}: an angle must be {limits}, got {angle:g}")
-
-
-def read_degrees(text: str, option: str, else_: str = "") -> Array:
-    """Directions as they are written, (D,), deg.
-
-    Args:
-        text: -90,0,90 or -90:90:15 (from:to:step).
-        option: The option that they were given by.
-        else_: What else it may be, for the mistake.
-
-    Raises:
-        ValueError: If they are no numbers, none, too many, not finite or beyond ten turns.
-    """
-    import numpy as np
-
-    try:
-        if ":" in text:
-            low, high, step = map(float, text.split(":"))
-            count = np.floor((high - low) / step * (1 + 1e-12)) + 1
-            degrees = low + step * np.arange(count if count <= MOST_DIRECTIONS else 0)
-        else:
-            degrees = np.array([float(part) for part in text.replace(",", " ").split()])
-    except ZeroDivisionError:
-        raise ValueError(f"{option} {text}: the step must not be 0") from None
-    except ValueError:
-        raise ValueError(
-            f"{option} needs numbers such as -90,0,90 or -90:90:15{else_}, got {text!r}"
-        ) from None
-    if not len(degrees) or not np.isfinite(degrees).all() or len(degrees) > MOST_DIRECTIONS:
-        raise ValueError(f"{option} {text}: name 1 to {MOST_DIRECTIONS} finite directions")
-    refuse_turns(option, *degrees)
-    return degrees
 
 
 def names_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:

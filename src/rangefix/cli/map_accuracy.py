@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .app import Json, out_folder, print_json, replacing
+from .directions import read_directions
 from .map_options import Unit, Up, tell_odd
-from .plan import read_directions
 from .studies import Map, NoPlugins, StudyFile, read_study
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import PICTURES, Command, Json, out_file, print_json, read_degrees, refuse_turns, replacing, say
+from .app import PICTURES, Command, Json, out_file, print_json, replacing, say
+from .directions import read_degrees, refuse_turns
 from .map_options import AS_FILES_SAY, MapOptions, needs_height, takes_map_options
 
 if TYPE_CHECKING:

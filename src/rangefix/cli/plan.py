@@ -15,9 +15,9 @@ from .app import (
     names_from,
     one_of,
     print_json,
-    read_degrees,
     replacing,
 )
+from .directions import read_directions
 from .map_options import Unit, Up, tell_odd
 from .studies import Map, NoPlugins, Seed, StudyFile, read_study
 
@@ -161,25 +161,6 @@ def read_candidates(text: str | None, problem: Problem) -> Array:
     if text is None:
         return sweep(np.deg2rad(RESOLUTION_DEG), sensor.blind_sector)
     return read_directions(text, CANDIDATES, f", or {MEASURED!r}")
-
-
-def read_directions(text: str, option: str, else_: str = "") -> Array:
-    """Directions as they are written, deg, -> rad, (D,).
-
-    Args:
-        text: -90,0,90 or -90:90:15 (from:to:step).
-        option: The option that they were given by.
-        else_: What else it may be, for the mistake.
-
-    Raises:
-        ValueError: As `read_degrees`; or if one stands twice.
-    """
-    import numpy as np
-
-    degrees = read_degrees(text, option, else_)
-    if len(np.unique(np.round(degrees % 360, 9))) < len(degrees):
-        raise ValueError(f"{option} {text}: a direction stands twice")
-    return np.deg2rad(degrees)
 
 
 def _times(problem: Problem, sensor: Rangefinder, found: Plan, seed: int) -> list[float]:

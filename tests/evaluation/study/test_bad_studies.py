@@ -216,7 +216,7 @@ def test_a_missing_map_is_told_at_once_with_all_else(tmp_path: Path) -> None:
 
 def test_an_estimator_without_options_is_told_at_its_name() -> None:
     """No key is named that was not written."""
-    text = 'map = "room:4x6"\nsensor = { bearings_deg = [0], std_m = 0.05 }\nstate = { heading = "unknown" }\n'
+    text = 'map = "room:4x6"\nsensor = { bearings_deg = [0], std_m = 0.05 }\nstate.heading = "unknown"\n'
     with pytest.raises(StudyError, match=r"s\.toml:5: estimators\[1\]\.name: exact: the exact filter is for"):
         parse_study(f'{text}[[estimators]]\nname = "exact"\n', source="s.toml").experiment()
 

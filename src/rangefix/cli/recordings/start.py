@@ -8,7 +8,7 @@ from ...arrays import TEN_TURNS_DEG, Array
 from ...evaluation.recordings.setting import Start
 from ...filters import RangeMap, pose_space
 from ...filters.models.noise import LARGEST_SPREAD, LEAST_SPREAD
-from ..app import refuse_turns
+from ..directions import refuse_turns
 
 STD_M, STD_DEG = 0.2, 6.0  # of a start, unless given
 LEAST_STD_DEG = 1e-6

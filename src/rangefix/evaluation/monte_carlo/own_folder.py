@@ -12,6 +12,7 @@ from pathlib import Path
 from time import sleep
 from typing import Any, NamedTuple
 
+from ...errors import counted
 from ...file_lock import lock
 from ..results import (
     BOUNDS,
@@ -168,12 +169,10 @@ def _other_settings(
     files = [*shown, *orphans, folder / SUMMARY, folder / WORST_RUNS, *([folder / TIMING] if anew else [])]
     if any(before["plan"].get(key) != now[key] for key in ("world", "beams")):
         files.append(folder / BOUNDS)
-    removed = ", ".join(
-        text
-        for text, found in (("the older figures and report", shown), (f"{len(orphans)} older parts", orphans))
-        if found
-    )
-    lines = ["its numbers are made anew"] * anew + [f"{removed} are removed"] * bool(removed)
+    parts = counted(len(orphans), "older part")
+    removed = [text for text, found in (("the older figures and report", shown), (parts, orphans)) if found]
+    verb = "is" if removed == ["1 older part"] else "are"
+    lines = ["its numbers are made anew"] * anew + [f"{', '.join(removed)} {verb} removed"] * bool(removed)
     why = "is finished" if before["plan"] == now else _what_differs(before, manifest)
     return Older(f"{folder} {why}: {', '.join(lines)}" if lines else "", files)
 
