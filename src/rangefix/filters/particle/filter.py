@@ -26,7 +26,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_points
-from ..measurement import check_measurement, count_runs
+from ..measurement import check_measurement, controls_of_runs, count_runs
 from ..models.motion import Stationary
 from ..optional_methods import Image
 from ..prior_ends import BY_CHANCE
@@ -116,12 +116,14 @@ class ParticleFilter(BriefRepr):
 
         A move without noise does not resample, and one that leaves all particles where they are changes
         nothing. Walls are the motion's affair: see `Confined`.
+
+        Raises:
+            ValueError: If the control is of another shape, or not of real numbers.
         """
         motion = self.problem.motion
         if isinstance(motion, Stationary):
             return belief
-        control = np.asarray(control, dtype=float)
-        controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        controls = controls_of_runs(control, len(rngs))
         if self._counts_each(rngs):
             runs = zip(belief.split(), controls, rngs, strict=True)
             return joined([self.predict(one, move, [rng]) for one, move, rng in runs])
