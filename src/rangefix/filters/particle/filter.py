@@ -65,8 +65,9 @@ class ParticleFilter(BriefRepr):
 
     Args:
         problem: What may be known.
-        particles: How many, N; four times as many take in the first reading where the heading is open, if
-            they and the beams make no more than a million ranges.
+        particles: How many, N; four times as many take in the first reading where the heading is open and
+            nothing has moved yet, if they and the beams make no more than a million ranges. After a move
+            before any reading claims at an open heading are too small: read first.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
