@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from ..arrays import Array
 from .estimate import Estimate
-from .measurement import count_runs, readings_of_shape
+from .measurement import controls_of_runs, count_runs, readings_of_shape
 from .optional_methods import (
     CanEstimateErrorOne,
     CanSampleOne,
@@ -75,9 +75,12 @@ class EachRun(Generic[Belief]):
     def predict(
         self, belief: tuple[Belief, ...], control: Array, rngs: Sequence[Generator]
     ) -> tuple[Belief, ...]:
-        """Each run's belief after its move; control (k,) shared, or (M, k)."""
-        control = np.asarray(control, dtype=float)
-        controls = np.broadcast_to(control, (len(belief), control.shape[-1]))
+        """Each run's belief after its move; control (k,) shared, or (M, k).
+
+        Raises:
+            ValueError: If the control is of another shape, or not of real numbers.
+        """
+        controls = controls_of_runs(control, len(belief))
         return tuple(self.single.predict(*run) for run in zip(belief, controls, rngs, strict=True))
 
     def update(

@@ -1,4 +1,4 @@
-"""The boundary for measurements: what every built-in estimator asks before it looks at a reading.
+"""The boundary for measurements and controls: what every built-in estimator asks before it looks at them.
 
 What each reading means, the same to all, is the table of docs/models.md, "What a reading means".
 """
@@ -52,6 +52,36 @@ def check_reading(sensor: Sensor, reading: object) -> Array:
         ValueError: If they are not of shape (B,) or not real numbers.
     """
     return _as_measured(sensor, readings_of_shape(reading, (len(sensor.bearings),), "(beams,)"))
+
+
+def check_control(control: object, runs: int) -> Array:
+    """A control as an estimator of M runs is to take it, float64: (k,) shared by the runs, or (M, k).
+
+    None is a control of no numbers, for motions that ignore it.
+
+    Raises:
+        ValueError: If it is of another shape, or does not hold real numbers.
+    """
+    if type(control) is np.ndarray and control.dtype == np.float64 and control.ndim == 1:
+        return control
+    wanted = f"a control must be real numbers of shape (k,), shared by the runs, or ({runs}, k), got"
+    try:
+        array = np.zeros(0) if control is None else np.asanyarray(control)
+    except ValueError:
+        raise ValueError(f"{wanted} a {type(control).__name__} of rows of different lengths") from None
+    if isinstance(array, np.ma.MaskedArray):
+        raise ValueError(f"{wanted} a masked array")
+    if array.ndim not in (1, 2) or (array.ndim == 2 and len(array) not in (1, runs)):
+        raise ValueError(f"{wanted} shape {array.shape}")
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{wanted} {array.dtype.name}")
+    return np.asarray(array, dtype=np.float64)
+
+
+def controls_of_runs(control: object, runs: int) -> Array:
+    """The same for each run, (M, k)."""
+    control = check_control(control, runs)
+    return np.broadcast_to(control, (runs, control.shape[-1]))
 
 
 def impossible_runs(sensor: Sensor, measurement: Array) -> BoolArray:

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from ...arrays import LOG_TWO_PI, Array, keep_whole
 from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
-from ..measurement import check_measurement, count_runs, impossible_runs
+from ..measurement import check_measurement, controls_of_runs, count_runs, impossible_runs
 from ..models.wrapped_noise import reading_bias
 from ..optional_methods import Image
 from ..problem import Prior, Problem
@@ -73,9 +73,12 @@ class EnsembleKalmanFilter(BriefRepr):
         return EnsembleBelief(np.stack([prior.sample(self.members, rng) for rng in rngs]), np.zeros(runs))
 
     def predict(self, belief: EnsembleBelief, control: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
-        """Every member moved with noise of its own; control (k,) shared, or (M, k)."""
-        control = np.asarray(control, dtype=float)
-        controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        """Every member moved with noise of its own; control (k,) shared, or (M, k).
+
+        Raises:
+            ValueError: If the control is of another shape, or not of real numbers.
+        """
+        controls = controls_of_runs(control, len(rngs))
         moved = map(self.problem.motion.sample, belief.members, controls, rngs)
         return EnsembleBelief(np.stack(list(moved)), belief.log_evidence)
 

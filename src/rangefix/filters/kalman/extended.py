@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, sum_terms
+from ..measurement import check_control
 from ..models.wrapped_noise import reading_bias
 from ..problem import Sensor
 from .batch import GaussianFilter, accept_definite, condition, refuse_impossible
@@ -30,8 +31,13 @@ class ExtendedKalmanFilter(GaussianFilter, LinearisedOptions):
     """
 
     def predict(self, belief: GaussianBelief, control: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Mean through the motion, covariance through its Jacobian; control (k,) shared, or (M, k)."""
+        """Mean through the motion, covariance through its Jacobian; control (k,) shared, or (M, k).
+
+        Raises:
+            ValueError: If the control is of another shape, or not of real numbers.
+        """
         motion = self.problem.motion
+        control = check_control(control, len(belief.mean))
         slope = motion.jacobian(belief.mean, control)
         covariance = slope @ belief.covariance @ np.swapaxes(slope, -1, -2)
         covariance = covariance + motion.noise_covariance(belief.mean, control)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
+from ..measurement import check_control
 from ..models.wrapped_noise import reading_bias
 from ..problem import Problem, Sensor
 from .batch import GaussianFilter, accept_definite, cholesky, condition, refuse_impossible
@@ -39,8 +40,13 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
     """
 
     def predict(self, belief: GaussianBelief, control: Array, rngs: Sequence[Generator]) -> GaussianBelief:
-        """Sigma points through the motion; control (k,) shared, or (M, k)."""
+        """Sigma points through the motion; control (k,) shared, or (M, k).
+
+        Raises:
+            ValueError: If the control is of another shape, or not of real numbers.
+        """
         motion, space = self.problem.motion, self.problem.space
+        control = check_control(control, len(belief.mean))
         points = _sigma_points(belief.mean, self._arms(belief))
         moved = points + space.difference(motion.mean(points, control), points)
         shift, spread = self._moments(np.moveaxis(moved[1:] - moved[0], 1, -1))

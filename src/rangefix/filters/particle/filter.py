@@ -26,7 +26,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ..estimate import BriefRepr, Estimate
 from ..images import image_of_points
-from ..measurement import check_measurement, count_runs
+from ..measurement import check_measurement, controls_of_runs, count_runs
 from ..models.motion import Stationary
 from ..optional_methods import Image
 from ..prior_ends import BY_CHANCE
@@ -65,8 +65,9 @@ class ParticleFilter(BriefRepr):
 
     Args:
         problem: What may be known.
-        particles: How many, N; four times as many take in the first reading where the heading is open, if
-            they and the beams make no more than a million ranges.
+        particles: How many, N; four times as many take in the first reading where the heading is open and
+            nothing has moved yet, if they and the beams make no more than a million ranges. After a move
+            before any reading claims at an open heading are too small: read first.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
@@ -116,12 +117,14 @@ class ParticleFilter(BriefRepr):
 
         A move without noise does not resample, and one that leaves all particles where they are changes
         nothing. Walls are the motion's affair: see `Confined`.
+
+        Raises:
+            ValueError: If the control is of another shape, or not of real numbers.
         """
         motion = self.problem.motion
         if isinstance(motion, Stationary):
             return belief
-        control = np.asarray(control, dtype=float)
-        controls = np.broadcast_to(control, (len(rngs), control.shape[-1]))
+        controls = controls_of_runs(control, len(rngs))
         if self._counts_each(rngs):
             runs = zip(belief.split(), controls, rngs, strict=True)
             return joined([self.predict(one, move, [rng]) for one, move, rng in runs])
