@@ -214,7 +214,7 @@ class _Pairs:
     def difference(self, estimator: str, beams: str, step: int, figure: str) -> Difference:
         count, moments = self.count, self.apart
         a, b = (self.a / count, self.b / count) if count else (np.nan, np.nan)
-        change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
+        change = moments.interval(signed=True)
         return Difference(
             estimator, beams, step, figure, count, a, b, change, moments.p_value_of_no_difference()
         )
