@@ -278,6 +278,7 @@ def test_compare(rangefix: Callable[..., Said], tmp_path: Path) -> None:
     said = rangefix("compare", "a", "b")
     assert (said.code, said.err) == (0, "")
     assert "B is larger" in said.out
+    assert "x2 claimed std, m " in said.out
     assert rangefix("compare", "a", "nowhere").code == 2
 
 

@@ -100,6 +100,15 @@ def test_many_rows_fail_an_exact_filter_no_more_often_than_one() -> None:
     assert failed <= 3
 
 
+def test_a_single_run_settles_nothing() -> None:
+    """It has no interval, and its figure was told as settled, with [-, -] behind it."""
+    row = credibility(np.zeros(1), np.array([[2.0]]), np.eye(1), label="one")
+    for line in check_gates(parse_gates(["anees=:1.25", "anees=:5"]), [row]):
+        assert not line.settled
+        assert line.text.endswith("; 1 run does not settle it")
+        assert "[-, -]" not in line.text
+
+
 def test_whole_numbers_have_gates_too(rows: list[Row]) -> None:
     (line,) = check_gates(parse_gates(["exact:ok=1000:"]), rows)
     assert line.passed

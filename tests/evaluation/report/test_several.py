@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from collections.abc import Callable
@@ -11,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rangefix.cli.tables.comparisons import differences
 from rangefix.evaluation import Interval, ResultsError, load, summarise, write_comparison
-from rangefix.evaluation.comparison.compare import Difference, compare
+from rangefix.evaluation.comparison.compare import Comparison, Difference, compare
 from rangefix.evaluation.figures.embedded.history import MOST_TICKS, history_figure, round_ticks
 from rangefix.evaluation.figures.style import styled
 from rangefix.evaluation.report.changes import change
@@ -89,6 +91,17 @@ def test_a_ratio_has_the_interval_of_the_difference() -> None:
     assert plain.ratio == Interval(2.25, 0.0, 4.0)
     nothing = Difference("e", "1", 0, "anees", 9, a=0.0, b=9.0, change=Interval(9.0, 1.0, 12.0), p=0.1)
     assert np.isnan(nothing.ratio.value)
+
+
+def test_headings_are_compared_in_degrees_everywhere() -> None:
+    """On the terminal they were in radians, and no figure had a unit; the report had both."""
+    nothing = Interval(math.nan, math.nan, math.nan)
+    squares = math.radians(3.0) ** 2, math.radians(6.0) ** 2
+    heading = Difference("e", "all", 0, "mse_heading", 9, *squares, nothing, 1.0)
+    assert heading.label_with_unit == "heading true std, deg"
+    assert heading.shown == pytest.approx((3.0, 6.0))
+    table = differences(Comparison((), {}, True, (), (), (heading,)))
+    assert [list(column.cells)[1] for column in table.columns][2:5] == ["3", "6", "2"]
 
 
 def test_history_has_every_number(shown: str, three: list[Path]) -> None:

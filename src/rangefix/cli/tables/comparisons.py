@@ -98,8 +98,8 @@ def accuracy_in_words(pairs: Sequence[PairedComparison]) -> list[str]:
 
 
 def _difference_cells(each: Difference) -> Iterator[str]:
-    a, b = (math.sqrt(value) if each.is_variance and value >= 0 else value for value in (each.a, each.b))
-    yield from (f"  {each.label}", str(each.runs), format_number(a), format_number(b))
+    a, b = each.shown
+    yield from (f"  {each.label_with_unit}", str(each.runs), format_number(a), format_number(b))
     yield f"{b / a:.3g}" if a and math.isfinite(a) and math.isfinite(b) else "-"
     yield "-" if each.adjusted != each.adjusted else f"{each.adjusted:.2g}"
     yield f"B is {each.words}" if each.words in ("larger", "smaller") else each.words

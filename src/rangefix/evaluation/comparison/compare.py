@@ -13,14 +13,15 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import listed
-from ..consistency.formatting import beams_in_words
+from ..consistency.formatting import beams_in_words, factor, unit
 from ..consistency.intervals import Interval, Moments, sign_test
-from ..consistency.metrics import Metric, RunBlock, metrics
+from ..consistency.metrics import COMPONENT, Metric, RunBlock, metrics
 from ..consistency.summarise import run_blocks
 from ..results import Results, Status
 
 LEVEL = 0.05  # below it a difference is no chance, after Holm's correction for the number of differences
 MAX_LISTED = 5  # estimators, or sets of beams, of results that share none
+ONE = Interval(1.0, 1.0, 1.0)
 COMPARED_AS = {"G": "mse", "P": "claimed"}  # run by run they are no covariances
 
 
@@ -81,11 +82,35 @@ class Difference:
     @property
     def label(self) -> str:
         """What tables call the figure."""
+        metric, component = self._of
+        return metric.short_label(component) if metric else "share ok"
+
+    @property
+    def label_with_unit(self) -> str:
+        """The same with the unit in which tables show it, of variances that of the root."""
+        metric, component = self._of
+        own = self.is_variance or (metric is not None and metric.unit == COMPONENT)
+        shown = unit(component) if own else metric.unit if metric else ""
+        return self.label + (f", {shown}" if shown else "")
+
+    @property
+    def shown(self) -> tuple[float, float]:
+        """The figure in A and B in that unit."""
+        metric, component = self._of
+        if self.is_variance:
+            a, b = (factor(component) * math.sqrt(end) if end >= 0 else end for end in (self.a, self.b))
+            return a, b
+        by = 1.0 if metric is None else metric.in_shown_unit(ONE, component).value
+        return by * self.a, by * self.b
+
+    @property
+    def _of(self) -> tuple[Metric | None, str]:
+        """The metric, and its component or ""; no metric for "ok"."""
         for metric in _compared():
             name, _, component = self.figure.partition(f"{_name(metric)}_")
             if self.figure == _name(metric) or (not name and component):
-                return metric.short_label(component)
-        return "share ok"
+                return metric, component
+        return None, ""
 
 
 @dataclass(frozen=True)
@@ -189,7 +214,7 @@ class _Pairs:
     def difference(self, estimator: str, beams: str, step: int, figure: str) -> Difference:
         count, moments = self.count, self.apart
         a, b = (self.a / count, self.b / count) if count else (np.nan, np.nan)
-        change = moments.around(moments.mean) if count and not moments.huge else moments.interval()
+        change = moments.interval(signed=True)
         return Difference(
             estimator, beams, step, figure, count, a, b, change, moments.p_value_of_no_difference()
         )

@@ -117,7 +117,7 @@ def _pair(results: Results, beams: str, best: str, other: str, pairs: float) -> 
         nothing = Interval(np.nan, np.nan, np.nan)
         return PairedComparison(beams, best, other, 0, np.nan, np.nan, nothing, np.nan, np.nan)
     rmse, other_rmse = np.sqrt(sums / count)
-    change = apart.interval() if apart.huge else apart.around(apart.mean)
+    change = apart.interval(signed=True)
     p = float(np.minimum(1.0, apart.p_value_of_no_difference() * pairs))
     figures = (float(rmse), float(other_rmse), change, closer / count, p)
     return PairedComparison(beams, best, other, count, *figures)

@@ -33,6 +33,16 @@ class Mean:
         return self.moments.p_value_of_mean(honest)
 
 
+class MeanError(Mean):
+    """The mean of errors, whose long tails may lie on both sides."""
+
+    def interval(self, level: float) -> Interval:
+        return self.moments.interval(level, signed=True)
+
+    def p_value(self, honest: float) -> float:
+        return self.moments.p_value_of_mean(honest, signed=True)
+
+
 class RootMean(Mean):
     """The root of the mean of values that are nowhere negative."""
 
@@ -83,7 +93,16 @@ class Ratio(Mean):
         return self.moments.around(self.value, level, 0.0 if self.a.least >= 0 else -np.inf)
 
     def p_value(self, honest: float) -> float:
-        return self.moments.p_value(self.value, honest)
+        """The p-value of the ratio, and no less than exp(-N) where N runs make the second mean.
+
+        Runs whose second value is nearly all of it say little by themselves, and scatter does not tell that:
+        of two that are far off both, the ratio comes out twice, as if it were certain. N is the number of
+        equal values that would be as uneven (L. Kish, Survey Sampling, 1965, section 11.7).
+        """
+        if self.value != self.value:
+            return float("nan")
+        number = self.b.count / (1 + self.b.square / self.b.count / self.b.mean**2)
+        return max(self.moments.p_value(self.value, honest), float(np.exp(-number)))
 
 
 class OverMean(Mean):
@@ -177,10 +196,18 @@ class AbsoluteLogRatio(LogRatio):
 
 
 Average = Literal[
-    "mean", "root mean", "ratio of means", "over mean", "share", "log ratio", "absolute log ratio"
+    "mean",
+    "mean error",
+    "root mean",
+    "ratio of means",
+    "over mean",
+    "share",
+    "log ratio",
+    "absolute log ratio",
 ]
 AVERAGES: dict[Average, type[Mean]] = {
     "mean": Mean,
+    "mean error": MeanError,
     "root mean": RootMean,
     "ratio of means": Ratio,
     "over mean": OverMean,

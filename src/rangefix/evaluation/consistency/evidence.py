@@ -52,9 +52,15 @@ class ShapeFault(NamedTuple):
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a row says for and against an estimator."""
+    """What a row says for and against an estimator.
+
+    Attributes:
+        row: The row.
+        family: Rows among which false alarms are to be as rare as for one.
+    """
 
     row: Row
+    family: int = 1
 
     @property
     def drawn(self) -> bool:
@@ -126,7 +132,7 @@ class Evidence:
     @property
     def shows_caution(self) -> bool:
         """Whether errors that are too small cannot be a far mode of the beliefs that did not occur."""
-        from scipy.special import chdtrc
+        from scipy.special import chdtr, chdtrc
 
         runs, found = self.row.ok, self.row.directions
         if self.drawn or runs >= SEEN:
@@ -134,7 +140,8 @@ class Evidence:
         size = len(self.row.names)
         if found is None or size == 1 or found[0] <= 0 or runs < FEW_FOR_CAUTION:
             return False
-        if found[-1] * (1 + PLAIN * math.sqrt(2 / runs)) < 1:
+        plain = float(chdtr(runs, runs / (1 + PLAIN * math.sqrt(2 / runs))))
+        if chdtr(runs, runs * found[-1]) < plain / self.family:
             return True
         statistic = -runs * float(np.log(found).sum() - size * math.log(found.mean()))
         return bool(chdtrc(size * (size + 1) / 2 - 1, statistic) > ALIKE)

@@ -193,11 +193,12 @@ def _line(gate: Gate, row: Row) -> GateLine:
     value = float(columns.get(gate.figure or "", math.nan))  # of one that cannot sample its beliefs
     low, high = (float(columns.get(f"{gate.figure}_{end}", value)) for end in ("low", "high"))
     passed = gate.low <= value <= gate.high
-    inside, meets = gate.low <= low and high <= gate.high, high >= gate.low and low <= gate.high
-    settled = inside if passed else not meets
+    inside, apart = gate.low <= low and high <= gate.high, high < gate.low or low > gate.high
+    settled = inside if passed else apart or math.isnan(value)
     band = f"[{gate.low:g}, {gate.high:g}]"
     text = f"{'pass' if passed else 'FAIL'}  {row.where}: {gate.figure} = {format_number(value)}"
-    text += f" [{format_number(low)}, {format_number(high)}]" if (low, high) != (value, value) else ""
+    alone = (low, high) == (value, value) or math.isnan(low + high)
+    text += "" if alone else f" [{format_number(low)}, {format_number(high)}]"
     text += f" is {'in' if passed else 'not in'} {band}"
-    text += "" if settled else f"; {counted(row.ok, 'run')} do not settle it"
+    text += "" if settled else f"; {counted(row.ok, 'run')} {'does' if row.ok == 1 else 'do'} not settle it"
     return GateLine(gate, row, passed, settled, text)

@@ -121,9 +121,9 @@ def decide(row: Row, family: int = 1) -> Verdict:
         return Verdict("pending", row.anees, f"not run yet ({_how_far(row)})")
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
-    evidence = Evidence(row)
+    evidence = Evidence(row, family)
     known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
-    levels = _levels(evidence, family)
+    levels = _levels(evidence)
     ratios, biases = evidence.ratios(levels.components), evidence.biases(levels.components)
     uneven = ", ".join(
         ("" if ratio.value > 1 else "too ") + _factor_words(ratio, name) for name, ratio in ratios.items()
@@ -169,12 +169,12 @@ def decide(row: Row, family: int = 1) -> Verdict:
     return Verdict("honest", tolerance, HONEST, (close, *notes))
 
 
-def _levels(evidence: Evidence, family: int) -> Levels:
+def _levels(evidence: Evidence) -> Levels:
     """The levels for a row that is one of a family."""
     levels = WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS
     if evidence.row.ok < FEW_RUNS:
         levels = Levels(min(levels.too_large, LEVEL_OF_FEW_RUNS), levels.too_small, 0.0, 0.0)
-    return Levels(*(level / family for level in levels))
+    return Levels(*(level / evidence.family for level in levels))
 
 
 def _cannot_tell(row: Row) -> str:

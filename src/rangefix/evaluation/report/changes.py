@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..comparison.compare import Comparison, Difference, compare
-from ..consistency.formatting import beams_in_words, factor, format_number, unit
+from ..consistency.formatting import beams_in_words, format_number
 from .folders import Folder
 from .tables import Cell, Line, Table, format_p_value
 
@@ -53,22 +52,18 @@ def _table(before: Folder, after: Folder, differences: Sequence[Difference], mov
     groups: dict[str, list[Line]] = {}
     for difference in differences:
         heading = f"{difference.estimator}, {beams_in_words(difference.beams)}"
-        groups.setdefault(heading, []).append(_line(difference, before.results.space.names, moving))
+        groups.setdefault(heading, []).append(_line(difference, moving))
     old, new = before.letter, after.letter
     columns = ["runs of both", old, new, f"{new} / {old}", "p", "in words"]
     return Table(columns, list(groups.items()), frozenset([len(columns) - 1]), head="figure")
 
 
-def _line(difference: Difference, names: Sequence[str], moving: bool) -> Line:
+def _line(difference: Difference, moving: bool) -> Line:
     """A figure in both folders; of variances the roots, headings in degrees."""
-    name, ends, by = difference.label, (difference.a, difference.b), 1.0
-    if difference.is_variance:
-        component = next(name for name in names if difference.figure.endswith(f"_{name}"))
-        name, by = f"{name}, {unit(component)}", factor(component)
-        ends = (math.sqrt(max(ends[0], 0.0)), math.sqrt(max(ends[1], 0.0)))
+    name = difference.label_with_unit
     if moving and difference.step >= 0:
         name += f" after measurement {difference.step + 1}"
-    numbers = [Cell(str(difference.runs)), *(Cell(format_number(by * end)) for end in ends)]
+    numbers = [Cell(str(difference.runs)), *(Cell(format_number(end)) for end in difference.shown)]
     p = Cell(format_p_value(difference.adjusted))
     return Line(name, [*numbers, Cell.of(difference.ratio), p, Cell(difference.words)])
 
