@@ -24,6 +24,7 @@ GROUND = {
     "quick_compiling",
     "raster",
     "text_files",
+    "thread_pools",
 }
 MAY_IMPORT = {
     "maps": {"maps"} | GROUND,

@@ -16,7 +16,7 @@ from .process import (
     counted_from,
     memory_hint,
 )
-from .undisturbed import blas_on_one_thread, thread_pools, undisturbed
+from .undisturbed import undisturbed
 
 __all__ = [
     "IsolatedProcess",
@@ -29,14 +29,12 @@ __all__ = [
     "Watch",
     "begin_piece",
     "begin_stage",
-    "blas_on_one_thread",
     "counted_from",
     "deadline",
     "default_memory_gb",
     "machine_memory_gb",
     "memory_hint",
     "signature_of",
-    "thread_pools",
     "to_pickle",
     "undisturbed",
 ]

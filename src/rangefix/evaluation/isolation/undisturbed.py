@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import random
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...thread_pools import blas_on_one_thread, thread_pools
 
 MAP = "room"  # what sensors and priors call it
 MAX_DEPTH = 6  # how deep a trial is searched for arrays
@@ -64,40 +64,12 @@ def _go_back(folder: str) -> None:
             os.chdir(folder)
 
 
-@contextmanager
-def blas_on_one_thread() -> Iterator[None]:
-    """Hold BLAS to one thread: what it makes of matrices of a hundred rows has other last bits with two.
-
-    A library that is first loaded meanwhile is not held.
-    """
-    with ExitStack() as stack:
-        for pool in thread_pools():
-            if pool.user_api == "blas":
-                stack.callback(pool.set_num_threads, pool.get_num_threads())
-                pool.set_num_threads(1)
-        yield
-
-
 def _numba_threads() -> int | None:
     """How many threads numba may take; None if it has not started any."""
     parallel = sys.modules.get("numba.np.ufunc.parallel")
     if parallel is None or not parallel._is_initialized:
         return None
     return int(parallel.get_num_threads())
-
-
-def thread_pools() -> list[Any]:
-    """The thread pools of BLAS and OpenMP that are loaded; none without threadpoolctl."""
-    return _thread_pools(len(sys.modules))
-
-
-@lru_cache(maxsize=1)
-def _thread_pools(modules: int) -> list[Any]:
-    """The same, looked for when so many modules are loaded: to look takes half a millisecond."""
-    try:
-        return list(importlib.import_module("threadpoolctl").ThreadpoolController().lib_controllers)
-    except ModuleNotFoundError:
-        return []
 
 
 def _close(thing: object, writeable: list[NDArray[Any]], seen: set[int], depth: int) -> None:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ..isolation import blas_on_one_thread
+from ...thread_pools import blas_on_one_thread
 
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "scipy", "filterpy", "open3d", "numba")

@@ -11,8 +11,8 @@ from numpy.random import Generator
 from ...arrays import Array
 from ...filters import Motion, Prior, Rangefinder, Sensor, Uniform, sample_runs
 from ...filters.space import with_another_heading
+from ...thread_pools import blas_on_one_thread
 from ..experiment import Experiment
-from ..isolation import blas_on_one_thread
 from ..seeds import streams
 
 MAX_RANGES_PER_CAST = 1 << 20  # ranges cast at once

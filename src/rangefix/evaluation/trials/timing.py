@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Array
 from ...filters import Estimator
 from ...filters.estimator import filtered
-from ..isolation import thread_pools
+from ...thread_pools import thread_pools
 from ..seeds import Streams
 from .trial import Trial
 
