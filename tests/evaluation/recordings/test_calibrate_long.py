@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rangefix.evaluation.recordings.residuals as residuals_module
@@ -13,7 +14,7 @@ from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.residuals import find_residuals
 from rangefix.evaluation.recordings.steps import Choice
 from rangefix.filters import Correlated
-from rangefix.maps import RectangularRoom
+from rangefix.maps import OccupancyMap, RectangularRoom
 
 from .test_calibrate import LAW, SHARED, recording, write_log
 
@@ -41,3 +42,14 @@ def test_readings_of_their_own_weigh_the_same_however_many_scans_are_left_out() 
     whole = recording(120, LAW, step=0.02)
     part = replace(whole, poses=whole.poses[::3], readings=whole.readings[::3], every=3, path=whole.poses)
     assert scatter_of_all(part, Correlated(LAW), 0) == pytest.approx(1.0)
+
+
+def test_beams_that_meet_nothing_share_no_errors() -> None:
+    """A room that is open on two sides: they end nowhere. One scan adds at most three times as much."""
+    states = np.zeros((60, 90), dtype=np.uint8)
+    states[0], states[:, 0] = 1, 1
+    whole = recording(120, LAW, step=0.02)
+    sensor = replace(whole.sensor, room=OccupancyMap(states, 0.1))
+    assert np.isinf(sensor.expected(whole.poses)).any()
+    part = replace(whole, sensor=sensor, poses=whole.poses[::3], every=3, path=whole.poses)
+    assert 1.0 < scatter_of_all(part, SHARED, 10) < 3.0

@@ -366,9 +366,9 @@ def scatter_of_all(residuals: Residuals, correlated: Correlated, scans: int) -> 
         cross = np.zeros_like(inverse)
         for part in np.array_split(np.arange(len(one)), -(-len(one) // at_once)):
             away = distances(ends[part], others[part])
-            alike = sum(
-                (place.share * np.exp(-away / place.length) for place in correlated.places), 0.0 * away
-            )
+            alike = np.zeros(away.shape)
+            for place in correlated.places:
+                alike += place.share * np.exp(-away / place.length)
             cross += np.einsum("tbi,tbj->ij", slopes[part], alike @ theirs[part])
         return float(np.trace(inverse @ cross))
 
