@@ -376,7 +376,8 @@ def scatter_of_all(residuals: Residuals, correlated: Correlated, scans: int) -> 
     places = np.interp(np.arange(last + 1), [0, *lags], [shared(int(lag)) for lag in (0, *lags)])
     sums = slopes.sum(axis=1)
     alone = correlated.white * len(inverse) + correlated.scan * float(np.trace(inverse @ (sums.T @ sums)))
-    return (alone + _over_lags(places[: memory + 1])) / (alone + _over_lags(places[::every][: scans + 1]))
+    taken, kept = _over_lags(places[: memory + 1]), _over_lags(places[::every][: scans + 1])
+    return float(np.clip((alone + taken) / (alone + kept), 1.0, every))
 
 
 def _over_lags(values: Array) -> float:
