@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,16 @@ from rangefix.arrays import Array, wrap
 from rangefix.evaluation.recordings.log import LaserDescription, RecordingError
 from rangefix.evaluation.recordings.open_log import open_log
 from rangefix.evaluation.recordings.pose_files import PoseFiles
-from rangefix.evaluation.recordings.readers.claimed_poses import ClaimedPoses, read_claimed
+from rangefix.evaluation.recordings.readers.claimed_poses import COVARIANCE, POSE, ClaimedPoses, read_claimed
 from rangefix.evaluation.recordings.readers.track import Track
 from rangefix.evaluation.recordings.replay import Believed, recorded, truth_by_time
 from rangefix.evaluation.recordings.score import Row, Score
 from rangefix.evaluation.recordings.setting import Assumptions, Start, problem_of
 from rangefix.evaluation.recordings.steps import Step
-from rangefix.filters import pose_space
+from rangefix.filters import Mount, pose_space
 
-from .conftest import ANGLES, ROOM
+from .conftest import ANGLES, ROOM, ROOM_TOML, ranges_at
+from .test_replay import call
 
 STDS = np.array([0.01, 0.01, 0.01])  # m, m, rad
 SPEED, TURNING = 1.0, 3.0  # m/s, rad/s: the heading passes half a turn
@@ -155,3 +157,34 @@ def test_a_replay_s_own_table_with_semicolons_is_told_as_such(tmp_path: Path) ->
     table.write_text("")
     with pytest.raises(RecordingError, match="no column time_s"):
         read_claimed(str(table), open_log(tmp_path / "d.npz"))
+
+
+def test_poses_between_scans_are_judged_once_by_odometry_at_their_own_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exact ones at 10 Hz beside scans at 40 Hz, at 1 m/s: by odometry as by the same path in a file.
+
+    They erred by 3 cm, since each was held against the robot at up to four scans about it.
+    """
+    scans, between = 0.025 * np.arange(120), 0.1 * np.arange(1, 29) + 0.01
+    at = {"scans": poses_at(scans), "poses": poses_at(between)}
+    for way in at.values():
+        way[:, 2] = 0.5 * np.pi
+    log = tmp_path / "log.npz"
+    odometry = np.column_stack([at["scans"][:, :2], np.full(len(scans), 90.0)])
+    ranges = ranges_at(at["scans"], mount=Mount())
+    np.savez(log, time_s=scans, ranges_m=ranges, bearings_deg=np.rad2deg(-ANGLES), odometry=odometry)
+    table = tmp_path / "other.csv"
+    lines = [
+        f"{time:.9f},{x1:.9f},{x2:.9f},90,1e-4,0,0,1e-4,0,1e-4"
+        for time, (x1, x2, _) in zip(between, at["poses"], strict=True)
+    ]
+    table.write_text("\n".join([",".join((*POSE, *COVARIANCE)), *lines]) + "\n")
+    (tmp_path / "room.toml").write_text(ROOM_TOML)
+    words = ["replay", "-m", tmp_path / "room.toml", "-l", log, "-e", table, "--truth", "odometry", "--json"]
+    code, shown, _ = call(words, capsys)
+    told = json.loads(shown)["estimators"][0]
+    assert code == 0
+    assert told["judged"] == len(between)
+    assert told["position_rmse_m"] < 1e-8
+    assert told["anees"] < 1e-8

@@ -188,3 +188,16 @@ def test_tables_of_another_form(
     _, _, err = call([*words[:4], path, *words[5:]], capsys)
     assert err.startswith(f"rangefix: {path}: {said}")
     assert err.count("log.csv") == err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("factor", "add", "at"), [(1e9, 0.0, "1e+11 s"), (1.0, -200.0, "-100 s")])
+def test_times_that_no_bag_holds(
+    words: list[Any], capsys: pytest.CaptureFixture[str], factor: float, add: float, at: str
+) -> None:
+    """They are told: the estimator was said to have failed, and -100 s was written as 0."""
+    log = rewritten(words[4], 1.0, time_s=factor * drive(12)[0] + add)
+    out = log.parent / "out"
+    code, _, said = call([*words[:4], log, *words[5:], "--out", out, "--bag", "mcap"], capsys)
+    assert code == 2
+    assert "a bag (--bag) has stamps from 0 to 2147483647 s, and a scan is at " + at in said
+    assert not out.exists()

@@ -119,6 +119,7 @@ def calibrate(
     notes = [
         *filter(None, [residuals.reach]),
         *log.notes,
+        *([TAKEN.format(residuals.every)] if residuals.every > 1 else []),
         *(f"{count} {kind}" for kind, count in residuals.oddities.items()),
     ]
     if as_json:
@@ -202,6 +203,7 @@ def _offset(offset: Array) -> dict[str, float]:
     return {"x1_m": x1, "x2_m": x2, "heading_deg": math.degrees(heading)}
 
 
+TAKEN = "one in {} of the scans is fitted to, as there are many; the weight is for filters that take all"
 WORDS = {
     "bias_m": "readings are too long by, m",
     "std_m": "standard deviation of hits, m",

@@ -11,6 +11,8 @@ from ...arrays import Array, BoolArray, IntArray
 from ...filters import BeamMixture, Correlated, LostBeams, Rangefinder
 from ...filters.models.wrapped_noise import reading_bias
 from .fit_noise import (
+    MOST_PAIRS,
+    SCANS_COMPARED,
     STEP_M,
     VALUES_AT_ONCE,
     CorrelationCurve,
@@ -30,6 +32,8 @@ BLOCKS = 10  # of consecutive scans, and of places on walls, left out one at a t
 LEAST_SCANS = 20
 ODD_STD_M = 0.5  # beyond it readings and map do not belong together
 ROUNDS = 2  # in which scans are moved to their best poses: from a law that is too wide, then from theirs
+LEAST_WEIGHT = 1e-3
+LAGS_BETWEEN = 30  # at which errors of scans that are not kept are looked at
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
 STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with BLOCKS - 1 degrees of freedom
 
@@ -64,6 +68,10 @@ class Fitted:
     def bias(self) -> float:
         """By how much readings of walls are too long, m."""
         return reading_bias(self.law)
+
+    def for_scatter(self, more: float) -> Fitted:
+        """The same for filters to which the scans' scores scatter so many times as much."""
+        return replace(self, weight=max(self.weight / more, LEAST_WEIGHT))
 
     def figures(self) -> dict[str, float]:
         """What was fitted, by name; lengths in metres."""
@@ -156,12 +164,15 @@ def calibrate(residuals: Residuals) -> Calibration:
     if not residuals.from_truth:
         arrays = arrays.at_best_poses()
     fitted = fit_noise(arrays, residuals.from_truth)
+    more = scatter_of_all(residuals, fitted.correlated, fitted.scans)
     blocks = np.array_split(np.arange(scans), BLOCKS)
     others = tuple(fit_noise(arrays.without(block), residuals.from_truth) for block in blocks)
     times, places = partitions(arrays)
     elsewhere = tuple(fit_noise(arrays.unmeasured(block), residuals.from_truth) for block in places)
     offset = frame_offset(residuals, fitted.law) if residuals.from_truth else None
     by_chance = offset is not None and is_chance(offset, residuals, fitted.law, (times, places))
+    fitted, *left = (each.for_scatter(more) for each in (fitted, *others, *elsewhere))
+    others, elsewhere = tuple(left[: len(others)]), tuple(left[len(others) :])
     return Calibration(residuals, arrays.expected, fitted, others, elsewhere, offset, by_chance)
 
 
@@ -321,7 +332,61 @@ def _weight_of_model(arrays: Arrays, correlated: Correlated, scores: Array, scan
     return _share(information, spread)
 
 
+def scatter_of_all(residuals: Residuals, correlated: Correlated, scans: int) -> float:
+    """How many times as much a scan adds to the scatter of scores where all are taken, not one in many.
+
+    By the errors that the fit says readings share, where beams end at the poses of the scans in between.
+
+    Args:
+        residuals: With the poses of all scans.
+        correlated: What was fitted.
+        scans: Over how many of the scans that were kept errors were taken to hang together.
+    """
+    every, path, sensor = residuals.every, residuals.path, residuals.sensor
+    if every == 1:
+        return 1.0
+    memory, beams = _memory(path, correlated), len(residuals.beams)
+    last = min(max(memory, scans * every, 1), len(path) - 1)
+    most = int(np.clip(MOST_PAIRS // beams**2, *SCANS_COMPARED))
+    one = np.unique(np.linspace(0, len(path) - 1 - last, most).astype(np.int64))
+    at_once = max(1, VALUES_AT_ONCE // beams**2)
+
+    def seen(poses: Array) -> tuple[Array, Array]:
+        """Ends of beams and derivatives of ranges by the pose; 0 where no wall is in reach."""
+        expected, slopes = sensor.look(poses)
+        ends = sensor.ends(sensor.mount.laser_poses(sensor.space.poses(poses)), expected)
+        return ends, np.where((expected < sensor.max_range)[..., None], slopes, 0.0)
+
+    ends, slopes = seen(path[one])
+    inverse = np.linalg.pinv(np.einsum("tbi,tbj->ij", slopes, slopes))
+
+    def shared(lag: int) -> float:
+        """What errors of places add at a lag; a reading's own add the number of states at lag 0."""
+        others, theirs = seen(path[one + lag])
+        cross = np.zeros_like(inverse)
+        for part in np.array_split(np.arange(len(one)), -(-len(one) // at_once)):
+            away = distances(ends[part], others[part])
+            alike = np.zeros(away.shape)
+            for place in correlated.places:
+                alike += place.share * np.exp(-away / place.length)
+            cross += np.einsum("tbi,tbj->ij", slopes[part], alike @ theirs[part])
+        return float(np.trace(inverse @ cross))
+
+    lags = np.unique(np.geomspace(1, last, LAGS_BETWEEN).round().astype(np.int64))
+    places = np.interp(np.arange(last + 1), [0, *lags], [shared(int(lag)) for lag in (0, *lags)])
+    sums = slopes.sum(axis=1)
+    alone = correlated.white * len(inverse) + correlated.scan * float(np.trace(inverse @ (sums.T @ sums)))
+    taken, kept = _over_lags(places[: memory + 1]), _over_lags(places[::every][: scans + 1])
+    return float(np.clip((alone + taken) / (alone + kept), 1.0, every))
+
+
+def _over_lags(values: Array) -> float:
+    """Of values at lags from 0 on the sum over all lags, before and after, by Newey and West."""
+    falling = 1 - np.arange(len(values)) / len(values)
+    return float(2 * falling @ values - values[0])
+
+
 def _share(information: Array, spread: Array) -> float:
     """N / tr(H^-1 J), at most one, and one thousandth at least."""
     ratio = float(np.trace(np.linalg.solve(information, spread))) / len(information)
-    return float(np.clip(1.0 / ratio if ratio > 0 else 1.0, 1e-3, 1.0))
+    return float(np.clip(1.0 / ratio if ratio > 0 else 1.0, LEAST_WEIGHT, 1.0))

@@ -23,6 +23,7 @@ from ...filters import BeamMixture, Biased, Correlated, LostBeams, PlaceError
 from ...filters.models.normal_scores import normal_scores
 from ...filters.models.wrapped_noise import reading_bias
 
+LEAST_STD_M = 1e-4  # of hits
 FULL_REACH = 0.95  # of the maximum range, up to which a wall should return a beam
 LENGTHS_M = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0)  # that correlation may fall over
 EDGES_M = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
@@ -88,7 +89,9 @@ def fit_law(readings: Array, expected: Array, max_range: float) -> LostBeams:
         shares = np.exp([0.0, *parameters[:2]])
         hit, short, random = (shares / shares.sum()).tolist()
         std, rate = width * np.exp(parameters[3]), np.exp(parameters[4])
-        mixture = BeamMixture(hit, short, 0.0, random, float(np.clip(std, 1e-4, 5)), float(rate), max_range)
+        mixture = BeamMixture(
+            hit, short, 0.0, random, float(np.clip(std, LEAST_STD_M, 5)), float(rate), max_range
+        )
         return Biased(mixture, centre + width * float(parameters[2]))
 
     def cost(parameters: Array) -> float:
@@ -101,6 +104,9 @@ def fit_law(readings: Array, expected: Array, max_range: float) -> LostBeams:
         "initial_simplex": corners, "xatol": 1e-3, "fatol": 1e-3 / len(read), "maxiter": 2000,
     }  # fmt: skip
     found = minimize(cost, first, method="Nelder-Mead", options=options)
+    if hits_of(LostBeams(law(found.x), lost)).std == LEAST_STD_M:  # no slope from there on: the search sticks
+        options["initial_simplex"] = found.x + np.vstack([np.zeros(len(first)), np.diag(FIRST_STEPS)])
+        found = minimize(cost, found.x, method="Nelder-Mead", options=options)
     return LostBeams(law(found.x), lost)
 
 

@@ -19,6 +19,7 @@ from .replay import Believed
 
 BAGS = ("bag", "db3", "mcap")
 FRAME = "map"
+LAST_S = 2**31 - 1  # of a stamp of ROS
 COLUMNS = (
     "scan", "time_s", "x1_m", "x2_m", "heading_deg",
     "cov_x1_x1_m2", "cov_x1_x2_m2", "cov_x1_heading_m_rad", "cov_x2_x2_m2", "cov_x2_heading_m_rad",
@@ -134,10 +135,19 @@ class BagWriter:
         self._number = 0
 
     def write(self, time_s: float, pose: Array, covariance: Array) -> None:
-        """A pose x1, x2 (m), heading (rad) with its covariance, in the conventions of ROS."""
+        """A pose x1, x2 (m), heading (rad) with its covariance, in the conventions of ROS.
+
+        Raises:
+            RecordingError: If no stamp of ROS holds its time.
+        """
+        if not 0 <= time_s < LAST_S:
+            raise RecordingError(
+                f"a bag (--bag) has stamps from 0 to {LAST_S} s, and a scan is at {time_s:.10g} s: "
+                "are the recording's times in seconds?"
+            )
         types = self._store.types
         yaw = heading_of(float(pose[2]))
-        nanoseconds = max(round(time_s * 1e9), 0)
+        nanoseconds = round(time_s * 1e9)
         stamp = types["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
         header = types["std_msgs/msg/Header"]
         head = header(self._number, stamp, FRAME) if self._is_old else header(stamp, FRAME)

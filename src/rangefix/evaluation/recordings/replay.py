@@ -20,6 +20,7 @@ from ...filters.sampling import gaussian_draws
 from ..consistency.lost import Fit, LostTest, Watch
 from ..results import fault_of
 from ..seeds import stream as random_stream
+from .log import Log
 from .readers.claimed_poses import ClaimedPoses
 from .readers.track import Track
 from .steps import Step, Truth
@@ -84,6 +85,12 @@ def truth_by_time(track: Track) -> Truth:
 def odometry_is_true(step: Step) -> Array | None:
     """The truth of a simulator that gives the true pose as odometry, in the frame of the map."""
     return step.odometry
+
+
+def odometry_by_time(log: Log) -> Truth:
+    """The same at any time, between that of scans, once each: for poses of what ran elsewhere."""
+    known = ((scan.time_s, scan.odometry) for scan in log.scans() if scan.odometry is not None)
+    return truth_by_time(Track(known))
 
 
 def unknown(step: Step) -> Array | None:

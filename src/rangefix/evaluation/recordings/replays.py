@@ -25,7 +25,7 @@ from .readers.claimed_poses import NEAR_S, TOPIC, ClaimedPoses, is_claimed, read
 from .readers.rosbag import RosbagLog
 from .readers.track import Track
 from .readers.tum import read_tum
-from .replay import odometry_is_true, recorded, replay, truth_by_time, unknown
+from .replay import odometry_by_time, odometry_is_true, recorded, replay, truth_by_time, unknown
 from .score import Row, Score
 from .setting import Assumptions, Start, problem_of, usual_law
 from .steps import Choice, Survey, Truth, steps, survey
@@ -220,6 +220,7 @@ class Replays:
         try:
             source, truth = steps(self.log, self.choice), self.true_poses()
             if is_claimed(contestant.name):
+                truth = odometry_by_time(self.log) if self.truth == TRUTH_IS_ODOMETRY else truth
                 believed = recorded(self.claimed_poses(contestant), problem, source, truth, self.seed, lost)
             else:
                 estimator = build(contestant.name, problem, **options)

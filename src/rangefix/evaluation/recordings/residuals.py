@@ -54,6 +54,8 @@ class Residuals:
         warning: As of `Survey`.
         oddities: What is odd about the recording, with how often.
         reach: How far the laser is taken to measure, in words, if nobody says it.
+        every: These are one in so many of the scans that filters take.
+        path: Poses of all of those, (U, 3), where it is more than one.
     """
 
     sensor: Rangefinder
@@ -66,6 +68,8 @@ class Residuals:
     warning: str = ""
     oddities: Mapping[str, int] = field(default_factory=dict)
     reach: str = ""
+    every: int = 1
+    path: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         if self.way_m < STANDING_WAY_M and self.turned_rad < STANDING_TURN_RAD:
@@ -124,8 +128,12 @@ def find_residuals(
     else:
         poses = _true(log, choice, truth)
     every = -(-told.used // MOST_SCANS)
-    kept = [(pose, step.measurement) for number, (step, pose) in enumerate(poses) if number % every == 0]
-    kept = [(pose, reading) for pose, reading in kept if pose is not None]
+    path, kept = [], []
+    for number, (step, pose) in enumerate(poses):
+        if pose is not None:
+            path.append(pose)
+            if number % every == 0:
+                kept.append((pose, step.measurement))
     if len(kept) < 2:
         raise RecordingError(
             "hardly a scan has a pose: do the times of the truth fit those of the recording?"
@@ -142,6 +150,8 @@ def find_residuals(
         told.warning,
         told.oddities,
         reach_in_words(laser, told),
+        every,
+        np.array(path),
     )
 
 
