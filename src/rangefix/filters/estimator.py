@@ -60,7 +60,7 @@ class SingleRunEstimator(Protocol[Belief]):
 
 @dataclass(frozen=True)
 class EachRun(Generic[Belief]):
-    """A single-run estimator lifted to a batch of independent runs, one after the other; BLAS on one thread."""
+    """An estimator of one run lifted to a batch of runs, one after the other, with BLAS on one thread."""
 
     single: SingleRunEstimator[Belief]
 
