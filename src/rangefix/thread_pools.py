@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, wraps
 from threading import Lock
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+Arguments = ParamSpec("Arguments")
+Answer = TypeVar("Answer")
 
 
 def thread_pools() -> list[Any]:
@@ -71,3 +74,14 @@ def blas_on_one_thread() -> Iterator[None]:
         yield
     finally:
         _holders.end()
+
+
+def with_blas_on_one_thread(work: Callable[Arguments, Answer]) -> Callable[Arguments, Answer]:
+    """A function that holds BLAS to one thread while it works; in a traceback its frame is one of ours."""
+
+    @wraps(work)
+    def held(*arguments: Arguments.args, **named: Arguments.kwargs) -> Answer:
+        with blas_on_one_thread():
+            return work(*arguments, **named)
+
+    return held

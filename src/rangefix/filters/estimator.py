@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array
-from ..thread_pools import blas_on_one_thread
+from ..thread_pools import with_blas_on_one_thread
 from .estimate import Estimate
 from .measurement import controls_of_runs, count_runs, readings_of_shape
 from .optional_methods import (
@@ -73,7 +73,7 @@ class EachRun(Generic[Belief]):
         count_runs(rngs)
         return tuple(self.single.init(prior, rng) for rng in rngs)
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def predict(
         self, belief: tuple[Belief, ...], control: Array, rngs: Sequence[Generator]
     ) -> tuple[Belief, ...]:
@@ -85,7 +85,7 @@ class EachRun(Generic[Belief]):
         controls = controls_of_runs(control, len(belief))
         return tuple(self.single.predict(*run) for run in zip(belief, controls, rngs, strict=True))
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def update(
         self, belief: tuple[Belief, ...], measurement: Array, rngs: Sequence[Generator]
     ) -> tuple[Belief, ...]:
@@ -97,7 +97,7 @@ class EachRun(Generic[Belief]):
         measurement = readings_of_shape(measurement, (len(belief), None), "(runs, beams)")
         return tuple(self.single.update(*run) for run in zip(belief, measurement, rngs, strict=True))
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def estimate(self, belief: tuple[Belief, ...]) -> Estimate:
         """The runs' estimates, stacked along the first axis."""
         means, covariances, evidences = zip(*map(self.single.estimate, belief), strict=True)

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from ...arrays import Array
 from ...filters import Motion, Prior, Rangefinder, Sensor, Uniform, sample_runs
 from ...filters.space import with_another_heading
-from ...thread_pools import blas_on_one_thread
+from ...thread_pools import with_blas_on_one_thread
 from ..experiment import Experiment
 from ..seeds import streams
 
@@ -25,7 +25,7 @@ class Simulation(NamedTuple):
     measurement: Array
 
 
-@blas_on_one_thread()
+@with_blas_on_one_thread
 def simulate(experiment: Experiment, first: int, end: int) -> Simulation:
     """Runs first to end - 1. A run's numbers do not depend on which others are asked for.
 

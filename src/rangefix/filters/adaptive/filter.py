@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import Array, keep_whole
-from ...thread_pools import blas_on_one_thread
+from ...thread_pools import with_blas_on_one_thread
 from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_reading
@@ -107,7 +107,7 @@ class AdaptivePointMassFilter(BriefRepr):
             raise ValueError("this prior is not the problem's: build the estimator for it")
         return AdaptiveBelief(prior, None, np.zeros((0, len(self.problem.sensor.bearings))), None, 0.0)
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def predict(self, belief: AdaptiveBelief, control: Array, rng: Generator) -> AdaptiveBelief:
         """The belief after a move, control (k,).
 
@@ -138,7 +138,7 @@ class AdaptivePointMassFilter(BriefRepr):
             prior, check, belief.measurements[:0], None, evidence, belief.possible, inherited
         )
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def update(self, belief: AdaptiveBelief, measurement: Array, rng: Generator) -> AdaptiveBelief:
         """Bayes' rule for a measurement (B,); NaN = beam not measured, inf = no return.
 
@@ -161,7 +161,7 @@ class AdaptivePointMassFilter(BriefRepr):
             return replace(belief, possible=False)
         return replace(belief, measurements=measurements, posterior=posterior)
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def estimate(self, belief: AdaptiveBelief) -> Estimate:
         """Posterior mean (n,), conditional covariance (n, n) and log evidence."""
         if (prior := belief.untouched) is not None:
@@ -172,7 +172,7 @@ class AdaptivePointMassFilter(BriefRepr):
             covariance = covariance + cells.between_points
         return Estimate(mean, covariance, self._evidence(belief, cells) if belief.possible else -np.inf)
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def error(self, belief: AdaptiveBelief) -> float:
         """Numerical error of mean and covariance in deviations, by lattices that did not make them.
 
@@ -186,7 +186,7 @@ class AdaptivePointMassFilter(BriefRepr):
             inherited *= min(1.0, float((std / belief.prior.deviations).max()))
         return float(np.hypot(cells.error, inherited))
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def resultant(self, belief: AdaptiveBelief) -> float:
         """Length of the mean resultant vector of the heading: see `CanTellDirection`.
 
@@ -199,7 +199,7 @@ class AdaptivePointMassFilter(BriefRepr):
             return resultant_of_draws(self.problem.space, prior)
         return self._cells(belief).moments.resultant
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def sample(self, belief: AdaptiveBelief, size: int, rng: Generator) -> Array:
         """Draws from the belief, (size, n), with the mean and covariance that it claims."""
         if (prior := belief.untouched) is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ...arrays import LOG_TWO_PI, Array, keep_whole
-from ...thread_pools import blas_on_one_thread
+from ...thread_pools import with_blas_on_one_thread
 from ..estimate import BriefRepr, Estimate
 from ..images import IMAGE_DRAWS, image_of_points, image_rng
 from ..measurement import check_measurement, controls_of_runs, count_runs, impossible_runs
@@ -83,7 +83,7 @@ class EnsembleKalmanFilter(BriefRepr):
         moved = map(self.problem.motion.sample, belief.members, controls, rngs)
         return EnsembleBelief(np.stack(list(moved)), belief.log_evidence)
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def update(self, belief: EnsembleBelief, measurement: Array, rngs: Sequence[Generator]) -> EnsembleBelief:
         """Condition on measurements (M, B) in metres; what is not finite adds to the evidence at most.
 
@@ -103,7 +103,7 @@ class EnsembleKalmanFilter(BriefRepr):
         members = np.where(lost[:, None, None], belief.members, after.members)
         return EnsembleBelief(members, np.where(lost, -np.inf, after.log_evidence))
 
-    @blas_on_one_thread()
+    @with_blas_on_one_thread
     def estimate(self, belief: EnsembleBelief) -> Estimate:
         """Mean (M, n) and unbiased covariance (M, n, n) of the members, and log evidence (M,)."""
         weights = np.full(belief.members.shape[:2], 1.0 / self.members)
