@@ -102,7 +102,7 @@ def near_a_corner(room, space):
     ("name", "prior_of", "beams", "space"),
     [
         ("point-mass", near_a_corner, 8, position_space()),
-        ("point-mass", near_a_corner, 30, position_space()),
+        pytest.param("point-mass", near_a_corner, 30, position_space(), marks=pytest.mark.study),
         ("point-mass", Uniform, 8, position_space()),  # a large map has more cells
         ("adaptive-point-mass", near_a_corner, 12, pose_space()),
     ],
