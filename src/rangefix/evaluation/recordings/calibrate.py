@@ -325,8 +325,7 @@ def _weight_of_model(arrays: Arrays, correlated: Correlated, scores: Array, scan
             one = slice(first, min(first + at_once, len(slopes) - lag))
             two = slice(one.start + lag, one.stop + lag)
             distance = distances(arrays.ends[one], arrays.ends[two])
-            shared = sum((place.share * np.exp(-distance / place.length) for place in correlated.places), 0.0)
-            shared = shared + (alone if lag == 0 else 0.0)
+            shared = correlated.from_places(distance) + (alone if lag == 0 else 0.0)
             cross = share * np.einsum("tbi,tbj->ij", slopes[one], shared @ slopes[two])
             spread += cross if lag == 0 else cross + cross.T
     return _share(information, spread)
@@ -365,10 +364,7 @@ def scatter_of_all(residuals: Residuals, correlated: Correlated, scans: int) -> 
         others, theirs = seen(path[one + lag])
         cross = np.zeros_like(inverse)
         for part in np.array_split(np.arange(len(one)), -(-len(one) // at_once)):
-            away = distances(ends[part], others[part])
-            alike = np.zeros(away.shape)
-            for place in correlated.places:
-                alike += place.share * np.exp(-away / place.length)
+            alike = correlated.from_places(distances(ends[part], others[part]))
             cross += np.einsum("tbi,tbj->ij", slopes[part], alike @ theirs[part])
         return float(np.trace(inverse @ cross))
 

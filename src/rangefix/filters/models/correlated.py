@@ -137,8 +137,13 @@ class Correlated:
         total = self.beams * self.over_time**scans * self.along**apart
         if self.places:
             distance = np.hypot(*np.moveaxis(ends[:, None] - later_ends, -1, 0))
-            total = total + sum(place.share * np.exp(-distance / place.length) for place in self.places)
+            total = total + self.from_places(distance)
         return np.asarray(total)
+
+    def from_places(self, distance: Array) -> Array:
+        """Correlation of beams that end so far apart, m, by errors of the map alone; of the same shape."""
+        fields = (place.share * np.exp(-distance / place.length) for place in self.places)
+        return sum(fields, np.zeros(np.shape(distance)))
 
     def log_copula(self, reading: Array, expected: Array, bearings: Array) -> Array:
         """What readings of one scan weigh together beyond what each weighs by itself; nats.

@@ -53,9 +53,7 @@ def _draw_correlation(axes: Axes, calibration: Calibration) -> None:
     axes.plot(curve.distance_m, curve.within, "o", color=COLOURS[0], label="beams of one scan")
     axes.plot(curve.distance_m, curve.across, "s", color=COLOURS[1], label="beams of two scans")
     distance = np.geomspace(curve.distance_m[0], curve.distance_m[-1], CURVE_POINTS)
-    model = np.zeros(CURVE_POINTS)
-    for place in correlated.places:
-        model += place.share * np.exp(-distance / place.length)
+    model = correlated.from_places(distance)
     axes.plot(distance, model, color=TRUE, label="fitted error of the map")
     if correlated.scan:
         axes.plot(distance, model + correlated.scan, "--", color=TRUE, label="with that of a scan")
