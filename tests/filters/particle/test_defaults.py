@@ -18,7 +18,7 @@ from rangefix.filters import (
     sweep,
 )
 from rangefix.filters.particle import ParticleFilter
-from rangefix.filters.particle.filter import MAX_STAGES
+from rangefix.filters.particle.resample_move import MAX_STAGES
 from rangefix.filters.particle.weights import effective_places, equal
 from rangefix.maps import FloorPlan, RectangularRoom
 

@@ -133,22 +133,22 @@ def run(estimator, readings, runs):
 
 
 def test_a_surprise_is_taken_in_by_stages():
-    """1000 particles, 20 runs, against the dense recursion: widths, means and evidence after each reading.
+    """1000 particles, 60 runs, against the dense recursion: widths, means and evidence after each reading.
 
     The plain filter (below) is left with 2 effective particles by the third. Seeds are fixed; bands are about
     twice what was found: claimed over exact variance 0.8 to 1.25, rms distance of means 0.9 standard
-    deviations, mean evidence ratio within 5 standard errors of one.
+    deviations, mean evidence ratio within 5 standard errors of one (skewed: it takes as many runs).
     """
     problem, readings, exact = narrow_walk()
     for step, (mean, covariance, log_evidence) in enumerate(
-        run(ParticleFilter(problem, particles=1000), readings, 20)
+        run(ParticleFilter(problem, particles=1000), readings, 60)
     ):
         variance = np.diagonal(exact.covariance[step])
         ratio = np.diagonal(covariance, axis1=1, axis2=2) / variance
         assert (np.abs(np.log(ratio.mean(0))) < np.log(1.25)).all()
         assert np.sqrt(((mean - exact.mean[step]) ** 2 / variance).mean()) < 0.9
         evidence = np.exp(log_evidence - exact.log_evidence[step])
-        assert abs(evidence.mean() - 1) < 5 * evidence.std() / np.sqrt(20) + 0.05
+        assert abs(evidence.mean() - 1) < 5 * evidence.std() / np.sqrt(60) + 0.05
 
 
 def test_without_moves_a_surprise_makes_the_filter_sure_of_itself():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import chain, zip_longest
 
 import numpy as np
 
@@ -24,6 +24,8 @@ class ParticleBelief(BriefRepr):
             left that run's particles as they were.
         prior: Where the particles came from.
         standing: Which runs have not moved since then, (M,).
+        unread: Of each run the controls of its moves before any reading, (k,) each; None once there is one,
+            or after too many moves to draw them anew.
         readings: Measurements since then, or since the last move, (M, B) each; NaN where a run ignored one.
         starts: Where each particle was before the last move, (M, N, n); None before the first.
         controls: Of the last move, (M, k).
@@ -35,6 +37,7 @@ class ParticleBelief(BriefRepr):
     log_evidence: Array
     prior: Prior
     standing: BoolArray
+    unread: tuple[tuple[Array, ...] | None, ...]
     readings: tuple[Array, ...] = ()
     starts: Array | None = None
     controls: Array | None = None
@@ -51,6 +54,7 @@ class ParticleBelief(BriefRepr):
                 self.log_evidence[one],
                 self.prior,
                 self.standing[one],
+                self.unread[one],
                 tuple(reading[one] for reading in self.readings),
                 None if self.starts is None else self.starts[one, count],
                 None if self.controls is None else self.controls[one],
@@ -70,6 +74,7 @@ def joined(beliefs: Sequence[ParticleBelief]) -> ParticleBelief:
         np.concatenate([one.log_evidence for one in beliefs]),
         beliefs[0].prior,
         np.concatenate([one.standing for one in beliefs]),
+        tuple(chain.from_iterable(one.unread for one in beliefs)),
         tuple(map(np.concatenate, readings)),
         stacked([start[0] for start in starts]) if moved else None,
         np.concatenate([np.zeros_like(moved[0]) if one.controls is None else one.controls for one in beliefs])

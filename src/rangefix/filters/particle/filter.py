@@ -8,9 +8,10 @@ steps on its exact posterior, the prior times the likelihood of all readings so 
 Chopin, 2002), so that the claimed covariance is right whatever the shape of the posterior. A reading that
 would leave few effective particles is taken in by stages (tempering), with such steps in between: the first
 at an open heading, which leaves many modes, by four times as many particles; and one that fits nowhere among
-them once more, from the prior, by eight times as many. Once the object has moved, the steps are those of its
-last move (last_step.py). The kernel of Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever is
-thinner than its own covariance, as a ring or two modes are, and comes in unasked only where hardly any
+them once more, from the prior, by eight times as many. An object that moves before its first reading is drawn
+from the prior then, and moved anew (first_moves.py). Once it has moved and been seen, the steps are those of
+its last move (last_step.py). The kernel of Musso, Oudjane and Le Gland (2001) is there too; it blurs whatever
+is thinner than its own covariance, as a ring or two modes are, and comes in unasked only where hardly any
 particle of an object that moves differs from another, as against a wall.
 """
 
@@ -34,6 +35,7 @@ from ..problem import Prior, Problem
 from ..sampling import weighted_draws
 from ..space import is_definite
 from .belief import ParticleBelief, collected, joined, stacked
+from .first_moves import FirstMoves, one_more
 from .kernel_noise import separate_copies
 from .last_step import LastStep
 from .likelihood import Likelihood
@@ -42,14 +44,11 @@ from .number import resized
 from .options import DEFAULT_MOVES, DEFAULT_RESAMPLING, check_options
 from .resample_move import ResampleMove, even_share
 from .resampling import systematic
-from .weights import effective_number, effective_places, equal, exp_of, longest_stage, weighted
+from .weights import effective_number, effective_places, equal, exp_of
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
 SUM_ROUNDING = 1e-12  # of a covariance summed over particles
 ONE_PLACE = 1e-12  # of a side of the box of the prior: a smaller spread is rounding
-MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
-MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
-MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
 OPEN_HEADING = 0.5  # rad: where its deviation is more, there may be modes at several headings:
 MORE_AT_ANY_HEADING = 4  # times as many particles for the first reading there
 MORE_WHERE_NONE_FITS = 8  # the same where a reading fits nowhere among them; both fewer where that takes
@@ -65,9 +64,8 @@ class ParticleFilter(BriefRepr):
 
     Args:
         problem: What may be known.
-        particles: How many, N; four times as many take in the first reading where the heading is open and
-            nothing has moved yet, if they and the beams make no more than a million ranges. After a move
-            before any reading claims at an open heading are too small: read first.
+        particles: How many, N; four times as many take in the first reading where the heading is open, if
+            they and the beams make no more than a million ranges.
         resample_below: Resample where the effective number of particles falls below this fraction of N.
         resampling: "systematic", "stratified", "residual" or "multinomial".
         regularise: Move copies apart after resampling: by Metropolis steps, or by the kernel if a `bandwidth`
@@ -110,7 +108,8 @@ class ParticleFilter(BriefRepr):
         for run, rng in enumerate(rngs):
             states[run] = prior.sample(self.particles, rng)
         log_weights = np.broadcast_to(equal(self.particles), states.shape[:2])
-        return ParticleBelief(states, log_weights, np.zeros(runs), prior, np.ones(runs, dtype=np.bool_))
+        standing = np.ones(runs, dtype=np.bool_)
+        return ParticleBelief(states, log_weights, np.zeros(runs), prior, standing, ((),) * runs)
 
     def predict(self, belief: ParticleBelief, control: Array, rngs: Sequence[Generator]) -> ParticleBelief:
         """Every particle moved with noise of its own; control (k,) shared, or (M, k).
@@ -152,10 +151,12 @@ class ParticleFilter(BriefRepr):
         if belief.controls is not None:  # a run that stays keeps its last move
             controls = np.where(moves[:, None], controls, belief.controls)
         kept = (np.where(moves[:, None], np.nan, reading) for reading in belief.readings)
+        before = zip(belief.unread, moves, controls, strict=True)
         return collected(
             belief,
             clouds,
             standing=belief.standing & ~moves,
+            unread=tuple(one_more(done, control) if moved else done for done, moved, control in before),
             readings=() if moves.all() else tuple(kept),
             starts=stacked(starts),
             controls=controls,
@@ -180,8 +181,10 @@ class ParticleFilter(BriefRepr):
         if not np.isnan(measurement).all():
             readings = (*readings, np.where(np.isneginf(gains)[:, None], np.nan, measurement))
         kept = belief.starts if belief.starts is None else stacked([s for s in starts if s is not None])
-        log_evidence = belief.log_evidence + gains
-        return collected(belief, clouds, log_evidence=log_evidence, readings=readings, starts=kept)
+        read = ~np.isnan(measurement).all(axis=1) & np.isfinite(gains)
+        unread = tuple(None if told else moves for told, moves in zip(read, belief.unread, strict=True))
+        changes = {"log_evidence": belief.log_evidence + gains, "readings": readings, "starts": kept}
+        return collected(belief, clouds, unread=unread, **changes)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
         """Weighted mean (M, n) and covariance (M, n, n), and log evidence (M,).
@@ -250,8 +253,11 @@ class ParticleFilter(BriefRepr):
     def _update_run(self, belief: ParticleBelief, run: int, reading: Array, rng: Generator) -> Run:
         """One run's states, log weights, starts of the last move, and log evidence of its reading (B,)."""
         target = self._target(belief, run, reading)
-        if not isinstance(target, Posterior) or self.temper is False or np.isnan(reading).all():
+        unread = isinstance(target, LastStep) and belief.unread[run]
+        if not (unread or isinstance(target, Posterior)) or self.temper is False or np.isnan(reading).all():
             return self._taken_in(belief, run, reading, target, rng)[0]
+        if not isinstance(target, Posterior):
+            return self._after_moves(belief, run, reading, rng)
         taken = None
         if (
             not target.readings
@@ -308,6 +314,29 @@ class ParticleFilter(BriefRepr):
         starts = None if belief.starts is None else belief.starts[run]
         return (states[ancestors], equal(self.particles), starts, gain), best
 
+    def _after_moves(self, belief: ParticleBelief, run: int, reading: Array, rng: Generator) -> Run:
+        """The same of the first reading of an object that has moved, by paths anew: see `FirstMoves`."""
+        moves = belief.unread[run] or ()
+        target = FirstMoves(self.problem, belief.prior, moves, reading)
+        count, starts = belief.states.shape[1], None if belief.starts is None else belief.starts[run]
+        found: Run = belief.states[run], belief.log_weights[run], starts, -np.inf
+        most, usual = int(MOST_RANGES_ANEW / (count * (len(reading) + len(moves)))), 0
+        for wanted in (MORE_AT_ANY_HEADING if self._turned_anyhow(belief.prior) else 1, MORE_WHERE_NONE_FITS):
+            more = max(1, min(wanted, most))
+            if more == usual:
+                break
+            usual, paths = more, target.paths(more * count, rng)
+            paths, log_weights, _, gain, best = self._resample_move.by_stages(
+                paths, equal(len(paths)), target, target.log_likelihood, rng
+            )
+            if gain > found[3]:
+                ancestors = systematic(exp_of(log_weights), rng)[int(rng.integers(more)) :: more]
+                _, before, ends = target.parts(paths[ancestors])
+                found = ends, equal(count), before, gain
+            if self._fits(reading, best):
+                break
+        return found
+
     def _taken_in(
         self, belief: ParticleBelief, run: int, reading: Array, target: Target | None, rng: Generator
     ) -> tuple[Run, float]:
@@ -316,34 +345,15 @@ class ParticleFilter(BriefRepr):
         unchanged = states, log_weights, None if belief.starts is None else belief.starts[run]
         if np.isnan(reading).all():
             return (*unchanged, 0.0), 0.0
-        enough = self.resample_below * len(states)
         within = belief.prior if belief.standing[run] and self.bandwidth is None else None
         density = partial(self._log_density, reading, within)
-        known: Array | None = None
-        if effective_number(log_weights) < enough:
-            states, known, log_density, target = self._resample_move.resampled(
-                states, exp_of(log_weights), target, rng, density
-            )
-            log_weights = equal(len(states))
-        else:
-            log_density = density(states)
-        gains, power, stages = 0.0, 0.0, MAX_STAGES if self.temper is not False and target is not None else 0
-        kept = min(enough, MAX_KEPT * len(states))
-        for _ in range(stages if log_density.max() > -np.inf else 0):
-            stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
-            if power + stage >= 1.0 or stage < MIN_STAGE:
-                break
-            _, weights, gain = weighted(log_weights, log_density, stage)
-            gains, power = gains + gain, power + stage
-            states, known, log_density, target = self._resample_move.resampled(
-                states, weights, target, rng, density, power, (known, log_density)
-            )
-            log_weights = equal(len(states))
-        log_weights, _, gain = weighted(log_weights, log_density, 1.0 - power)
+        states, log_weights, target, gain, best = self._resample_move.by_stages(
+            states, log_weights, target, density, rng
+        )
         if gain == -np.inf:
             return (*unchanged, gain), -np.inf
         starts = target.starts if isinstance(target, LastStep) else unchanged[2]
-        return (states, log_weights, starts, gains + gain), float(log_density.max())
+        return (states, log_weights, starts, gain), best
 
     def _log_density(self, reading: Array, within: Prior | None, states: Array) -> Array:
         """Log density of a reading at states, (N, n) -> (N,), all of which a prior allows for, or None."""
@@ -376,7 +386,7 @@ class ParticleFilter(BriefRepr):
 
     @cached_property
     def _resample_move(self) -> ResampleMove:
-        options = self.regularise, self.bandwidth, self.moves, self.temper is not False
+        options = self.regularise, self.bandwidth, self.moves, self.resample_below, self.temper is not False
         return ResampleMove(self.problem, self.resampling, *options)
 
     def _spacing(self, states: Array) -> Array:

@@ -50,6 +50,10 @@ class LastStep:
         """The same for copies of these particles."""
         return replace(self, starts=self.starts.take(ancestors, axis=0))
 
+    def log_prior(self, states: Array) -> Array:
+        """Zero for each state, (N, n) -> (N,): all steps are proposed by their law."""
+        return np.zeros(len(states))
+
     def log_densities(self, states: Array) -> tuple[Array, Array]:
         """Log density of the readings taken in, and that of the fresh one: (N, n) -> (N,) each."""
         sensor = self.problem.sensor

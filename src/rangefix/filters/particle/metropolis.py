@@ -13,6 +13,7 @@ from numpy.random import Generator
 from ...arrays import Array, BoolArray
 from ..problem import Prior
 from ..space import StateSpace
+from .first_moves import FirstMoves
 from .last_step import LastStep
 from .likelihood import Likelihood
 from .resampling import Indices, kinds
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 POINTS_PER_BLOCK = 1 << 14  # what is worked out in between stays in the cache
 RANDOM_POINTS = 512  # whose differences are the random steps of a stage
 NEARLY_ALL, MAX_ROUNDS = 0.95, 5  # have moved: that ends them; rounds of steps
-MIN_STEP, MAX_STEP = 0.02, 1.7  # of Metropolis steps, in units of the cloud's spread
+SIZES = 0.02, 1.7  # of Metropolis steps, the least and the greatest, in units of the cloud's spread
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,10 @@ class Posterior:
     likelihood: Likelihood
     readings: Sequence[Array]
     fresh: Array | None = None
+
+    def log_prior(self, states: Array) -> Array:
+        """Log density without any reading, (N, n) -> (N,)."""
+        return self.prior.log_density(states)
 
     def log_densities(self, states: Array) -> tuple[Array, Array]:
         """Unnormalised log posterior without the fresh measurement, and that one's log density: (N,) each."""
@@ -67,7 +72,7 @@ class Posterior:
         return self.likelihood.in_box([*self.readings, fresh], self.prior)
 
 
-Target = Posterior | LastStep
+Target = Posterior | LastStep | FirstMoves
 
 
 def at_copies(
@@ -83,8 +88,7 @@ def at_copies(
     """
     known, fresh = logs
     if known is None and fresh is not None and not target.readings:
-        prior = target.prior.log_density(copies) if isinstance(target, Posterior) else np.zeros(len(copies))
-        return prior, fresh.take(ancestors)
+        return target.log_prior(copies), fresh.take(ancestors)
     if known is not None and fresh is not None:
         return known.take(ancestors), fresh.take(ancestors)
     first, counts = kinds(ancestors)
@@ -97,7 +101,7 @@ Step = Callable[[Array, Array, Array, BoolArray], int]  # states, log densities,
 
 def metropolis_steps(
     states: Array, log_densities: tuple[Array, Array], target: Target,
-    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator,
+    propose: Callable[[Array], Array], power: float, steps: int, rng: Generator, thorough: bool = False,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Metropolis steps: proposals are taken or not, so that the target stays as it is.
 
@@ -109,11 +113,13 @@ def metropolis_steps(
         power: In [0, 1].
         steps: How many.
         rng: Draws N numbers for each step, after the proposal.
+        thorough: Whether they go on until nearly all states have moved: see `metropolis`.
 
     Returns:
         Where they end, (N, n), and the log densities there, (N,) each.
     """
-    return _repeated(_step_by(target, propose, power, rng), states, log_densities, steps)
+    rounds = MAX_ROUNDS if thorough else 1
+    return _repeated(_step_by(target, propose, power, rng), states, log_densities, steps, rounds)
 
 
 def _step_by(target: Target, propose: Callable[[Array], Array], power: float, rng: Generator) -> Step:
@@ -163,23 +169,17 @@ def metropolis(
     of a mode where both lie in one, and lead from mode to mode where they lie in two, so that shares of modes
     come right; and they go on until nearly all states have moved, or for five times as many steps.
     """
-    from .kernels import step_from, steps_in_box  # numba takes a quarter of a second
+    from .kernels import steps_in_box  # numba takes a quarter of a second
 
-    is_angle, count = _angles(posterior.likelihood.sensor.space), len(states)
-    sizes = MIN_STEP, MAX_STEP
-
-    def walk(here: Array) -> Array:
-        proposal = np.empty_like(here)
-        step_from(here, rng.random(len(here)), rows, count, thorough, sizes, is_angle, proposal)
-        return proposal
-
+    space, count = posterior.likelihood.sensor.space, len(states)
+    walk = random_walk(rows, count, space, rng, thorough)
     in_box = posterior.in_box
 
     def step_in_box(here: Array, known: Array, fresh: Array, moved: BoolArray) -> int:
         assert in_box is not None
         uniform, draws = rng.random(len(here)), rng.standard_exponential(len(here))
         return steps_in_box(
-            here, known, fresh, moved, float(power), draws, uniform, rows, count, thorough, sizes,
+            here, known, fresh, moved, float(power), draws, uniform, rows, count, thorough, SIZES,
             np.empty((2, len(here))).T, in_box,
         )  # fmt: skip
 
@@ -192,6 +192,28 @@ def metropolis(
         return moved[0]
     ends, log_known, log_fresh = map(np.concatenate, zip(*moved, strict=True))
     return ends, log_known, log_fresh
+
+
+def random_walk(
+    rows: Array, cloud: int, space: StateSpace, rng: Generator, thorough: bool
+) -> Callable[[Array], Array]:
+    """Where a random step leads from each of some states: see `metropolis` and `step_table`.
+
+    Args:
+        rows: A table of steps, (N + S, n).
+        cloud: How many of its rows are copies, N.
+        space: The state space.
+        rng: Draws a number for each step.
+        thorough: Whether half of the steps are differences of two copies.
+    """
+    from .kernels import step_from  # numba takes a quarter of a second
+
+    def walk(here: Array) -> Array:
+        proposal = np.empty_like(here)
+        step_from(here, rng.random(len(here)), rows, cloud, thorough, SIZES, _angles(space), proposal)
+        return proposal
+
+    return walk
 
 
 def step_table(

@@ -11,6 +11,7 @@ from numpy.random import Generator
 
 from ...arrays import Array
 from ..problem import Problem
+from .first_moves import FirstMoves
 from .kernel_noise import kernel_step, reject_crossings, separate_copies
 from .last_step import LastStep
 from .metropolis import (
@@ -20,10 +21,15 @@ from .metropolis import (
     at_copies,
     metropolis,
     metropolis_steps,
+    random_walk,
     step_table,
 )
 from .resampling import SCHEMES, Indices, kinds
-from .weights import equal, exp_of
+from .weights import effective_number, equal, exp_of, longest_stage, weighted
+
+MAX_STAGES = 50  # of a measurement; a posterior of a millionth of the prior takes some 20
+MIN_STAGE = 1e-9  # of a measurement; one that weighs by more than that many nats is taken in whole
+MAX_KEPT = 0.9  # of the particles, effective after a stage: to keep more takes ever more stages
 
 Logs = tuple[Array | None, Array | None]  # log densities without a reading and of it, (N,); None = not asked
 Resampled = tuple[Array, Array | None, Array, Target | None]  # states, both log densities, and their target
@@ -46,7 +52,9 @@ class ResampleMove:
     Attributes:
         problem: What is known.
         resampling, regularise, bandwidth, moves: As of the particle filter.
-        thorough: Whether walks go on until nearly all particles have moved: see `metropolis`.
+        resample_below: As of the particle filter.
+        thorough: Whether readings come in by stages, and walks go on until nearly all particles have moved:
+            see `metropolis`.
     """
 
     problem: Problem
@@ -54,7 +62,49 @@ class ResampleMove:
     regularise: bool
     bandwidth: float | None
     moves: int
+    resample_below: float
     thorough: bool
+
+    def by_stages(
+        self, states: Array, log_weights: Array, target: Target | None,
+        density: Callable[[Array], Array], rng: Generator,
+    ) -> tuple[Array, Array, Target | None, float, float]:  # fmt: skip
+        """Particles after a reading, by stages where it would leave few effective ones.
+
+        Args:
+            states: Particles, (N, n).
+            log_weights: Of these, (N,).
+            target: What moves leave as it is; None = no moves by Metropolis' rule, and no stages.
+            density: Log density of the reading at any states, (N, n) -> (N,).
+            rng: For all draws.
+
+        Returns:
+            States, log weights, their target, the log evidence of the reading, -inf if it is impossible for
+            all of them, and the greatest log density at one.
+        """
+        enough = self.resample_below * len(states)
+        known: Array | None = None
+        if effective_number(log_weights) < enough:
+            states, known, log_density, target = self.resampled(
+                states, exp_of(log_weights), target, rng, density
+            )
+            log_weights = equal(len(states))
+        else:
+            log_density = density(states)
+        gains, power, stages = 0.0, 0.0, MAX_STAGES if self.thorough and target is not None else 0
+        kept = min(enough, MAX_KEPT * len(states))
+        for _ in range(stages if log_density.max() > -np.inf else 0):
+            stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
+            if power + stage >= 1.0 or stage < MIN_STAGE:
+                break
+            _, weights, gain = weighted(log_weights, log_density, stage)
+            gains, power = gains + gain, power + stage
+            states, known, log_density, target = self.resampled(
+                states, weights, target, rng, density, power, (known, log_density)
+            )
+            log_weights = equal(len(states))
+        log_weights, _, gain = weighted(log_weights, log_density, 1.0 - power)
+        return states, log_weights, target, gains + gain, float(log_density.max())
 
     def resampled(
         self,
@@ -92,6 +142,8 @@ class ResampleMove:
             return copies, None, np.repeat(density(copies[first]), counts), None
         if isinstance(target, LastStep):
             return self._by_last_step(copies, ancestors, target.of(ancestors), rng, density, power, logs)
+        if isinstance(target, FirstMoves):
+            return self._by_paths(states, weights, copies, ancestors, target, rng, power, logs)
         return self._by_walks(states, weights, copies, ancestors, target, rng, power, logs)
 
     def _by_last_step(
@@ -113,6 +165,18 @@ class ResampleMove:
         if spread is moved:
             return moved, known, log_density, target
         return spread, None, density(spread), replace(target, starts=starts)
+
+    def _by_paths(
+        self, paths: Array, weights: Array, copies: Array, ancestors: Indices, target: FirstMoves,
+        rng: Generator, power: float, logs: Logs,
+    ) -> Resampled:  # fmt: skip
+        """Copies of paths of an object that has met its first reading: they begin elsewhere, or end so."""
+        space, begun, again = self.problem.space, target.parts(paths)[0], target.parts(copies)[0]
+        rows = step_table(begun, weights / weights.sum(), even_share(begun), again, space, rng)
+        walk = random_walk(rows, len(copies), space, rng, self.thorough)
+        here = at_copies(copies, ancestors, logs, target)
+        propose = partial(target.propose, walk=walk, rng=rng)
+        return *metropolis_steps(copies, here, target, propose, power, self.moves, rng, self.thorough), target
 
     def _by_walks(
         self, states: Array, weights: Array, copies: Array, ancestors: Indices, target: Posterior,
