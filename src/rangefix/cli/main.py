@@ -34,7 +34,7 @@ from .results import compare, paper, plot, report, table
 from .run import run
 from .studies import new, studies, validate
 
-OVERVIEW = ["--help"], ["-h"]
+COMPLETING = "_RANGEFIX_COMPLETE"  # set by a shell that asks for the ways to go on
 AGAIN_S = 0.01  # until a stop that was ignored is asked for again
 VALUE_FORMS = (  # what pydantic says of a value -> what we say
     (r"Input should be greater than or equal to (\S+)", r"must be at least \1"),
@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             if getsignal(SIGINT) is not SIG_IGN:  # as nohup ignores it
                 signal(SIGINT, interrupt)
             sys.unraisablehook = _stop_all_the_same
-        shown = overview() if arguments in OVERVIEW else app  # without any, a shell may ask to complete
+        shown = app if COMPLETING in os.environ else overview(arguments)
         code = shown(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
@@ -119,18 +119,24 @@ class Interrupt:
         raise KeyboardInterrupt
 
 
-def overview() -> typer.Typer:
-    """The application as its help shows it: commands without their options, which take time to read."""
+def overview(named: Sequence[str] = ()) -> typer.Typer:
+    """The application with commands without their options, which take time to read, but for those named."""
     shown = copy(app)
     shown.registered_commands = [copy(command) for command in app.registered_commands]
     for command in shown.registered_commands:
-
-        def described() -> None: ...
-
-        described.__name__ = getattr(command.callback, "__name__", "")
-        described.__doc__ = command.callback.__doc__
-        command.callback = described
+        name = getattr(command.callback, "__name__", "")
+        if name.replace("_", "-") not in named:
+            command.callback = _described(name, command.callback.__doc__)
     return shown
+
+
+def _described(name: str, text: str | None) -> Callable[..., None]:
+    """A command without options, as an overview shows it."""
+
+    def described() -> None: ...
+
+    described.__name__, described.__doc__ = name, text
+    return described
 
 
 def _print_traceback(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
