@@ -75,6 +75,18 @@ def test_contradicted_gaussian_priors_against_the_closed_form(name):
     assert (np.abs(draws.mean(axis=1) - mean[:4]) < 5 * posterior / np.sqrt(2000)).all()
 
 
+def test_cells_that_go_farther_are_made_where_a_reading_leads_there():
+    """They take longer to make than all others, and few readings ask for them."""
+    sensor = Rangefinder(ROOM, np.deg2rad([0.0, 90.0]), Gaussian(0.02), SPACE)
+    problem = Problem(SPACE, Stationary(SPACE), sensor, gaussian((10.0, 10.0)))
+    estimator, rngs = build("point-mass", problem), [np.random.default_rng(0)]
+    belief = estimator.init(problem.prior, rngs)
+    estimator.error(estimator.update(belief, np.array([[10.1, 9.9]]), rngs))
+    assert "far" not in vars(estimator)
+    estimator.update(belief, np.array([[10.0, 9.1]]), rngs)
+    assert "far" in vars(estimator)
+
+
 def test_contradicted_gaussian_priors_of_poses():
     """Five beams of 2 cm, heading unknown: against sums over a grid, to 0.02 deviations, which is `accuracy`.
 

@@ -161,7 +161,7 @@ class RefinedPointMassFilter(BriefRepr):
             some = told[start : start + at_once]
             found = self._answer(self.coarse, readings[some])
             far[some] = self._lies_far(readings[some], found)
-            if self.far is not None and far[some].any():
+            if far[some].any() and self.far is not None:  # its cells are made where they are asked
                 beyond = np.flatnonzero(far[some])
                 found = found.with_runs(beyond, self.far._answer(self.far.coarse, readings[some[beyond]]))
             log_evidence[some] = found.log_integral - self.coarse.log_integral
@@ -196,6 +196,8 @@ class RefinedPointMassFilter(BriefRepr):
         errors = belief.error.copy()
         for far in (False, True):
             some = np.flatnonzero((np.asarray(log_evidence) > -np.inf) & (belief.far == far))
+            if not len(some):
+                continue
             asked, at_once = self.far if far and self.far is not None else self, runs_at_once(self.problem)
             for start in range(0, len(some), at_once):
                 part = some[start : start + at_once]
