@@ -76,7 +76,7 @@ def test_what_is_there_is_told_with_a_warning(rangefix: Callable[..., Said], tmp
         assert said.err == f"rangefix: {out} was {far}: what is there counts what was finished\n"
 
 
-@pytest.mark.parametrize("width", [(), ("--width-mm", "88")])
+@pytest.mark.parametrize("width", [pytest.param((), marks=pytest.mark.study), ("--width-mm", "88")])
 def test_many_that_have_not_run_leave_room_for_the_others(
     rangefix: Callable[..., Said], tmp_path: Path, width: tuple[str, ...]
 ) -> None:

@@ -45,6 +45,7 @@ def test_the_better_is_found_and_told():
     assert 0.3 < pair.closer < 0.5
 
 
+@pytest.mark.study
 def test_equal_estimators_are_seldom_told_apart():
     """Five equally accurate ones: the best is chosen by the same runs, and yet at most 5 % are accused.
 

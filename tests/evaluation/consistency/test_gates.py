@@ -76,6 +76,7 @@ def test_a_label_alone_asks_for_no_overconfidence(rows: list[Row]) -> None:
     assert "overconfident by a factor of 3" in lines[1].text
 
 
+@pytest.mark.study
 def test_many_rows_fail_an_exact_filter_no_more_often_than_one() -> None:
     """12 drives of 51 measurements, an exact Kalman filter, 200 runs: row by row, 26 of 40 failed.
 

@@ -264,6 +264,7 @@ def test_the_harness_can_accuse():
     assert all(row.anees.value < LARGE_FACTOR * 1.2 for row in studies)
 
 
+@pytest.mark.study
 def test_a_far_mode_that_was_not_met_is_no_caution_in_any_of_many_rows():
     """Without draws: of 1500 exact rows that are each one of 30, at most 6 % / 30 are accused of caution.
 

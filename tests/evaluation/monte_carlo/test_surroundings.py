@@ -149,7 +149,7 @@ def group_of(session):
         (signal.SIGTERM, 1),
         (signal.SIGINT, 2),
         (signal.SIGKILL, 1),
-        (signal.SIGKILL, 2),
+        pytest.param(signal.SIGKILL, 2, marks=pytest.mark.study),
         pytest.param(signal.SIGTERM, 2, marks=pytest.mark.study),
         pytest.param(signal.SIGINT, 1, marks=pytest.mark.study),
     ],

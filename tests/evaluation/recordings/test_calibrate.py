@@ -197,7 +197,7 @@ def test_intervals_hold_what_recordings_were_simulated_with() -> None:
     assert min(held.values()) >= 15
 
 
-@pytest.mark.parametrize("std", [0.002, 0.02])
+@pytest.mark.parametrize("std", [pytest.param(0.002, marks=pytest.mark.study), 0.02])
 def test_a_filters_poses_are_told_from_the_noise_of_readings(tmp_path: Path, std: float) -> None:
     """Independent readings are found as such, while odometry errs by 3 mm and 0.3 deg in each step of 5 cm.
 
@@ -225,7 +225,7 @@ def test_poses_of_a_filter_are_told(tmp_path: Path) -> None:
     assert np.nanmedian(off) < 0.7 * np.nanmedian(np.abs(found.residuals.readings - found.residuals.expected))
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.study)])
 def test_shared_errors_are_found_at_a_filters_poses(tmp_path: Path, seed: int) -> None:
     """The same correlations as at true poses, to 0.1, and the same bias and width.
 

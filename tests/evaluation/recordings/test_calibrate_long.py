@@ -19,6 +19,7 @@ from rangefix.maps import OccupancyMap, RectangularRoom
 from .test_calibrate import LAW, SHARED, recording, write_log
 
 
+@pytest.mark.study
 def test_a_weight_is_for_all_scans_also_where_one_in_three_is_fitted_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

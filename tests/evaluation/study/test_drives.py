@@ -222,6 +222,7 @@ def test_bad_drives_are_refused(make: object, match: str) -> None:
         make()  # type: ignore[operator]
 
 
+@pytest.mark.study
 def test_a_matched_filter_is_consistent_along_a_drive_and_others_are_not() -> None:
     """80 runs of 5 steps among walls, 1500 particles: NEES / n - 1 is zero within 4 standard errors + 5 %.
 

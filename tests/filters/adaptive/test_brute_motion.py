@@ -73,7 +73,10 @@ def test_equals_the_kalman_filter_without_walls():
         assert abs(found.log_evidence[step] - log_evidence) < 1e-4
 
 
-@pytest.mark.parametrize(("plan", "tries"), [(PLAN, 3), (HOLED, 1)], ids=["door", "pillar"])
+@pytest.mark.parametrize(
+    ("plan", "tries"),
+    [pytest.param(PLAN, 3, id="door"), pytest.param(HOLED, 1, id="pillar", marks=pytest.mark.study)],
+)
 def test_one_step_is_that_of_samples(plan, tries):
     """Chi-square of 200 000 steps of a confined walk from one place, in blocks of 6 x 6 cells.
 
@@ -122,7 +125,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", ["walk, one try", "walk, pillar", pytest.param("odometry, door", marks=pytest.mark.study)]
+)
 def test_agrees_with_many_particles(name):
     """8 times 20 000 particles: mean, covariance and evidence within 5 standard errors and 3 % of the grid.
 

@@ -147,7 +147,9 @@ def _cost(stays: list[bool]) -> float:
     return cost
 
 
-@pytest.mark.parametrize(("name", "most"), [("MOST_ASKED", 60.0), ("MOST_RESTED_ON", 1)])
+@pytest.mark.parametrize(
+    ("name", "most"), [("MOST_ASKED", 60.0), pytest.param("MOST_RESTED_ON", 1, marks=pytest.mark.study)]
+)
 def test_dear_densities_give_way_to_gaussians(
     name: str, most: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

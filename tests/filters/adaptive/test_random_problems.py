@@ -171,7 +171,7 @@ def test_equals_explicit_sums_over_all_poses() -> None:
         check(seed, errors)
 
 
-@pytest.mark.parametrize("seed", [74, 79, 161, *(pytest.param(n, marks=pytest.mark.study) for n in SLOW)])
+@pytest.mark.parametrize("seed", [74, *(pytest.param(n, marks=pytest.mark.study) for n in (79, 161, *SLOW))])
 def test_hard_problems(seed: int) -> None:
     """The same of problems that the filter once failed, with the table of its default.
 

@@ -139,6 +139,7 @@ def test_a_robot_pressed_against_a_wall_is_as_many_particles_have_it() -> None:
     assert stated < 0.3
 
 
+@pytest.mark.study  # pressed against one, above, is like it
 def test_a_robot_driven_against_a_wall_is_as_many_trajectories_have_it() -> None:
     """Three moves whose noise is narrow to the side, one beam: 0.02 of the deviations, 0.04 of variances.
 

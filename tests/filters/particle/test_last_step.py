@@ -207,6 +207,7 @@ def test_against_a_wall_the_filter_stays_honest():
     assert abs(average.mean() - 1) < 5 * average.std() / np.sqrt(40)
 
 
+@pytest.mark.study
 def test_claims_equal_errors_over_a_drive_among_walls():
     """50 steps through a door and back, in four rooms, 30 runs of 600 particles: E[P] = G.
 
