@@ -17,11 +17,13 @@ Without draws only means and covariances are known, and of these:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from ...arrays import Array
 from .intervals import Interval
 from .null_distribution import LARGE_FACTOR, SEEN, FarErrors
 from .row import Row
@@ -50,17 +52,62 @@ class ShapeFault(NamedTuple):
     p_value: float
 
 
+class Family(NamedTuple):
+    """Rows of one estimator, among which false alarms are to be as rare as for one row alone.
+
+    Draws of few runs do not show how rare a figure is of which one in a thousand is as large, as each of 30
+    rows asks. So the truths must also stand out from 39 studies whose truths are draws: by the figure that
+    lies farthest in any row, or by the sum over all rows. By chance each is so for one in 40, whatever the
+    shape of the beliefs.
+
+    Attributes:
+        rows: How many.
+        largest, smallest: Whether ANEES of the truths stands out as too large, as too small.
+        component: Whether squared errors in a component do.
+        bias: Whether mean errors do.
+    """
+
+    rows: int = 1
+    largest: bool = True
+    smallest: bool = True
+    component: bool = True
+    bias: bool = True
+
+    @staticmethod
+    def of(rows: Sequence[Row]) -> Family:
+        """That of some rows; those without draws are held to their level alone."""
+        drawn = [row.null.scatter for row in rows if row.null is not None and row.null.coherent]
+        if len(rows) == 1 or not drawn:
+            return Family(len(rows))
+        scores = {name: np.array([scatter[name].scores for scatter in drawn]) for name in drawn[0]}
+        components = [each for name, each in scores.items() if name.startswith("ratio_")]
+        biases = [each for name, each in scores.items() if name.startswith("bias_")]
+        return Family(
+            len(rows),
+            largest=_stands_out([scores["anees"]]),
+            smallest=_stands_out([-scores["anees"]]),
+            component=_stands_out([*components, *(-each for each in components)]),
+            bias=_stands_out([*biases, *(-each for each in biases)]),
+        )
+
+
+def _stands_out(scores: Sequence[Array]) -> bool:
+    """Whether the last of some studies has the greatest of any score, (R, 40), or of its sum over rows."""
+    every = np.array(scores)
+    return any(part[-1] > part[:-1].max() for part in (every.max(axis=(0, 1)), every.sum(axis=1).max(axis=0)))
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What a row says for and against an estimator.
 
     Attributes:
         row: The row.
-        family: Rows among which false alarms are to be as rare as for one.
+        family: The rows that it is one of.
     """
 
     row: Row
-    family: int = 1
+    family: Family = Family()  # noqa: RUF009 (a tuple)
 
     @property
     def drawn(self) -> bool:
@@ -110,7 +157,7 @@ class Evidence:
         if not value > 1:
             return 1.0
         if self.row.null is not None and self.drawn:
-            return self.row.null.scatter["anees"].above
+            return self.row.null.scatter["anees"].above if self.family.largest else 1.0
         p = self.row.p_values.get("anees", 0.0 if low > 1 else math.nan) / 2
         return float(np.fmin(p, 0.5 / value))
 
@@ -121,7 +168,7 @@ class Evidence:
         if not value < 1:
             return 1.0
         if self.row.null is not None and self.drawn:
-            return self.row.null.scatter["anees"].below
+            return self.row.null.scatter["anees"].below if self.family.smallest else 1.0
         return self.row.p_values.get("anees", 0.0 if high < 1 else math.nan) / 2
 
     @property
@@ -141,7 +188,7 @@ class Evidence:
         if found is None or size == 1 or found[0] <= 0 or runs < FEW_FOR_CAUTION:
             return False
         plain = float(chdtr(runs, runs / (1 + PLAIN * math.sqrt(2 / runs))))
-        if chdtr(runs, runs * found[-1]) < plain / self.family:
+        if chdtr(runs, runs * found[-1]) < plain / self.family.rows:
             return True
         statistic = -runs * float(np.log(found).sum() - size * math.log(found.mean()))
         return bool(chdtrc(size * (size + 1) / 2 - 1, statistic) > ALIKE)
@@ -182,7 +229,8 @@ class Evidence:
 
     def _p_value(self, figure: str) -> float:
         if self.row.null is not None and self.drawn:
-            return self.row.null.scatter[figure].p_value
+            told = self.family.bias if figure.startswith("bias_") else self.family.component
+            return self.row.null.scatter[figure].p_value if told else 1.0
         return self.row.p_values.get(figure, 1.0) if self.row.ok >= COMPONENT_RUNS else 1.0
 
     def _p_of_bias(self, component: int) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 from ...errors import counted, suggestion
 from ..results import BeliefScores, SavedBounds
 from ..results.outcome import DIAGNOSTICS
+from .evidence import Family
 from .formatting import format_number
 from .metrics import RunBlock
 from .row import Row
@@ -174,14 +175,15 @@ def check_gates(gates: Sequence[Gate], rows: Sequence[Row]) -> list[GateLine]:
         _need_there(gate, labels, known)
         its_rows = [row for row in rows if gate.estimator in (None, row.estimator)]
         if gate.figure is None:
-            lines += [_verdict_line(gate, row, len(its_rows)) for row in its_rows]
+            family = Family.of(its_rows)
+            lines += [_verdict_line(gate, row, family) for row in its_rows]
         else:
             lines += [_line(gate, row) for row in its_rows]
     return lines
 
 
-def _verdict_line(gate: Gate, row: Row, family: int) -> GateLine:
-    """The verdict on a row of so many among which false alarms are as rare as for one: see `decide`."""
+def _verdict_line(gate: Gate, row: Row, family: Family) -> GateLine:
+    """The verdict on a row of some among which false alarms are as rare as for one: see `decide`."""
     verdict = decide(row, family)
     passed = bool(row.ok) and not verdict.overconfident
     text = f"{'pass' if passed else 'FAIL'}  {row.where}: {verdict.words}"

@@ -46,10 +46,13 @@ class Scatter(NamedTuple):
 
     Attributes:
         below, above: How probable a figure as small, as large is.
+        scores: How far the figure of each of 39 studies, whose truths are draws, and at last that of the
+            truths themselves, lies from the mean of all 40, in their standard deviations.
     """
 
     below: float
     above: float
+    scores: Array
 
     @property
     def p_value(self) -> float:
@@ -201,22 +204,22 @@ class NullSums:
         studies = np.zeros((REPEATS, groups.shape[-1]))
         for drawn, chosen in zip(groups, _choices(len(groups)), strict=True):
             studies += drawn.take(chosen, axis=0)
-        studies /= self.runs
+        studies, few = studies / self.runs, groups.sum(0) / self.runs
         middle = studies.mean(0)
         studies = middle + np.sqrt(1 + 1 / KEPT_DRAWS) * (studies - middle)  # the middle is one of 39 draws
         size = len(self.names)
-        variances = studies[:, 3 + size :] / np.where(claims > 0, claims, 1.0)
-        columns = {"anees": studies[:, 0]}
-        columns |= {f"bias_{name}": studies[:, 3 + i] for i, name in enumerate(self.names)}
-        columns |= {f"ratio_{name}": variances[:, i] for i, name in enumerate(self.names)}
         rounding = self.rounding / self.runs
+        for sums in (studies, few):
+            sums[:, 3 + size :] /= np.where(claims > 0, claims, 1.0)
         rounding[1 + size :] /= np.where(claims > 0, claims, 1.0)
+        names = ["anees", *(f"bias_{name}" for name in self.names), *(f"ratio_{name}" for name in self.names)]
+        places = [0, *range(3, 3 + 2 * size)]
         scatter = {
-            name: _scatter(column, figures[name].value + off)
-            for (name, column), off in zip(columns.items(), rounding, strict=True)
+            name: _scatter(studies[:, place], few[:, place], figures[name].value + off)
+            for name, place, off in zip(names, places, rounding, strict=True)
         }
         p = self.claimed.p_value_of_mean(1.0)
-        least, most = _narrowest(np.maximum(columns["anees"], 0.0))
+        least, most = _narrowest(np.maximum(studies[:, 0], 0.0))
         tail = 100 * (1 - LEVEL) / 2
         too_much, too_little = np.percentile(studies[:, 1], tail), np.percentile(studies[:, 2], 100 - tail)
         expected, far, whole = map(float, self.far)
@@ -251,8 +254,15 @@ def _narrowest(drawn: Array) -> tuple[float, float]:
     return float(lows[first]), float(highs[first])
 
 
-def _scatter(drawn: Array, value: float) -> Scatter:
-    return Scatter(_tail(-drawn, -value), _tail(drawn, value))
+def _scatter(drawn: Array, few: Array, value: float) -> Scatter:
+    """Where a figure lies among those of studies that are drawn, and of few that share no draw."""
+    if not math.isfinite(value):
+        scores = np.append(np.zeros(len(few)), value)
+    else:
+        every = np.append(few, value)
+        spread = float(every.std())
+        scores = (every - every.mean()) / (spread or 1.0)
+    return Scatter(_tail(-drawn, -value), _tail(drawn, value), scores)
 
 
 def _tail(drawn: Array, value: float) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from ...errors import counted
-from .evidence import Evidence, ShapeFault
+from .evidence import Evidence, Family, ShapeFault
 from .formatting import beams_in_words, factor, format_factor, format_number, format_percent, unit
 from .intervals import Interval
 from .metrics import MAX_ERROR, MIN_EFFECTIVE
@@ -110,18 +110,18 @@ class Verdict:
         return self.kind in ("overconfident", "uneven")
 
 
-def decide(row: Row, family: int = 1) -> Verdict:
+def decide(row: Row, family: int | Family = 1) -> Verdict:
     """The verdict on a row.
 
     Args:
         row: The row.
-        family: Rows among which false alarms are to be as rare as stated for one (Bonferroni).
+        family: Rows among which false alarms are to be as rare as stated for one, or how many there are.
     """
     if not row.made:
         return Verdict("pending", row.anees, f"not run yet ({_how_far(row)})")
     if not row.ok:
         return Verdict("failed", row.anees, "gave no answer", _caveats(row))
-    evidence = Evidence(row, family)
+    evidence = Evidence(row, family if isinstance(family, Family) else Family(family))
     known, tolerance, value = evidence.factor, evidence.tolerance, row.anees.value
     levels = _levels(evidence)
     ratios, biases = evidence.ratios(levels.components), evidence.biases(levels.components)
@@ -174,7 +174,7 @@ def _levels(evidence: Evidence) -> Levels:
     levels = WITH_DRAWS if evidence.drawn else WITHOUT_DRAWS
     if evidence.row.ok < FEW_RUNS:
         levels = Levels(min(levels.too_large, LEVEL_OF_FEW_RUNS), levels.too_small, 0.0, 0.0)
-    return Levels(*(level / evidence.family for level in levels))
+    return Levels(*(level / evidence.family.rows for level in levels))
 
 
 def _cannot_tell(row: Row) -> str:
@@ -191,7 +191,8 @@ def decide_overall(rows: Sequence[Row]) -> Verdict:
     """
     if not rows:
         raise ValueError("need a row at least")
-    verdicts = [(decide(row, len(rows)), row) for row in rows]
+    family = Family.of(rows)
+    verdicts = [(decide(row, family), row) for row in rows]
     worst, row = min(verdicts, key=lambda pair: (WORST_FIRST.index(pair[0].kind), -_size(pair[0].factor)))
     alike = sum(verdict.kind == worst.kind for verdict, _ in verdicts)
     moving = any(row.step for row in rows)
