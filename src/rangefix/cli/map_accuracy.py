@@ -31,8 +31,8 @@ def map_accuracy(
         typer.Option(
             "--beams-deg",
             metavar="DEGREES",
-            help="Beams to read: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from the heading; the "
-            "study's own unless given.",
+            help="Beams to read: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from where the "
+            "laser looks; the study's own unless given.",
         ),
     ] = None,
     map_path: Map = None,

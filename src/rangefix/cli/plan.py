@@ -78,9 +78,9 @@ def plan(
         typer.Option(
             CANDIDATES,
             metavar="DEGREES",
-            help="Directions to choose from: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from the "
-            f"heading; or {MEASURED!r}, the study's own. Every {RESOLUTION_DEG:g} deg outside the blind "
-            "sector unless given.",
+            help="Directions to choose from: -90,0,90 or -90:90:15 (from:to:step), deg clockwise from where "
+            f"the laser looks; or {MEASURED!r}, the study's own. Every {RESOLUTION_DEG:g} deg outside the "
+            "blind sector unless given.",
         ),
     ] = None,
     truths: Annotated[

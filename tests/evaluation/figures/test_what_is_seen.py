@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +25,7 @@ from rangefix.evaluation.figures.ticks import plain_numbers
 from rangefix.evaluation.planning.accuracy_map import AccuracyMap
 from rangefix.evaluation.planning.plans import Plan, Step
 from rangefix.evaluation.planning.scene import FloorPlan
+from rangefix.filters import Mount
 from rangefix.maps.rectangle import RectangularRoom
 
 from ..conftest import PriorOnly, make_problem
@@ -149,6 +151,19 @@ def test_a_compass_beside_a_wall_is_shown_whole() -> None:
         assert (drawn < [right, top]).all()
         assert left < 0 < 4 < right
         assert bottom < 0 < 6 < top
+
+
+def test_beams_of_a_turned_laser_are_drawn_where_it_looks() -> None:
+    """A laser turned to the left by 90 deg: its beam at 90 deg looks ahead, north in the picture."""
+    problem = make_problem()
+    turned = replace(problem, sensor=replace(problem.sensor, mount=Mount(yaw=np.pi / 2)))  # type: ignore[type-var]
+    floor = FloorPlan.of(turned, np.array([[2.0, 3.0]]))
+    bearing = np.pi / 2
+    steps = (Step(bearing, np.eye(2), 1.0, 0.0, np.array([1.0])),)
+    figure = draw_plan(Plan(np.array([bearing]), "trace", "greedy", False, steps), floor)
+    beam = figure.axes[0].lines[-1].get_xydata()
+    np.testing.assert_allclose(beam[:, 0], 2.0, atol=1e-9)
+    assert beam[1, 1] > beam[0, 1]
 
 
 def test_equal_deviations_have_one_plain_number() -> None:

@@ -25,6 +25,7 @@ WORTH = 0.002  # of the criterion: a difference that does not matter
 PASSES = 3  # of exchange over all beams
 MOST_SETS = 2000  # of beams, in an exhaustive search
 FINAL_SETS = 10  # the best of them, which are compared by many truths
+FEW_SETS = 60  # all of which exchange compares by many truths, which takes about as long as its own search
 STARTS, ROUGH_TRUTHS = 24, 400  # random sets, which are bettered by a rough guess at so many truths
 COMPARED, MORE_TRUTHS = 8, 1600  # the best on which they end; by so many they are bettered again
 MOST_POLISHED = 9  # exchanges by many truths, or as many as there are beams
@@ -63,11 +64,15 @@ class BeamSets:
     def exchanged(self, chosen: list[int]) -> list[int]:
         """A set that no exchange of one beam betters, begun with this one and, where it can be, with others.
 
-        Where sets can be compared over many truths, they are. Otherwise another candidate is put in the place
-        of each beam in turn, where that is better on fresh truths.
+        Where sets can be compared over many truths, they are, all of them if they are few. Otherwise
+        another candidate is put in the place of each beam in turn, where that is better on fresh truths.
         """
         least = self.objective.mean_after(chosen)
         if least is not None:
+            count, beams = len(self.objective.candidates), len(chosen)
+            if comb(count, beams) <= FEW_SETS:
+                self.time.expect(1, 1)
+                return self._ordered(self._best_of(list(combinations(range(count), beams)), chosen, least)[0])
             return self._ordered(self._polished(*self._best_of_many(chosen, least)))
         self.time.expect(len(chosen), PASSES * len(chosen))
         for turn in range(PASSES):
@@ -106,16 +111,20 @@ class BeamSets:
         ends = self._ends(starts, places, ROUGH_TRUTHS, "exchange from many sets")
         ends = self._ends(ends[:COMPARED], places, MORE_TRUTHS, "exchange from the best of them")
         self.time.made()
-        best = chosen
-        for number, end in enumerate(ends):
-            text = f"comparing sets by many truths: {number + 1} of {len(ends)}"
+        return self._best_of([places[end].tolist() for end in ends], chosen, least)
+
+    def _best_of(
+        self, sets: Sequence[Sequence[int]], chosen: list[int], least: float
+    ) -> tuple[list[int], float]:
+        """The best of a set, after which the criterion is `least`, and of others, by many truths."""
+        for number, another in enumerate(sets):
+            text = f"comparing sets by many truths: {number + 1} of {len(sets)}"
             self.tell(self.time.told(text))
-            another = places[end].tolist()
             mean = self.objective.mean_after(another, least)
             if mean is not None and mean < least:
-                best, least = another, mean
+                chosen, least = list(another), mean
         self.time.made()
-        return best, least
+        return chosen, least
 
     def _ends(self, starts: list[list[int]], places: IntArray, truths: int, text: str) -> list[list[int]]:
         """The different sets to which exchange leads from some by a rough guess, the best first.

@@ -190,7 +190,7 @@ def after_views(
         noise = noises[group[0]]
         table = tables.table(label, sensor, noise, *ends) if tables else reading_table(sensor, noise, *ends)
         columns = 1 + size + (3 * second if table.law is None else size * (size + 1) // 2)
-        at_once = max(1, VALUES_AT_ONCE // (columns * (table.bins + table.probability.shape[1])))
+        at_once = max(1, VALUES_AT_ONCE // (columns * (table.bins + table.readings)))
         for start in range(0, len(group), at_once):
             some = np.array(group[start : start + at_once])
             part = slice(some[0], some[-1] + 1) if len(some) == some[-1] - some[0] + 1 else some

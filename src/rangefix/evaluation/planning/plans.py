@@ -15,7 +15,7 @@ class Step:
     """One beam of a plan, and what is expected after it.
 
     Attributes:
-        bearing: From the heading, rad clockwise; None where it depends on the readings before.
+        bearing: From the laser's forward axis, rad clockwise; None where it depends on the readings before.
         covariance: E[P] after this beam and those before it, (n, n); m^2 and rad^2.
         value: The criterion after it: m^2, m^4 for det, nats of this beam for information.
         error: Standard error of the value, of the drawn truths; 0 for the first beam, which draws none.

@@ -18,7 +18,8 @@ class FloorPlan:
         segments: Walls as x1a, x2a, x1b, x2b, m, (S, 4).
         bounds: Lower and upper corner, m, (2,) each.
         place: Where the compass is drawn, m, (2,): the free place nearest to the prior's mean.
-        heading: What bearings count from, rad: the known heading, or the prior's mean.
+        heading: What bearings count from, rad: where the laser looks at the known heading, or at
+            the prior's mean.
     """
 
     segments: Array
@@ -37,4 +38,5 @@ class FloorPlan:
         room, pose = problem.sensor.room, problem.space.poses(np.asarray(problem.prior.mean))
         nearest = free[np.argmin(np.hypot(*(free - pose[:2]).T))]
         lower, upper = room.bounds
-        return FloorPlan(np.asarray(room.segments), (lower, upper), nearest, float(pose[2]))
+        ahead = float(problem.sensor.mount.laser_poses(pose)[2])
+        return FloorPlan(np.asarray(room.segments), (lower, upper), nearest, ahead)
