@@ -150,6 +150,23 @@ def test_a_laser_that_is_mounted_or_counts_otherwise(tmp_path: Path, new_bag: Ne
     np.testing.assert_allclose(found, told_by(log, poses), atol=1e-5)
 
 
+@pytest.mark.parametrize(("every", "told"), [(1, 0), (2, 1)])
+def test_steps_and_end_of_beams_that_do_not_fit(
+    tmp_path: Path, new_bag: NewBag, every: int, told: int
+) -> None:
+    """Of a scan of which every second range was kept, and the increment of all, one line is told."""
+    times, poses = drive(3)
+    bag = new_bag(tmp_path / "a", "mcap")
+    for time, pose, scan in zip(times, in_ros(poses), ranges_at(poses), strict=True):
+        bag.odometry(time, pose)
+        bag.scan(time, scan[::every])
+    bag.close()
+    notes = [note for note in open_log(tmp_path / "a").notes if "angle_max" in note]
+    assert len(notes) == told
+    text = "21 beams with steps of 6 deg (angle_increment) end at 0.0 deg, and angle_max is 120.0 deg"
+    assert all(note.replace("-0.0", "0.0").startswith(text) for note in notes)
+
+
 def test_gaps_in_time(tmp_path: Path, new_bag: NewBag) -> None:
     """A pause of 20 s is told; scans on both sides have odometry, and the control leads across it."""
     times, poses = drive(20)

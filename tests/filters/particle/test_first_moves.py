@@ -168,6 +168,15 @@ def test_what_is_no_reading_is_not_the_first():
     np.testing.assert_allclose(log_evidence, wanted.log_evidence, atol=0.6)
 
 
+@pytest.mark.parametrize("with_velocity", [False, True])
+def test_a_few_particles_are_enough(with_velocity):
+    """Of a few it happens that all are to begin elsewhere, or that none is; neither is a mistake."""
+    problem = linear(with_velocity)
+    reading = problem.sensor.sample(problem.prior.mean, np.random.default_rng(6))
+    estimator, belief = taken_in(problem, [STILL], np.tile(reading, (20, 1)), 20, particles=3)
+    assert np.isfinite(estimator.estimate(belief).mean).all()
+
+
 def test_each_run_alone_is_as_it_is_beside_others():
     """Runs that stay, that read first, and that move before: to the last bit; each has what it began with."""
     problem = any_pose(std=0.3)

@@ -13,6 +13,7 @@ from rangefix.filters import (
     Problem,
     RandomWalk,
     Rangefinder,
+    Uniform,
     pose_space,
     position_space,
     sample_runs,
@@ -254,3 +255,26 @@ def test_a_run_that_stays_keeps_the_moves_of_its_last_step():
     alone, together = run(1), run(2)
     for name in ("states", "log_weights", "starts", "controls"):
         np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[0])
+
+
+@pytest.mark.parametrize("reads_first", [False, True])
+def test_a_reading_that_excludes_most_particles_comes_in_by_stages(reads_first):
+    """An object that a step of 10 m took out of a building, of which one beam of two meets a wall.
+
+    Log evidences of ten runs, which scatter by 0.1 and 0.4 nats, and deviations are those of seven million
+    draws, of which 1600 and more count. A reading that more than half of the particles exclude was taken in
+    whole: evidences were off by up to 8 nats, and claimed variances were a third.
+    """
+    space, rngs = position_space(0.3), [np.random.default_rng([run, 0]) for run in range(10)]
+    sensor = Rangefinder(PLAN, BEARINGS[:2], Gaussian(0.05), space)
+    problem = Problem(space, RandomWalk(space, 10.0), sensor, Uniform(PLAN, space))
+    estimator = ParticleFilter(problem)
+    belief = estimator.init(problem.prior, rngs)
+    if reads_first:
+        belief = estimator.update(belief, np.tile([0.73, 1.88], (10, 1)), rngs)
+    belief = estimator.predict(belief, STILL, rngs)
+    belief = estimator.update(belief, np.tile([np.inf, 6.0], (10, 1)), rngs)
+    _, covariance, log_evidence = estimator.estimate(belief)
+    assert np.abs(log_evidence - (-7.30 if reads_first else -5.78)).max() < 1.5
+    deviations = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0))
+    np.testing.assert_allclose(deviations, [0.67, 0.60], rtol=0.15)

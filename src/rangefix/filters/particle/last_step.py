@@ -65,6 +65,8 @@ class LastStep:
 
     def propose(self, states: Array, rng: Generator) -> Array:
         """Half of the steps drawn anew, half changed in part; the state as it is where a wall is met."""
+        if not len(states):
+            return states.copy()
         motion, space = self.problem.motion, self.problem.space
         free = motion.motion if isinstance(motion, Confined) else motion
         redrawn = rng.random(len(states)) < (0.5 if self.is_gaussian else 1.0)

@@ -95,8 +95,8 @@ class ResampleMove:
         kept = min(enough, MAX_KEPT * len(states))
         for _ in range(stages if log_density.max() > -np.inf else 0):
             stage = longest_stage(log_weights, log_density, 1.0 - power, kept)
-            if power + stage >= 1.0 or stage < MIN_STAGE:
-                break
+            if power + stage >= 1.0 or (stage < MIN_STAGE and not np.isneginf(log_density).any()):
+                break  # one that excludes most of the particles first leaves the others alone
             _, weights, gain = weighted(log_weights, log_density, stage)
             gains, power = gains + gain, power + stage
             states, known, log_density, target = self.resampled(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....arrays import Array
+from ....arrays import Array, wrap
 from ..log import UNPLACED, LaserDescription, RecordingError, Scan, beyond, pose_from_ros
 from .file_log import FileLog
 from .rosbag_file import Messages, Topic, time_of
@@ -28,6 +28,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 OLD_TRANSFORMS = "tf/msg/tfMessage"
 BASES = ("base_footprint", "base_link", "base")
 LOOKED_AT = 400  # messages of tf, for the frames that there are
+MOST_STEPS_OFF = 1.5  # from the last beam to angle_max: some drivers count one beam more, or less
 TILTED = np.cos(np.deg2rad(10.0))
 NO_STAMP = "scans without a stamp (the time at which they were recorded is taken)"
 
@@ -169,6 +170,19 @@ class RosbagLog(FileLog):
         angles = first + step * np.arange(count)
         return np.asarray(angles if self._is_upside_down else -angles)
 
+    def _other_end(self) -> Iterator[str]:
+        """That the first scan's last beam points elsewhere than it says, as where ranges were left out."""
+        first, count = self._first, len(self._first.ranges)
+        step, end = float(first.angle_increment), float(first.angle_max)
+        last = float(first.angle_min) + (count - 1) * step
+        off = abs(float(wrap(np.asarray(last - end)))) if np.isfinite(end) else np.inf
+        if off > MOST_STEPS_OFF * abs(step):
+            last_deg, end_deg, step_deg = np.rad2deg([last, end, step])
+            yield (
+                f"{count} beams with steps of {step_deg:.4g} deg (angle_increment) end at {last_deg:.1f} "
+                f"deg, and angle_max is {end_deg:.1f} deg: the steps are believed"
+            )
+
     @cached_property
     def sensor(self) -> LaserDescription:
         """The laser, as its first scan and tf describe it."""
@@ -204,6 +218,7 @@ class RosbagLog(FileLog):
             notes.append("by tf the laser hangs upside down: its beams are counted the other way round")
         if self._place is not None and abs(self._place.rotation[2, 2]) < TILTED:
             notes.append("by tf the laser is tilted by more than 10 deg, which is left out of account")
+        notes.extend(self._other_end())
         if not self.sensor.seconds_per_beam and float(self._first.scan_time) > 0:
             notes.append("time_increment is 0: all beams of a scan are taken to be measured at once")
         return tuple(notes)
