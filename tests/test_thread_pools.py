@@ -13,10 +13,15 @@ from rangefix.filters import (
     ConstantVelocity,
     Gaussian,
     GaussianPrior,
+    Mixture,
+    Prior,
     Problem,
     Rangefinder,
+    StateSpace,
+    WithHeading,
     WithVelocity,
     build,
+    pose_space,
     position_space,
     velocity_space,
 )
@@ -90,3 +95,23 @@ def test_the_adaptive_filter_holds_it(monkeypatch: pytest.MonkeyPatch) -> None:
     adaptive.update(adaptive.predict(belief, np.zeros(0), rngs), reading, rngs)
     assert seen == {1}
     assert threads() == {TWO}
+
+
+def priors(space: StateSpace) -> list[Prior]:
+    """Priors whose moments are sums over many places, cut off at walls and wrapped, and a mixture of them."""
+    room, mean, spread = RectangularRoom(4.0, 6.0), np.array([1.0, 3.0, 0.3]), np.diag([0.3, 0.2, 1.5])
+    first = GaussianPrior(mean, spread, space, room)
+    place = GaussianPrior(mean[:2], spread[:2, :2], position_space(0.0), room)
+    second = WithHeading(place, space, mean=0.3, std=1.2)
+    return [first, second, Mixture([first, second], (0.3, 0.7))]
+
+
+@pytest.mark.usefixtures("two")
+def test_priors_do_not_hang_on_the_threads_of_blas() -> None:
+    """Else a study that Python runs had other last bits than by its command, which has one thread."""
+    space = pose_space()
+    with blas_on_one_thread():
+        alone = [(prior.mean, prior.covariance) for prior in priors(space)]
+    for prior, (mean, covariance) in zip(priors(space), alone, strict=True):
+        assert np.array_equal(prior.mean, mean)
+        assert np.array_equal(prior.covariance, covariance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -105,3 +106,16 @@ def test_one_line(code: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stderr == "rangefix: stopped\n"
     assert done.returncode in (130, -signal.SIGINT)  # a shell shows both as 130
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes end otherwise there")
+@pytest.mark.parametrize("arguments", [["studies"], ["studies", "--json"], ["--help"]])
+def test_a_reader_that_goes_is_no_failed_trial(arguments: list[str]) -> None:
+    """As in `rangefix studies | head -1` of a script with `pipefail`: nothing is said, and not code 1."""
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "rangefix", *arguments], stdout=write, stderr=subprocess.PIPE, timeout=60
+    )
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, b"")

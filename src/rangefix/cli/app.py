@@ -27,7 +27,8 @@ EPILOG = """Examples:
   rangefix report results/paper    one page about what came out
 
 Exit codes: 0 fine; 1 some trials or checks failed; 2 what was given is wrong;
-3 nothing ran; 4 a gate did not hold; 130 stopped.
+3 nothing ran; 4 a gate did not hold; 130 stopped;
+141 nobody read what was printed to its end, as in `| head`.
 
 Documentation: docs/ in the source, from docs/index.md on; `make docs` builds it.
 Each command has -h."""
@@ -323,6 +324,7 @@ class ExitCode(IntEnum):
     NOTHING_RAN = 3
     GATE_FAILED = 4
     INTERRUPTED = 130
+    UNREAD = 141
 
 
 class Stopped(Exception):

@@ -74,6 +74,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         code = shown(arguments or ["--help"], prog_name="rangefix", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:  # typer's, who has caught it
             raise Stopped("stopped")
+    except SystemExit as ended:  # typer's 1 of a pipe that nobody reads would be that of trials that failed
+        if not isinstance(ended.__context__, BrokenPipeError):
+            raise
+        code = ExitCode.UNREAD
     except (Stopped, typer.Abort, KeyboardInterrupt) as stopped:  # the last before typer has begun
         warn(str(stopped) or "stopped")
         code = ExitCode.INTERRUPTED

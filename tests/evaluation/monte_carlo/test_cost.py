@@ -187,6 +187,19 @@ def test_what_the_first_move_compiles_is_no_part_of_a_run():
     assert 0.9 < seconds < 10
 
 
+def test_what_is_imported_for_the_first_truth_is_no_part_of_a_run(tmp_path: Path, monkeypatch):
+    """Priors and noises import what they draw by when they first draw: half a second, met once."""
+    simulate, first = cost.simulate, [0.5]
+
+    def after_imports(*given):
+        time.sleep(first.pop() if first else 0.0)
+        return simulate(*given)
+
+    monkeypatch.setattr(cost, "simulate", after_imports)
+    made = experiment(runs=30)
+    assert time_needed(Worker(made), layout(made), tmp_path).simulating < 0.2
+
+
 def test_an_estimator_that_fails_costs_nothing(tmp_path: Path):
     def broken(problem):
         raise RuntimeError("no")

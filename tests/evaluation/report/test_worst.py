@@ -113,8 +113,13 @@ def test_many_estimators_are_all_in_the_tables(results: Results, fails: WhereItF
 
 
 def test_the_named_largest_value_is_that_of_gaussian_claims(results: Results, fails: WhereItFails) -> None:
-    """For two components a NEES / n above x has probability exp(-x); of 120 runs none with 95 %."""
-    assert fails.rare == pytest.approx(-np.log(1 - 0.95 ** (1 / results.runs)), rel=1e-9)
+    """For two components a NEES / n above x has probability exp(-x); of 120 runs on two sets none with 95 %.
+
+    The worst is chosen over both sets. Of exact posteriors of a linear problem with the paper's seven sets
+    the value for the runs of one set was exceeded in 19 % of studies of 40 runs, with two in 10 %.
+    """
+    assert len(results.beam_sets) == 2
+    assert fails.rare == pytest.approx(-np.log(1 - 0.95 ** (1 / (2 * results.runs))), rel=1e-9)
 
 
 def test_a_far_estimate_and_a_scan_stay_readable(results: Results) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -108,6 +109,11 @@ def test_xarray(study):
     one = dataset["mean"].sel(estimator="wild", beams="1+2+3", run=7, component="x2")
     assert float(one.item()) == loaded.get("wild").mean[7, 0, 1]
     assert dataset.measurement.dims == ("run", "step", "beam")
+    moving = dataframes.to_xarray(
+        SimpleNamespace(names=("v1", "heading")), loaded.truth, loaded.measurement, loaded.trials, {}
+    )
+    units = [each["mean"].attrs["units"] for each in (dataset, moving)]
+    assert units == ["m, m", "m/s, rad"] == [each.truth.attrs["units"] for each in (dataset, moving)]
 
 
 def test_a_missing_library_is_one_line(study, monkeypatch):

@@ -35,6 +35,9 @@ BOX_OBJ += "f 1 2 3 4\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
 BAD = [  # what is changed, into what, and what is said
     ("width_m = 4.0", "width_m = ", "6: not TOML: Invalid value"),
     ("width_m = 4.0", "width_m = 4.0\nwidth_m = 5.0", "7: not TOML: this key stands twice"),
+    ("[truth]", "[sensor]\nmin_range_m = 0.1\n[truth]", "11: not TOML: [sensor] stands twice ("),
+    ("[truth]", '[map."it\'s"]\n[map."it\'s"]', "12: not TOML: [map.it's] stands twice ("),
+    ("[truth]", "a = { b = 1 }\na.c = 2", "12: not TOML: [sensor.a] is written in full already ("),
     (
         "width_m = 4.0",
         'width_m = "4.0"',
@@ -219,6 +222,16 @@ def test_an_estimator_without_options_is_told_at_its_name() -> None:
     text = 'map = "room:4x6"\nsensor = { bearings_deg = [0], std_m = 0.05 }\nstate.heading = "unknown"\n'
     with pytest.raises(StudyError, match=r"s\.toml:5: estimators\[1\]\.name: exact: the exact filter is for"):
         parse_study(f'{text}[[estimators]]\nname = "exact"\n', source="s.toml").experiment()
+
+
+@pytest.mark.parametrize("section", ["map", "sensor", "estimators"])
+def test_a_misspelt_section_is_told_alone(section: str) -> None:
+    """Nothing is said of what stands in for it while the rest is looked at, nor of what would inherit it."""
+    text = STUDY.replace("[1.0, 1.0]", "[2.0, 3.0]") + "[assumed.sensor]\nstd_m = [0.05, 0.1, 0.05]\n"
+    with pytest.raises(StudyError) as raised:
+        parse_study(text.replace(f"[{section}]", f"[{section}z]"))
+    told = {line.split(": ", 1)[1] for line in raised.value.mistakes}
+    assert told == {f"{section}z: unknown key; did you mean {section}?"}
 
 
 def test_the_study_itself_is_sound() -> None:

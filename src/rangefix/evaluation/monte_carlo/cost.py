@@ -230,6 +230,7 @@ def time_needed(worker: Worker, plan: FolderLayout, folder: Path, resume: bool =
     }
     if not any(left.values()):
         return TimeNeed(0.0, 0.0, 0.0, {}, 0)
+    simulate(experiment, 0, 1)  # imports, fills caches
     simulating = _until_slow(lambda runs: _seconds(lambda: simulate(experiment, 0, runs)) / runs, plan.runs)
     keeping, judging = experiment.steps * KEEPING_S, experiment.steps * JUDGING_S * bool(experiment.beliefs)
     here, trials, each = max(left.values()) * simulating, 0.0, dict[str, float]()

@@ -76,7 +76,8 @@ def where_it_fails(results: Results, runs: Sequence[WorstRun], steps: int) -> Wh
         (label, [Line(f"run {run.run}", _cells(run, moving), spots.get(_key(run))) for run in own])
         for label, own in by_estimator.items()
     ]
-    rare = chdtri(len(names), -np.expm1(np.log1p(-RARE_SHARE) / (results.runs * steps))) / len(names)
+    looked_at = results.runs * steps * len(results.beam_sets)  # of them the worst is chosen
+    rare = chdtri(len(names), -np.expm1(np.log1p(-RARE_SHARE) / looked_at)) / len(names)
     return WhereItFails(
         first=Table(["run", *columns], [("", first)], frozenset(place + 1 for place in texts)),
         all=Table(columns, every, texts, head="run"),

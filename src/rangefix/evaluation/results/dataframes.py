@@ -14,6 +14,8 @@ from .files import ResultsError
 from .outcome import STATUSES
 from .trials import Trials
 
+UNITS = {"heading": "rad", "v1": "m/s", "v2": "m/s"}  # of components; all else is in m
+
 
 def to_dataframe(space: StateSpace, truth: Array, trials: Sequence[Trials]) -> Any:
     """A pandas.DataFrame: a row for each estimator, set of beams, run and step; m and rad.
@@ -61,13 +63,14 @@ def to_xarray(
     """An xarray.Dataset with the dimensions estimator, beams, run, step, component, component_2 and beam.
 
     The variables are truth, measurement, mean, covariance, log_evidence, improbable and status, whose codes
-    are places in the attribute `flag_meanings`.
+    are places in the attribute `flag_meanings`. The attribute `units` has those of the components in turn.
 
     Raises:
         ResultsError: If xarray is not installed.
     """
     xarray = _need("xarray")
     names = list(space.names)
+    units = {"units": ", ".join(UNITS.get(name, "m") for name in names)}
     estimators = list(dict.fromkeys(trial.estimator for trial in trials))
     beam_sets = list(dict.fromkeys(trial.beams for trial in trials))
 
@@ -78,9 +81,9 @@ def to_xarray(
     run, trial = ("run", "step"), ("estimator", "beams", "run")
     return xarray.Dataset(
         {
-            "truth": ((*run, "component"), truth, {"units": "m, rad"}),
+            "truth": ((*run, "component"), truth, units),
             "measurement": ((*run, "beam"), measurement, {"units": "m"}),
-            "mean": ((*trial, "step", "component"), stacked("mean")),
+            "mean": ((*trial, "step", "component"), stacked("mean"), units),
             "covariance": ((*trial, "step", "component", "component_2"), stacked("covariance")),
             "log_evidence": ((*trial, "step"), stacked("log_evidence"), {"units": "nats"}),
             "improbable": ((*trial, "step"), stacked("improbable")),

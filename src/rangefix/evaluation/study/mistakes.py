@@ -64,12 +64,14 @@ class Mistakes:
         lines: Key -> the line where it stands.
         typed: Keys that were given instead of the file's -> how: an option, and what it was given.
         noted: Key and line of text of each mistake.
+        misspelt: Keys that are missing as others stand for them, which mistakes are told of.
     """
 
     source: str
     lines: dict[Path, int] = field(default_factory=dict)
     typed: dict[Path, str] = field(default_factory=dict)
     noted: list[tuple[Path, str]] = field(default_factory=list)
+    misspelt: list[Path] = field(default_factory=list)
 
     def add(self, path: Path, text: str) -> None:
         """Note a mistake at a key; () for the whole file."""
@@ -86,7 +88,8 @@ class Mistakes:
 
     def sound(self, *path: str | int) -> bool:
         """Whether there is no mistake at a key, around it or within it."""
-        return not any(all(a == b for a, b in zip(path, other, strict=False)) for other, _ in self.noted)
+        wrong = [*self.misspelt, *(other for other, _ in self.noted)]
+        return not any(all(a == b for a, b in zip(path, other, strict=False)) for other in wrong)
 
     def attempt(self, at: Path, build: Callable[[], T]) -> T | None:
         """What is built; None, and its mistake noted, if it cannot be."""
@@ -116,6 +119,7 @@ class Mistakes:
             if fault["type"] == form and sum(other[: len(path)] == path for other, _ in places) > 1:
                 continue  # the other form that the key might have had
             if fault["type"] == "missing" and fault["loc"] in misspelt:
+                self.misspelt.append(path)
                 continue  # the unknown key says so
             if fault["type"].startswith("union_tag") and len(path) == 1 + (path[0] == "assumed"):
                 path = (*path, "kind")

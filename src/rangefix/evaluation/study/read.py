@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from ast import literal_eval
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ...errors import one_line, suggestion
+from ...errors import one_line, printable, suggestion
 from ...maps import MapError
 from ...maps.readers import kind_of, map_table
 from ...text_files import NotText, read_text
@@ -175,6 +176,10 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
 def _not_toml(source: str, error: tomllib.TOMLDecodeError) -> str:
     """The mistake, with the line where others have it."""
     text = one_line(error).replace("Cannot overwrite a value", "this key stands twice")
+    if table := re.match(r"Cannot (mutate|\w+)[a-z ]* (\(['\"].*\))( twice)? \(at ", text):
+        name = printable(".".join(literal_eval(table[2])))
+        told = "is written in full already" if table[1] == "mutate" else "stands twice"
+        text = f"[{name}] {told} {text[table.end() - 4 :]}"
     if place := re.fullmatch(r"(.*) \(at line (\d+), (column \d+)\)", text):
         return f"{source}:{place[2]}: not TOML: {place[1]} ({place[3]})"
     return f"{source}: not TOML: {text}"
@@ -198,6 +203,8 @@ def _filled(raw: Mapping[str, Any], mistakes: Mistakes) -> dict[str, Any]:
     if isinstance(raw.get("assumed"), dict):
         filled["assumed"] = {}
         for name, told in raw["assumed"].items():
+            if name in SOUND and name not in raw:  # what it would inherit is missing
+                continue
             true = filled.get(name, _with_kind(name, {}))
             merged = inherited(name, true, told)
             model = _model(name, merged)

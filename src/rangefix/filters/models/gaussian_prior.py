@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
 from ...raster import Raster
+from ...thread_pools import with_blas_on_one_thread
 from ..problem import RangeMap
 from ..space import StateSpace
 from .uniform_prior import LATTICE, draw_free
@@ -119,6 +120,7 @@ def law_in_words(names: Sequence[str], mean: Array, covariance: Array) -> str:
     return ", ".join(f"{name} {middle:.3g} +- {std:.3g}" for name, middle, std in parts)
 
 
+@with_blas_on_one_thread
 def _cut_off(
     peak: Array, spread: Array, where: list[int], room: RangeMap, lower: Array, upper: Array
 ) -> tuple[float, Array, Array]:
@@ -201,6 +203,7 @@ def _density(away: Array, block: Array) -> Array:
     return np.asarray(np.exp(-0.5 * (first * (one * first + 2 * both * second) + other * second * second)))
 
 
+@with_blas_on_one_thread
 def _wrapped(spread: Array, angles: list[int]) -> Array:
     """The covariance when the deviations of Gaussian angles are taken the short way round."""
     result = np.array(spread)

@@ -11,6 +11,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import TWO_PI, Array, keep_copies, read_only
+from ...thread_pools import with_blas_on_one_thread
 from ..problem import SpacedPrior
 from ..space import StateSpace
 
@@ -91,6 +92,7 @@ class Mixture:
         )
 
     @cached_property
+    @with_blas_on_one_thread
     def _moments(self) -> tuple[Array, Array]:
         means = np.stack([prior.mean for prior in self.priors])
         mean = self.shares @ means

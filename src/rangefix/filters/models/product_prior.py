@@ -9,6 +9,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
+from ...thread_pools import blas_on_one_thread
 from ..problem import SpacedPrior
 from ..space import EVEN_STD, StateSpace
 from .gaussian_prior import REACH, law_in_words
@@ -119,7 +120,8 @@ class WithHeading(Product):
             low, width = mean - reach, 2 * reach
             away = np.pi * (2 * np.arange(CIRCLE, dtype=float) + 1 - CIRCLE) / CIRCLE
             weights = np.exp(_wrapped_normal(away, std))
-            variance = std**2 if REACH * std < np.pi / 2 else float(weights @ away**2 / weights.sum())
+            with blas_on_one_thread():
+                variance = std**2 if REACH * std < np.pi / 2 else float(weights @ away**2 / weights.sum())
         self.mean_heading, self.std, self.low, self.width = float(wrap(np.array(mean))), std, low, width
         super().__init__(prior, space, ("heading",), (self.mean_heading, variance), (low, low + width))
 
