@@ -24,7 +24,7 @@ GOOD = {
 }
 ARRAYS = ("mean", "covariance", "log_evidence", "status")
 ACCIDENTS = [name for name, fault in FAULTS.items() if fault.accident]
-SOME = ("changes what it returned", "goes elsewhere", "warnings are errors", "sorts the measurement")
+SOME = ("goes elsewhere", "warnings are errors", "sorts the measurement")
 STRAY_S = 20.0  # for how long a copy or a helper of a plug-in may sleep
 
 

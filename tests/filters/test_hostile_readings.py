@@ -33,9 +33,9 @@ def test_hostile_updates(name: str, number: int) -> None:
 @pytest.mark.parametrize(
     "number",
     [
-        *CASES[::8],
+        *CASES[::16],
         1037,  # a beam without a return, and then too close
-        *(pytest.param(number, marks=pytest.mark.study) for number in CASES[2::2] if number % 8),
+        *(pytest.param(number, marks=pytest.mark.study) for number in CASES[2::2] if number % 16),
     ],
 )
 def test_hostile_updates_of_lattices(number: int) -> None:

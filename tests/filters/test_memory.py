@@ -63,7 +63,12 @@ def taken(name, posed, options):
         ("point-mass", problem(10, noise=StudentT(0.05, 3.0)), {"cell": 0.03}),
         ("point-mass", problem(36, pose_space()), {"cell": 0.2, "heading_cell": np.deg2rad(2.0)}),
         ("particle", problem(200), {"particles": 20_000}),
-        ("particle", problem(80, pose_space(), Gaussian(1.0)), {"particles": 5000}),
+        pytest.param(
+            "particle",
+            problem(80, pose_space(), Gaussian(1.0)),
+            {"particles": 5000},
+            marks=pytest.mark.study,
+        ),
         ("enkf", problem(100), {"members": 5000}),
         ("ekf", problem(6000), {}),
         ("ukf", problem(6000), {}),

@@ -22,7 +22,7 @@ from .command_line import BAD_INPUT, FINE, CommandLine, Outcome
 from .corpus import BINARY_MESHES, MESHES, PLANS, SHOWN, STUDIES, TEXT_MESHES
 from .mutations import change_arrays, change_bytes, change_text
 
-FEW = {"studies": 60, "runs": 3, "plans": 40, "meshes": 4, "results": 10}  # about half a minute of CPU
+FEW = {"studies": 60, "runs": 3, "plans": 40, "meshes": 4, "results": 6}  # about half a minute of CPU
 MANY = {"studies": 1000, "runs": 300, "plans": 400, "meshes": 400, "results": 800}
 SLICE = 100  # files to a test of `make fuzz`
 BEAMS = ("--bearings-deg", "0", "90", "200")

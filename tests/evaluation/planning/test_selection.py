@@ -362,6 +362,7 @@ def test_exchange_keeps_no_set_of_beams_with_rare_wrong_modes() -> None:
     assert errors[1] <= 1.05 * errors[0]
 
 
+@pytest.mark.study
 def test_exchange_finds_beams_that_meet_walls_squarely() -> None:
     """Two beams in an L-shape, to the west and north at first: 0.16 m, and 0.07 m to the west and south.
 

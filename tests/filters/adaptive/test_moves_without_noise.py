@@ -113,7 +113,7 @@ def by_draws(problem: Problem, readings: Array) -> tuple[Array, Array, float, fl
 @pytest.mark.parametrize(
     ("mean", "seed", "stays"),
     [
-        ([1.5, 2.0, 0.5], 1, [False] * 3),
+        pytest.param([1.5, 2.0, 0.5], 1, [False] * 3, marks=pytest.mark.study),
         ([0.8, 5.4, -0.2], 2, [True] * 3),
         ([2.0, 5.3, 0.3], 3, [False, False, True]),
     ],

@@ -33,7 +33,9 @@ def gaussian(heading):
     return Lattice(POSE, np.array([2.0, 3.0, heading]), STEP, index, keys_of(index), logs)
 
 
-@pytest.mark.parametrize("std", [0.3, 1.5, pytest.param(3.0, marks=pytest.mark.study), 40.0])
+@pytest.mark.parametrize(
+    "std", [0.3, 1.5, *(pytest.param(std, marks=pytest.mark.study) for std in (3.0, 40.0))]
+)
 def test_the_law_of_a_turn_goes_round_the_circle(std):
     """Against the sum over all turns, to 2 %, what Gaussians at the points of a lattice are good for.
 
