@@ -39,6 +39,7 @@ class FirstMoves:
         prior: Where the object began.
         controls: Of its moves, (k,) each, at least one.
         fresh: The reading, (B,).
+        readings: Those before it: none.
     """
 
     problem: Problem
