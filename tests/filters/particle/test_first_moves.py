@@ -24,7 +24,7 @@ from rangefix.filters.particle.first_moves import MOST_MOVES, FirstMoves
 from rangefix.filters.particle.metropolis import metropolis_steps, random_walk, step_table
 from rangefix.maps import FloorPlan, RectangularRoom
 
-STILL, SEED = np.zeros(0), 5
+STILL = np.zeros(0)
 ROOM, POSE, PLACE = RectangularRoom(width=4.0, length=6.0), pose_space(), position_space(0.3)
 HALL = RectangularRoom(width=400.0, length=600.0)
 PLAN = FloorPlan([[0, 0], [2.4, 0], [2.4, 1.8], [0, 1.8]], walls=[[1.2, 0, 1.2, 0.6], [1.2, 1.2, 1.2, 1.8]])

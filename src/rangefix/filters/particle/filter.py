@@ -43,7 +43,7 @@ from .metropolis import Posterior, Target
 from .number import resized
 from .options import DEFAULT_MOVES, DEFAULT_RESAMPLING, check_options
 from .resample_move import ResampleMove, even_share
-from .resampling import systematic
+from .resampling import one_in
 from .weights import effective_number, effective_places, equal, exp_of
 
 PARTICLES_PER_BLOCK = 1 << 14  # particles at a time: what is worked out in between stays in the cache
@@ -310,7 +310,7 @@ class ParticleFilter(BriefRepr):
         gain = total - float(belief.log_evidence[run])
         if not np.isfinite(gain):
             return None
-        ancestors = systematic(exp_of(log_weights), rng)[int(rng.integers(more)) :: more]
+        ancestors = one_in(more, exp_of(log_weights), rng)
         starts = None if belief.starts is None else belief.starts[run]
         return (states[ancestors], equal(self.particles), starts, gain), best
 
@@ -330,7 +330,7 @@ class ParticleFilter(BriefRepr):
                 paths, equal(len(paths)), target, target.log_likelihood, rng
             )
             if gain > found[3]:
-                ancestors = systematic(exp_of(log_weights), rng)[int(rng.integers(more)) :: more]
+                ancestors = one_in(more, exp_of(log_weights), rng)
                 _, before, ends = target.parts(paths[ancestors])
                 found = ends, equal(count), before, gain
             if self._fits(reading, best):

@@ -54,11 +54,15 @@ class FirstMoves:
 
     def parts(self, paths: Array) -> list[Array]:
         """Where paths (N, 3 n) began, were before the last move, and ended, (N, n) each."""
-        return [np.ascontiguousarray(part) for part in np.split(paths, 3, axis=1)]
+        return [_third(paths, place) for place in range(3)]
+
+    def starts(self, paths: Array) -> Array:
+        """Where paths (N, 3 n) began, (N, n)."""
+        return _third(paths, 0)
 
     def log_prior(self, paths: Array) -> Array:
         """Log density of where paths began, (N, 3 n) -> (N,)."""
-        return self.prior.log_density(self.parts(paths)[0])
+        return self.prior.log_density(self.starts(paths))
 
     def log_densities(self, paths: Array) -> tuple[Array, Array]:
         """Log density of where paths began, and the reading's where they ended: (N, 3 n) -> (N,) each."""
@@ -67,7 +71,7 @@ class FirstMoves:
     def log_likelihood(self, paths: Array) -> Array:
         """Log density of the reading where paths ended, (N, 3 n) -> (N,)."""
         sensor = self.problem.sensor
-        return sensor.log_density(self.fresh, sensor.expected(self.parts(paths)[2]))
+        return sensor.log_density(self.fresh, sensor.expected(_third(paths, 2)))
 
     def propose(self, paths: Array, walk: Callable[[Array], Array], rng: Generator) -> Array:
         """Half of the paths from another start, to which a random walk leads, others with another last move.
@@ -92,3 +96,9 @@ class FirstMoves:
         for control in self.controls:
             before, end = end, self.problem.motion.sample(end, control, rng)
         return np.hstack([starts, before, end])
+
+
+def _third(paths: Array, place: int) -> Array:
+    """One of the three states of paths, (N, 3 n) -> (N, n)."""
+    size = paths.shape[1] // 3
+    return np.ascontiguousarray(paths[:, place * size : (place + 1) * size])

@@ -171,7 +171,7 @@ class ResampleMove:
         rng: Generator, power: float, logs: Logs,
     ) -> Resampled:  # fmt: skip
         """Copies of paths of an object that has met its first reading: they begin elsewhere, or end so."""
-        space, begun, again = self.problem.space, target.parts(paths)[0], target.parts(copies)[0]
+        space, begun, again = self.problem.space, target.starts(paths), target.starts(copies)
         rows = step_table(begun, weights / weights.sum(), even_share(begun), again, space, rng)
         walk = random_walk(rows, len(copies), space, rng, self.thorough)
         here = at_copies(copies, ancestors, logs, target)

@@ -31,6 +31,11 @@ def systematic(weights: Array, rng: Generator) -> Indices:
     return comb(weights, len(weights), rng)
 
 
+def one_in(more: int, weights: Array, rng: Generator) -> Indices:
+    """Every `more`-th ancestor of `systematic`, from a random one of the first on, (N / more,)."""
+    return systematic(weights, rng)[int(rng.integers(more)) :: more]
+
+
 def comb(weights: Array, size: int, rng: Generator) -> Indices:
     """The same with so many teeth, (size,)."""
     from .kernels import comb_along  # numba takes a quarter of a second
