@@ -11,7 +11,7 @@ found by particles that begin there, as it is for an object that has stood still
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -40,6 +40,7 @@ class FirstMoves:
         controls: Of its moves, (k,) each, at least one.
         fresh: The reading, (B,).
         readings: Those before it: none.
+        most: The greatest part of the last move's noise that is drawn anew, if not all of it.
     """
 
     problem: Problem
@@ -47,6 +48,12 @@ class FirstMoves:
     controls: tuple[Array, ...]
     fresh: Array
     readings: Sequence[Array] = ()
+    most: float = 1.0
+
+    def as_wide_as(self, paths: Array, weights: Array) -> FirstMoves:
+        """The same with last moves that change by little more than the reading leaves: of paths (N, 3 n)."""
+        _, before, end = self.parts(paths)
+        return replace(self, most=self._last(before).as_wide_as(end, weights).most)
 
     def paths(self, count: int, rng: Generator) -> Array:
         """Draws from the prior and the law of the moves, (N, 3 n)."""
@@ -86,9 +93,12 @@ class FirstMoves:
         allowed = self.prior.log_density(there) > -np.inf
         proposal[begun, :size] = there
         proposal[begun[allowed]] = self._from(there[allowed], rng)
-        last = LastStep(self.problem, before[others], self.controls[-1], self.readings, self.fresh)
-        proposal[others, 2 * size :] = last.propose(end[others], rng)
+        proposal[others, 2 * size :] = self._last(before[others]).propose(end[others], rng)
         return proposal
+
+    def _last(self, before: Array) -> LastStep:
+        """The last moves, of objects that were there before them, (N, n)."""
+        return LastStep(self.problem, before, self.controls[-1], self.readings, self.fresh, self.most)
 
     def _from(self, starts: Array, rng: Generator) -> Array:
         """Paths from starts, (N, n) -> (N, 3 n)."""

@@ -6,7 +6,8 @@ motion needs only to be sampled, walls and all: a draw of x' from p(. | a) is ac
 min(1, L(x') / L(x)). Where the noise is Gaussian, half of the proposals change only a part of it
 (preconditioned Crank-Nicolson: Neal, 1999; Cotter, Roberts, Stuart and White, 2013):
 x' = m + sqrt(1 - b^2) (x - m) + b e, with m the mean of the step and e fresh noise. That leaves N as it is,
-so the same ratio is right, or zero where a wall is in the way.
+so the same ratio is right, or zero where a wall is in the way. The part b is drawn log-uniformly, up to all
+of the noise, or up to less where readings leave far less than that: no large part would be taken there.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from ..models.confined import Confined
 from ..problem import Motion, Problem
 from ..space import StateSpace
 
-MIN_FRESH_SHARE = 0.05  # of the noise that a proposal draws anew
+LEAST_OF_MOST = 0.05  # the least part of the noise that a proposal draws anew, as a share of the most
+MOST_IN_WIDTHS = 6.0  # of what readings leave: no proposal changes more, but those that draw all anew
+THINNEST = 1e-4  # of the noise: what readings leave is not taken for less
 SMALL_TURN_STD = 0.5  # rad; noise of a heading that is not felt to be on a circle
 
 
@@ -38,6 +41,7 @@ class LastStep:
         control: Of the step, (k,).
         readings: Measurements taken in since, (B,) each.
         fresh: The one that is to be taken in, (B,).
+        most: The greatest part of the noise that a proposal draws anew, if not all of it.
     """
 
     problem: Problem
@@ -45,10 +49,21 @@ class LastStep:
     control: Array
     readings: Sequence[Array]
     fresh: Array
+    most: float = 1.0
 
     def of(self, ancestors: NDArray[np.intp]) -> LastStep:
         """The same for copies of these particles."""
         return replace(self, starts=self.starts.take(ancestors, axis=0))
+
+    def as_wide_as(self, states: Array, weights: Array) -> LastStep:
+        """The same with proposals little wider than what readings leave: states (N, n) and their weights."""
+        if not self.is_gaussian:
+            return self
+        noise = np.diagonal(self._free.noise_covariance(self.starts[0], self.control))
+        _, covariance = self.problem.space.moments(states, weights / weights.sum())
+        noisy = noise > 0.0
+        left = np.sqrt((np.diagonal(covariance)[noisy] / noise[noisy]).min(initial=1.0))
+        return replace(self, most=float(min(1.0, MOST_IN_WIDTHS * max(left, THINNEST))))
 
     def log_prior(self, states: Array) -> Array:
         """Zero for each state, (N, n) -> (N,): all steps are proposed by their law."""
@@ -68,7 +83,6 @@ class LastStep:
         if not len(states):
             return states.copy()
         motion, space = self.problem.motion, self.problem.space
-        free = motion.motion if isinstance(motion, Confined) else motion
         redrawn = rng.random(len(states)) < (0.5 if self.is_gaussian else 1.0)
         anew = np.flatnonzero(redrawn)
         proposal = states.copy()
@@ -78,7 +92,7 @@ class LastStep:
             apart |= states[:, column] != self.starts[:, column]
         changed = np.flatnonzero(~redrawn & apart)  # what stayed at a wall has no noise to change
         starts, ends = self.starts.take(changed, axis=0), states.take(changed, axis=0)
-        part = _partly(free, starts, ends, self.control, space, rng)
+        part = _partly(self._free, starts, ends, self.control, space, self.most, rng)
         if isinstance(motion, Confined):
             clear = motion.allows(starts, part)
             changed, part = changed[clear], part[clear]
@@ -88,22 +102,26 @@ class LastStep:
     @cached_property
     def is_gaussian(self) -> bool:
         """Whether the noise is Gaussian, and that of a heading far from going round."""
-        motion = self.problem.motion
-        free = motion.motion if isinstance(motion, Confined) else motion
-        if not free.is_gaussian:
+        if not self._free.is_gaussian:
             return False
-        variances = np.diagonal(free.noise_covariance(self.starts[0], self.control))
+        variances = np.diagonal(self._free.noise_covariance(self.starts[0], self.control))
         return bool((variances[self.problem.space.is_angle] <= SMALL_TURN_STD**2).all())
+
+    @property
+    def _free(self) -> Motion:
+        """The motion without walls."""
+        motion = self.problem.motion
+        return motion.motion if isinstance(motion, Confined) else motion
 
 
 def _partly(
-    free: Motion, starts: Array, states: Array, control: Array, space: StateSpace, rng: Generator
+    free: Motion, starts: Array, states: Array, control: Array, space: StateSpace, most: float, rng: Generator
 ) -> Array:
     """Steps from starts to states with a part of their Gaussian noise drawn anew, (N, n)."""
     from ..models.kernels.moves import mix_noise  # numba takes a quarter of a second
 
     mean = free.mean(starts, control)
-    share = MIN_FRESH_SHARE ** rng.random(len(starts))
+    share = most * LEAST_OF_MOST ** rng.random(len(starts))
     fresh = free.sample(starts, control, rng)
     kept, mixed = np.sqrt(1.0 - share**2), np.empty(np.shape(states))
     heading = -1 if space.heading is not None else space.names.index("heading")

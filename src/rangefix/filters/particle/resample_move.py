@@ -141,7 +141,8 @@ class ResampleMove:
             first, counts = kinds(ancestors)
             return copies, None, np.repeat(density(copies[first]), counts), None
         if isinstance(target, LastStep):
-            return self._by_last_step(copies, ancestors, target.of(ancestors), rng, density, power, logs)
+            target = target.as_wide_as(states, weights).of(ancestors)
+            return self._by_last_step(copies, ancestors, target, rng, density, power, logs)
         if isinstance(target, FirstMoves):
             return self._by_paths(states, weights, copies, ancestors, target, rng, power, logs)
         return self._by_walks(states, weights, copies, ancestors, target, rng, power, logs)
@@ -175,7 +176,7 @@ class ResampleMove:
         rows = step_table(begun, weights / weights.sum(), even_share(begun), again, space, rng)
         walk = random_walk(rows, len(copies), space, rng, self.thorough)
         here = at_copies(copies, ancestors, logs, target)
-        propose = partial(target.propose, walk=walk, rng=rng)
+        propose = partial(target.as_wide_as(paths, weights).propose, walk=walk, rng=rng)
         return *metropolis_steps(copies, here, target, propose, power, self.moves, rng, self.thorough), target
 
     def _by_walks(
