@@ -141,28 +141,28 @@ class ResampleMove:
             first, counts = kinds(ancestors)
             return copies, None, np.repeat(density(copies[first]), counts), None
         if isinstance(target, LastStep):
-            target = target.as_wide_as(states, weights).of(ancestors)
-            return self._by_last_step(copies, ancestors, target, rng, density, power, logs)
+            return self._by_last_step(states, weights, copies, ancestors, target, rng, density, power, logs)
         if isinstance(target, FirstMoves):
             return self._by_paths(states, weights, copies, ancestors, target, rng, power, logs)
         return self._by_walks(states, weights, copies, ancestors, target, rng, power, logs)
 
     def _by_last_step(
-        self, copies: Array, ancestors: Indices, target: LastStep, rng: Generator,
-        density: Callable[[Array], Array], power: float, logs: Logs,
+        self, states: Array, weights: Array, copies: Array, ancestors: Indices, target: LastStep,
+        rng: Generator, density: Callable[[Array], Array], power: float, logs: Logs,
     ) -> Resampled:  # fmt: skip
         """Copies of an object that has just moved: the end of its move is drawn anew."""
-        propose = partial(target.propose, rng=rng)
+        target = target.of(ancestors)
         if not power and not target.readings:  # nothing is held against a proposal: every one is taken
-            moved = any_moves(copies, propose, self.moves, rng)
+            moved = any_moves(copies, partial(target.propose, rng=rng), self.moves, rng)
             known, log_density = target.log_densities(moved)
         else:
+            propose = partial(target.as_wide_as(states, weights).propose, rng=rng)
             here = at_copies(copies, ancestors, logs, target)
             moved, known, log_density = metropolis_steps(
                 copies, here, target, propose, power, self.moves, rng
             )
-        weights = exp_of(equal(len(copies)))
-        spread, starts = separate_copies(moved, target.starts, weights, self.problem, rng)
+        even = exp_of(equal(len(copies)))
+        spread, starts = separate_copies(moved, target.starts, even, self.problem, rng)
         if spread is moved:
             return moved, known, log_density, target
         return spread, None, density(spread), replace(target, starts=starts)
