@@ -210,6 +210,8 @@ SITUATIONS = {
     # wrong folders
     "no folder of results": Situation("plot nowhere", 2, "nowhere holds no results"),
     "the folder around it": Situation("report results", 2, "results holds no results; there are results/old"),
+    "a study for its results": Situation("report old", 2, "old holds no results: did you mean results/old?"),
+    "a study's file": Situation("plot old.toml", 2, "old.toml holds no results: did you mean results/old?"),
     "almost that folder": Situation("compare results/odl", 2, "did you mean results/old?"),
     # checks
     "a value that does not fit": Situation(

@@ -70,7 +70,7 @@ def load_study(
         if path.exists() and not path.is_file():
             raise StudyError([f"{target}: is no file"])
         if path.stat().st_size > MOST_BYTES:
-            if is_map_file(path):
+            if _is_called_map(path):
                 raise StudyError([_is_map(target, given_as)])
             raise StudyError(
                 [f"{target}: has more than {MOST_BYTES} bytes: put a large map in a file of its own"]
@@ -79,7 +79,7 @@ def load_study(
     except FileNotFoundError:
         raise StudyError([f"{target}: no such file{_meant(path)}"]) from None
     except NotText as error:
-        if is_map_file(path):
+        if _is_called_map(path):
             raise StudyError([_is_map(target, given_as)]) from None
         none = "" if path.suffix == ".toml" else "is no study, which is a .toml file: "
         raise StudyError([f"{target}: {none}{error}"]) from None
@@ -104,7 +104,12 @@ def _holds_map(path: Path, text: str) -> bool:
     try:
         return is_plan(read_toml(text, path.name))
     except StudyError:  # which is told when it is read as a study
-        return path.suffix != ".toml" and is_map_file(path)
+        return _is_called_map(path)
+
+
+def _is_called_map(path: Path) -> bool:
+    """Whether files so called are maps and never studies."""
+    return path.suffix != ".toml" and is_map_file(path)
 
 
 def _is_map(target: str | Path, given_as: Mapping[str, str] | None) -> str:
