@@ -18,7 +18,7 @@ from ...text_files import read_text
 from ..base import MapError, check_point
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import UNITS, refuse_encoding
-from .dxf_parts import CURVES, entity_kind, hidden_layers, left_out, parts, stated_metres
+from .dxf_parts import CURVES, entity_kind, hidden_layers, layer_of, left_out, parts, stated_metres
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -142,7 +142,7 @@ def read_dxf(
         raise MapError(f"{path}: not a DXF file that can be read ({one_line(error)})") from None
     stated = None if unit else stated_metres(drawing, path)
     scale = _metres(unit, path) if unit else stated or 1.0
-    known = {layer.dxf.name for layer in drawing.layers} | {each.dxf.layer for each in drawing.modelspace()}
+    known = {layer.dxf.name for layer in drawing.layers} | set(map(layer_of, drawing.modelspace()))
     wanted = None if layers is None else {layer.casefold() for layer in layers}  # of any case, as in CAD
     lines, others, drawn = [], [], set()
     try:
