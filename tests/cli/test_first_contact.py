@@ -210,6 +210,8 @@ SITUATIONS = {
     # wrong folders
     "no folder of results": Situation("plot nowhere", 2, "nowhere holds no results"),
     "the folder around it": Situation("report results", 2, "results holds no results; there are results/old"),
+    "a study for its results": Situation("report old", 2, "old holds no results: did you mean results/old?"),
+    "a study's file": Situation("plot old.toml", 2, "old.toml holds no results: did you mean results/old?"),
     "almost that folder": Situation("compare results/odl", 2, "did you mean results/old?"),
     # checks
     "a value that does not fit": Situation(
@@ -263,7 +265,7 @@ def test_odometry_without_noise_is_told(rangefix: Callable[..., Said]) -> None:
 
 @pytest.mark.parametrize("command", ["run", "validate"])
 def test_what_is_odd_about_a_study_is_asked(rangefix: Callable[..., Said], command: str) -> None:
-    """By `validate`, too: a room of millimetres, angles that may be in radians; two beams tell nothing."""
+    """By `validate`, too: lengths of millimetres, angles in radians; two beams tell nothing."""
     text = (
         (STUDY + EKF)
         .replace("width_m = 4.0", "width_m = 0.004")
@@ -274,12 +276,48 @@ def test_what_is_odd_about_a_study_is_asked(rangefix: Callable[..., Said], comma
     beams = "bearings_deg = [326.3, 0.0, 33.7]"
     assert beams in STUDY
     radians = "bearings_deg = [0.0, 2.094, 4.189]\nmax_incidence_deg = 1.3"
-    Path("radians.toml").write_text((STUDY + EKF).replace(beams, radians))
+    text = (STUDY + EKF).replace("std_m = 0.05", "std_m = 50\nmin_range_m = 100")
+    Path("radians.toml").write_text(text.replace(beams, radians))
     said = rangefix(command, "radians.toml").err
     assert "sensor: all 3 beams lie within 4.19 deg: are they in degrees?" in said
     assert "sensor: beams are lost beyond 1.3 deg from a wall's normal: is that in degrees?" in said
+    for told in ("std_m is 50", "min_range_m is 100"):
+        assert f"sensor: {told}, and it is 7.211 m from corner to corner of the map: is it in metres?" in said
     Path("two.toml").write_text((STUDY + EKF).replace(beams, "bearings_deg = [0.0, 2.094]"))
-    assert "degrees?" not in rangefix(command, "two.toml").err + rangefix(command, "paper", "-n", "2").err
+    err = rangefix(command, "two.toml").err + rangefix(command, "paper", "-n", "2").err
+    assert "degrees?" not in err
+    assert "metres?" not in err
+
+
+@pytest.mark.parametrize(
+    "typed", ["plan --beams 3 --candidates-deg 0,90", "map-accuracy --step-m 1", "bounds --only cramer-rao"]
+)
+def test_a_sensor_in_other_units_is_asked_about(rangefix: Callable[..., Said], typed: str) -> None:
+    """Where no run tells it, too: bearings in radians and noise in millimetres."""
+    command, *options = typed.split()
+    radians = "[sensor]\nbearings_deg = [0.0, 1.57, 3.14, 4.71]\nstd_m = 50\n"
+    Path("radians.toml").write_text((STUDY + EKF).replace(SENSOR, radians))
+    said = rangefix(command, "radians.toml", *options)
+    assert "sensor: all 4 beams lie within 4.71 deg: are they in degrees?" in said.err
+    assert "sensor: std_m is 50, and it is 7.211 m from corner to corner of the map" in said.err
+
+
+@pytest.mark.parametrize("command", ["run", "validate", "plan", "bounds", "map-accuracy"])
+def test_a_map_is_no_study(rangefix: Callable[..., Said], command: str) -> None:
+    """It was said to be no TOML, no UTF-8, too large, or to lack a [map]."""
+    Path("map.yaml").write_text("image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    Path("plan.toml").write_text("outer = [[0, 0], [4, 0], [4, 6]]\n")
+    Path("house.stl").write_bytes(bytes(range(256)))
+    Path("large.ply").write_bytes(bytes(3 << 20))
+    for name in ("map.yaml", "plan.toml", "house.stl", "large.ply"):
+        told = f"{name}: is a map and no study: name a study, and the map by --map or in the study's [map]"
+        said = rangefix(command, name)
+        assert (said.code, said.err) == (2, f"rangefix: {told}\n")
+    Path("drive.bag").write_bytes(b"#ROSBAG V2.0\n\xff\xff")
+    assert (
+        "drive.bag: is no study, which is a .toml file: line 2 holds a byte"
+        in rangefix(command, "drive.bag").err
+    )
 
 
 def test_bare_command_shows_the_way(rangefix: Callable[..., Said]) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from rangefix.maps import MapError, MeshRoom
+from rangefix.maps.describe import describe
 from rangefix.maps.mesh_formats.read_mesh import read_mesh, read_scene
+from rangefix.maps.mesh_formats.stl import FACET
 from rangefix.maps.mesh_formats.triangulate import triangulated
 
 from .conftest import DATA, box
@@ -359,3 +361,25 @@ def test_options_that_are_none(tmp_path, option, value):
     path.write_text(obj(CORNERS, QUADS))
     with pytest.raises(MapError, match=value):
         MeshRoom.load(path, sensor_height=0.9, **{option: value})
+
+
+def test_coarse_coordinates_are_told(tmp_path):
+    """Numbers of 32 bits lie half a metre apart at 5200 km: walls of such a file are off by a quarter."""
+    corners = np.array(
+        [[x, y, z] for z in (0.0, 3.0) for x, y in ((0, 0), (4.3, 0), (4.3, 6.2), (0, 6.2))], dtype=np.float64
+    )
+    faces = [(0, 1, 2), (0, 2, 3), *((i, j, i + 4) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)))]
+    faces += [(j, j + 4, i + 4) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))]
+    for name, offset, told in (
+        ("utm.stl", [450_000.0, 5_200_000.0, 0.0], True),
+        ("near.stl", [0.0, 0.0, 0.0], False),
+    ):
+        facets = np.zeros(len(faces), dtype=FACET)
+        facets["corners"] = (corners + offset)[np.array(faces)]
+        (tmp_path / name).write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + facets.tobytes())
+        said = " ".join(describe(MeshRoom.load(tmp_path / name, sensor_height=0.9)).remarks)
+        assert ("tell places to 0.5 m only" in said) == told
+    far = np.array([450_000.1, 5_200_000.3, 0.0])
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in (corners + far).tolist())
+    (tmp_path / "utm.obj").write_text(text + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces))
+    assert MeshRoom.load(tmp_path / "utm.obj", sensor_height=0.9).remarks == ()

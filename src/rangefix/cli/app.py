@@ -136,6 +136,9 @@ def results_folder(text: str) -> Path:
         return path
     if path.is_dir() and (inner := [str(each) for each in sorted(path.iterdir()) if _holds_results(each)]):
         raise FileNotFoundError(f"{path} holds no results; there are {', '.join(inner[:MAX_LISTED])}")
+    for name in (path.name, path.stem):  # of a study, or of its file
+        if _holds_results(Path("results") / name):
+            raise FileNotFoundError(f"{path} holds no results: did you mean {Path('results') / name}?")
     places = [place for place in (path.parent, Path("results")) if place.is_dir()]
     near = [str(each) for place in places for each in place.iterdir() if _holds_results(each)]
     hint = suggestion(str(path), near) if near else ""

@@ -24,7 +24,7 @@ from .app import (
     warn,
 )
 from .map_options import Unit, Up, tell_odd
-from .studies import SHIPPED, Map, NoPlugins, read_study, studies_here
+from .studies import SHIPPED, Map, NoPlugins, read_study, studies_here, tell_odd_sensor
 
 if TYPE_CHECKING:
     from ..evaluation import Experiment, Study
@@ -112,6 +112,7 @@ def bounds(
             f"map: run it with --bounds, or name the study that was run and {as_typed('--out', folder)}"
         )
     tell_odd(experiment.truth.sensor.room)
+    tell_odd_sensor(described, experiment.truth.sensor)
     if curve is not None:
         with replacing(curve):
             _draw_curve(described, experiment, curve, as_json)

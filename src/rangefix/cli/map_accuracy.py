@@ -11,7 +11,7 @@ import typer
 from .app import Json, out_folder, print_json, replacing
 from .directions import read_directions
 from .map_options import Unit, Up, tell_odd
-from .studies import Map, NoPlugins, StudyFile, read_study
+from .studies import Map, NoPlugins, StudyFile, read_study, tell_odd_sensor
 
 if TYPE_CHECKING:
     from ..arrays import Array
@@ -45,7 +45,8 @@ def map_accuracy(
     """How accurate a position is going to be at each place of a map, from gradients of the ranges."""
     if not 0 < step_m < math.inf:
         raise ValueError(f"--step-m must be positive and finite, got {step_m:g}")
-    world = read_study(study, None, None, map_path, not no_plugins, unit=unit, up=up).world()
+    given = read_study(study, None, None, map_path, not no_plugins, unit=unit, up=up)
+    world = given.world()
 
     import numpy as np
 
@@ -57,6 +58,7 @@ def map_accuracy(
     sensor = check_plannable(problem)
     if beams_deg is not None:
         sensor = turned(sensor, read_directions(beams_deg, "--beams-deg"))
+    tell_odd_sensor(given, sensor)
     files = [] if out is None else [out / "accuracy.png", out / "accuracy.npz"]
     with replacing(*files):
         found = accuracy_map(problem, sensor, step_m)

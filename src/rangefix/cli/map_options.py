@@ -103,7 +103,7 @@ class MapOptions:
             raise ValueError(as_options(str(error))) from None
 
     def opened_and_told(self, map_name: str) -> Any:
-        """The map of a name; what of a plan's file is left out, and an odd size, is told on standard error.
+        """The map of a name; what is odd about its file is told on standard error.
 
         Raises:
             ValueError: As `opened`.
@@ -136,11 +136,11 @@ def _typed(names: Iterable[str]) -> str:
 
 
 def odd_about(room: Any) -> tuple[str, ...]:
-    """What of a floor plan's file is left out, and a size that tells of another unit, a sentence each."""
-    from ..maps import FloorPlan
+    """What of a file is left out or coarse, and a size that tells of another unit, a sentence each."""
+    from ..maps import FloorPlan, MeshRoom
     from ..maps.describe import odd_size
 
-    return (*(room.remarks if isinstance(room, FloorPlan) else ()), *odd_size(room))
+    return (*(room.remarks if isinstance(room, FloorPlan | MeshRoom) else ()), *odd_size(room))
 
 
 def tell_odd(room: Any, name: str = "map") -> None:

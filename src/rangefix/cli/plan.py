@@ -19,7 +19,7 @@ from .app import (
 )
 from .directions import read_directions
 from .map_options import Unit, Up, tell_odd
-from .studies import Map, NoPlugins, Seed, StudyFile, read_study
+from .studies import Map, NoPlugins, Seed, StudyFile, read_study, tell_odd_sensor
 
 if TYPE_CHECKING:
     from ..arrays import Array
@@ -123,6 +123,7 @@ def plan(
 
     problem = world.assumed or world.truth
     tell_odd(problem.sensor.room)
+    tell_odd_sensor(given, world.truth.sensor)
     candidates = read_candidates(candidates_deg, problem)
     planner = Planner(problem, candidates, least, truths or TRUTHS, given.seed, doing)
     if beams > len(candidates):

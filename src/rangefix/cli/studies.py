@@ -16,11 +16,14 @@ from .map_options import Unit, Up, tell_odd
 
 if TYPE_CHECKING:
     from ..evaluation import Experiment, Study
+    from ..filters import Sensor
 
 EXAMPLES = Path(__file__).parents[1] / "evaluation/study/examples"  # listed without what a study loads
 SHIPPED = tuple(sorted(file.stem for file in EXAMPLES.glob("*.toml")))
 FOUND, DRAWINGS = ("mesh", "occupancy"), (".dxf", ".geojson")  # maps whose free space is found, not written
 FAN_BEAMS = 3  # whose directions tell their unit
+SPREADS = {"std_m", "scale_m"}  # keys of a noise
+USUAL_STD, STDS_ACROSS = 1.0, 20  # m of noise, and how many of it a map is across: more and less are odd
 GIVEN_AS = {"runs": "--runs", "seed": "--seed", "map": "--map", "unit": "--unit", "up": "--up"}
 
 
@@ -206,7 +209,7 @@ def tell_odd_study(study: Study, experiment: Experiment) -> None:
     """What is odd about a study that is sound, on standard error: a line for each question to its author."""
     drawn = any(file.suffix.lower() in DRAWINGS for file in study.map.files(study.folder))
     _tell_map(experiment, drawn or study.map.kind in FOUND)
-    _tell_angles(experiment)
+    tell_odd_sensor(study, experiment.truth.sensor)
     _tell_odometry(experiment)
 
 
@@ -225,11 +228,18 @@ def _tell_map(experiment: Experiment, whole: bool) -> None:
             tell_odd(room, what)
 
 
-def _tell_angles(experiment: Experiment) -> None:
-    """That angles are as small as if they were in radians."""
+def tell_odd_sensor(study: Study, sensor: Sensor) -> None:
+    """That lengths of a sensor are as large as if in mm or cm, or angles as small as if in radians."""
     import numpy as np
 
-    sensor = experiment.truth.sensor
+    diagonal = float(np.hypot(*np.subtract(*sensor.room.bounds)))
+    across = f"{diagonal:.4g} m from corner to corner of the map: is it in metres?"
+    noise = (study.sensor.noise or study.sensor).model_dump()
+    for key in SPREADS & noise.keys():
+        if (std := np.min(noise[key])) > max(USUAL_STD, diagonal / STDS_ACROSS):
+            warn(f"sensor: {key} is {std:.4g}, and it is {across}")
+    if sensor.min_range >= diagonal:
+        warn(f"sensor: min_range_m is {sensor.min_range:.4g}, and it is {across}")
     fan, graze = np.rad2deg(np.ptp(sensor.bearings)), np.rad2deg(sensor.max_incidence)
     if len(sensor.bearings) >= FAN_BEAMS and fan <= 2 * np.pi:
         warn(f"sensor: all {len(sensor.bearings)} beams lie within {fan:.3g} deg: are they in degrees?")

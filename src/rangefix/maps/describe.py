@@ -141,7 +141,7 @@ def _remarks(room: Any) -> list[str]:
         ]
         if room.beyond:
             told.append("the free space reaches the border of the mesh: is it outdoors?")
-        return told
+        return [*told, *room.remarks]
     if isinstance(room, OccupancyMap):
         turned = f", turned by {np.rad2deg(room.yaw):g} deg" if room.yaw else ""
         left = 1 - room.share_of_free_cells

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from functools import partial
 from typing import Self
 
@@ -38,6 +39,7 @@ class MeshRoom(InWalls):
         outline: Where free space is, whatever lies below: corners (x1, x2), m, (n, 2), or a map.
         name: What error messages call the mesh.
         unit, up: What to say of the file's unit and of its axis that is up.
+        remarks: What was found in the file that it is read of, a sentence each.
 
     Raises:
         MapError: If the mesh is empty or not finite, the plane cuts nothing, or there is no plausible free
@@ -57,6 +59,7 @@ class MeshRoom(InWalls):
         name: str = "mesh",
         unit: str = "m",
         up: str = "z",
+        remarks: Iterable[str] = (),
     ) -> None:
         points, corners = _check_mesh(vertices, triangles, name)
         start = None if reachable_from is None else check_point(reachable_from, name)
@@ -74,7 +77,7 @@ class MeshRoom(InWalls):
                 f"(up: {up}; unit: {unit}): give another sensor_height{turned}"
             )
         self.sensor_height = float(sensor_height)
-        self.unit, self.up = unit, up
+        self.unit, self.up, self.remarks = unit, up, tuple(remarks)
         self._walls: Walls = Walls(segments)
         within = outline if outline is None or isinstance(outline, Outline) else FloorPlan(outline)
         below = partial(_surface_below, points, corners, float(sensor_height))
@@ -122,6 +125,7 @@ class MeshRoom(InWalls):
             name=os.fspath(path),
             unit=mesh.unit,
             up=mesh.up,
+            remarks=mesh.remarks,
         )
 
     @property

@@ -140,6 +140,24 @@ def test_a_point_cloud(tmp_path):
         ("room.toml", "outer = [[0, 0], [1,", {}, "not a TOML file"),
         ("room.json", "{", {}, "not a JSON file"),
         ("room.json", "[1, 2]", {}, "a floor plan has `outer`"),
+        (
+            "room.json",
+            '{"outer": [[0, 0], [1, 0], [1, 1]], "walls": [], "walls": []}',
+            {},
+            "walls stands twice",
+        ),
+        (
+            "room.geojson",
+            '{"type": "Polygon", "coordinates": [], "coordinates": []}',
+            {},
+            "coordinates stands tw",
+        ),
+        (
+            "study.toml",
+            "runs = 3\n[map]\npath = 'a.yaml'",
+            {},
+            "it is a study and no map: name the map that its",
+        ),
         ("room.toml", "outr = [[0, 0]]", {}, "a room has `width` and `length`; found outr"),
         (
             "room.toml",

@@ -407,3 +407,25 @@ def test_plans_made_by_hand(name):
         pytest.skip(f"{CASES / name} is missing")
     plan = open_map(CASES / name, unit="m")
     np.testing.assert_allclose(plan.ranges([2.0, 3.0, 0.0], ROUND), [2, 6, 3, 2])
+
+
+@pytest.mark.parametrize("kind", ["AEC_WALL", "ACAD_PROXY_ENTITY", "PLANESURFACE"])
+@pytest.mark.parametrize("in_block", [False, True])
+def test_objects_of_other_programs_are_told(tmp_path, kind, in_block):
+    """Walls of AutoCAD Architecture ended in the library's words, and proxies were passed over in silence."""
+    drawing = ezdxf.new("R2010")
+    drawing.header["$INSUNITS"] = 6
+    space = drawing.modelspace()
+    space.add_lwpolyline([(0, 0), (4, 0), (4, 6), (0, 6)], close=True)
+    holder = drawing.blocks.new("B") if in_block else space
+    holder.add_line((1, 1), (2, 2))
+    if in_block:
+        space.add_blockref("B", (0, 0))
+    drawing.saveas(tmp_path / "plan.dxf")
+    text = (tmp_path / "plan.dxf").read_text()
+    place = text.rindex("LINE\n", 0, text.index("AcDbLine\n"))
+    (tmp_path / "plan.dxf").write_text(f"{text[:place]}{kind}\n{text[place + 5 :]}")
+    plan = open_map(tmp_path / "plan.dxf")
+    assert len(plan.segments) == 4
+    what = "surface" if kind == "PLANESURFACE" else "object of another program, to be exploded there"
+    assert plan.remarks[0].startswith(f"left out: {what} (1); walls are lines")

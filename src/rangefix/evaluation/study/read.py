@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from ...errors import one_line, printable, suggestion
 from ...maps import MapError
-from ...maps.readers import kind_of, map_table
+from ...maps.readers import is_map_file, is_plan, kind_of, map_table
 from ...text_files import NotText, read_text
 from .build import build_world
 from .check_estimators import refuse_plugins
@@ -70,6 +70,8 @@ def load_study(
         if path.exists() and not path.is_file():
             raise StudyError([f"{target}: is no file"])
         if path.stat().st_size > MOST_BYTES:
+            if _is_called_map(path):
+                raise StudyError([_is_map(target, given_as)])
             raise StudyError(
                 [f"{target}: has more than {MOST_BYTES} bytes: put a large map in a file of its own"]
             )
@@ -77,9 +79,14 @@ def load_study(
     except FileNotFoundError:
         raise StudyError([f"{target}: no such file{_meant(path)}"]) from None
     except NotText as error:
-        raise StudyError([f"{target}: {error}"]) from None
+        if _is_called_map(path):
+            raise StudyError([_is_map(target, given_as)]) from None
+        none = "" if path.suffix == ".toml" else "is no study, which is a .toml file: "
+        raise StudyError([f"{target}: {none}{error}"]) from None
     except OSError as error:
         raise StudyError([f"{target}: cannot be read: {error.strerror or one_line(error)}"]) from None
+    if _holds_map(path, text):
+        raise StudyError([_is_map(target, given_as)])
     changes = {"runs": runs, "seed": seed, "map": map_path and str(map_path)}
     return parse_study(
         text,
@@ -90,6 +97,25 @@ def load_study(
         plugins=plugins,
         given_as=given_as,
     )
+
+
+def _holds_map(path: Path, text: str) -> bool:
+    """Whether a file that should be a study is a map: a plan in TOML, or no TOML and called as maps are."""
+    try:
+        return is_plan(read_toml(text, path.name))
+    except StudyError:  # which is told when it is read as a study
+        return _is_called_map(path)
+
+
+def _is_called_map(path: Path) -> bool:
+    """Whether files so called are maps and never studies."""
+    return path.suffix != ".toml" and is_map_file(path)
+
+
+def _is_map(target: str | Path, given_as: Mapping[str, str] | None) -> str:
+    """What is said of a map where a study is asked for."""
+    option = (given_as or {}).get("map", "map_path")
+    return f"{target}: is a map and no study: name a study, and the map by {option} or in the study's [map]"
 
 
 def _meant(path: Path) -> str:

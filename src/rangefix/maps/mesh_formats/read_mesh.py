@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, IntArray
+from ...arrays import Array, BoolArray, IntArray
 from ...errors import one_line
 from ...text_files import LOOKED_AT, NotText, refuse_other_text
 from ..base import MapError
@@ -43,6 +43,7 @@ TURNS = {  # from the axes of the file to z up: rows of a rotation
     "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
 }
 LONGEST, HIGHEST, SHORTEST = 1000.0, 50.0, 0.5  # m of a building; beyond them its unit is asked for
+COARSE = 0.001  # m between neighbouring numbers of a file
 CHILD = """
 import os, sys
 from threading import Thread
@@ -66,12 +67,14 @@ class Mesh(NamedTuple):
         triangles: Indices of vertices, (T, 3).
         unit: The unit of the file's numbers, and who says so, such as "mm (given)".
         up: Which axis of the file was taken to be up, likewise.
+        remarks: What was found in it, a sentence each.
     """
 
     vertices: Array
     triangles: IntArray
     unit: str
     up: str
+    remarks: tuple[str, ...] = ()
 
 
 def read_mesh(path: PathLike, unit: str | None = None, up: str | None = None) -> Mesh:
@@ -114,11 +117,12 @@ def read_mesh(path: PathLike, unit: str | None = None, up: str | None = None) ->
         raise MapError(f"{path}: {found}; a point cloud must be meshed first")
     turn = up or stated_up or "z"
     scale = UNITS[unit] if unit else stated_unit or 1.0
+    remarks = _too_coarse(vertices, triangles, scale)
     if (turn, scale) != ("z", 1.0):
         vertices = vertices @ (np.array(TURNS[turn]).T * scale)
     unit_told = f"{unit} (given)" if unit else f"{scale:g} m (the file's)" if stated_unit else "m (assumed)"
     up_told = f"{turn} ({'given' if up else 'of its format' if stated_up else 'assumed'})"
-    mesh = Mesh(vertices, triangles, unit_told, up_told)
+    mesh = Mesh(vertices, triangles, unit_told, up_told, remarks)
     if unit is None:
         _check_size(path, mesh)
     if up is None:
@@ -126,11 +130,30 @@ def read_mesh(path: PathLike, unit: str | None = None, up: str | None = None) ->
     return mesh
 
 
+def _too_coarse(vertices: Array, triangles: IntArray, scale: float) -> tuple[str, ...]:
+    """That numbers of 32 bits, as .stl and .glb have them, are far from 0, where they lie far apart.
+
+    Text may hold such numbers, too; one of whole numbers alone may be as its author meant it.
+    """
+    numbers = vertices[_used(vertices, triangles)]
+    with np.errstate(over="ignore"):
+        short = numbers.astype(np.float32)
+    step = scale * float(np.spacing(np.abs(short).max(initial=0.0)))
+    if not COARSE < step < np.inf or (short != numbers).any() or not (numbers % 1).any():
+        return ()
+    return (f"its numbers of 32 bits tell places to {step:.2g} m only, so far from 0: save it nearer to 0",)
+
+
+def _used(vertices: Array, triangles: IntArray) -> BoolArray:
+    """Which vertices are corners of a triangle, and finite, (V,)."""
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[triangles] = True
+    return np.asarray(used & np.isfinite(vertices).all(axis=1))
+
+
 def _size(mesh: Mesh) -> Array:
     """Extents of all faces along x1, x2 and z, m, (3,); zeros where no corner is finite."""
-    used = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    used[mesh.triangles] = True
-    used &= np.isfinite(mesh.vertices).all(axis=1)
+    used = _used(mesh.vertices, mesh.triangles)
     return np.asarray(np.ptp(mesh.vertices[used], axis=0)) if used.any() else np.zeros(3)
 
 

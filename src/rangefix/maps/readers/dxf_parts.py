@@ -13,8 +13,11 @@ CURVES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"
 OTHERS = {  # what may be walls, too, and is not read
     "INSERT": "reference to another file", "MPOLYGON": "hatch", "HATCH": "hatch", "SOLID": "filled area",
     "TRACE": "filled area", "3DFACE": "face in space", "MESH": "mesh", "REGION": "region", "BODY": "solid",
-    "3DSOLID": "solid", "SURFACE": "surface",
+    "3DSOLID": "solid", "SURFACE": "surface", "PLANESURFACE": "surface", "EXTRUDEDSURFACE": "surface",
+    "LOFTEDSURFACE": "surface", "REVOLVEDSURFACE": "surface", "SWEPTSURFACE": "surface",
+    "ACAD_PROXY_ENTITY": "object of another program, to be exploded there",
 }  # fmt: skip
+FOREIGN = "ACAD_PROXY_ENTITY"  # what CAD makes of objects that it does not know, such as AEC_WALL
 FREE_LAYER = "0"  # what is on it in a block is on the layer of the block's reference
 UNITLESS = 0
 METRES = {  # by the number that a header's $INSUNITS has
@@ -48,16 +51,32 @@ def parts(entities: Iterable[Any], layer: str = FREE_LAYER) -> Iterator[tuple[An
         layer: Where the block's reference is.
     """
     for entity in entities:
-        own = entity.dxf.get("layer", FREE_LAYER)
+        own = layer_of(entity)
         own = layer if own == FREE_LAYER else own
         if entity.dxftype() == "INSERT" and _is_elsewhere(entity):
             yield entity, own
         elif entity.dxftype() == "INSERT" and entity.mcount > 1:
             yield from parts(entity.multi_insert(), own)
-        elif entity.dxftype() in ("INSERT", "MLINE"):
+        elif entity.dxftype() == "INSERT":
+            yield from parts(entity.virtual_entities(), own)
+            kept = [each for each in entity.block() if entity_kind(each) == FOREIGN]  # which it passes over
+            yield from ((each, layer_of(each)) for each in kept if not each.proxy_graphic)
+        elif entity.dxftype() == "MLINE":
             yield from parts(entity.virtual_entities(), own)
         else:
             yield entity, own
+
+
+def layer_of(entity: Any) -> str:
+    """The layer of an entity; an object of another program, of which only the text is kept, has it there."""
+    if _is_foreign(entity):
+        return str(entity.graphic_properties().get("layer", FREE_LAYER))
+    return str(entity.dxf.get("layer", FREE_LAYER))
+
+
+def _is_foreign(entity: Any) -> bool:
+    """Whether an entity is of a type that the library does not know."""
+    return not entity.dxf.is_supported("layer")
 
 
 def _is_elsewhere(reference: Any) -> bool:
@@ -67,7 +86,9 @@ def _is_elsewhere(reference: Any) -> bool:
 
 
 def entity_kind(entity: Any) -> str:
-    """The type of an entity; that of a mesh for a polyline that is a net of faces."""
+    """The type of an entity; a polyline that is a net of faces is a mesh, and what is unknown foreign."""
+    if _is_foreign(entity):
+        return FOREIGN
     faces = entity.dxftype() == "POLYLINE" and (entity.is_poly_face_mesh or entity.is_polygon_mesh)
     return "MESH" if faces else str(entity.dxftype())
 

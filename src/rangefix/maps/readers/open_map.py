@@ -200,6 +200,12 @@ def kind_of(path: PathLike) -> str:
     raise MapError(f"{path}: no map of type {suffix or 'without suffix'!r}; there are {listed}")
 
 
+def is_map_file(path: PathLike) -> bool:
+    """Whether files of that suffix are maps, or are told what to be saved as instead; of others' maps no."""
+    suffix = Path(path).suffix.lower()
+    return suffix in OTHERS or any(suffix in reader.suffixes for reader in READERS.values())
+
+
 def _read(path: Path, kind: str, options: Mapping[str, Any]) -> AnyRoom:
     """The map in a file that is read as a map of that kind."""
     reader, suffix = READERS[kind], path.suffix.lower()

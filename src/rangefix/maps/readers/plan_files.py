@@ -18,7 +18,7 @@ from ..base import MapError
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import PathLike
 from ..rectangle import RectangularRoom
-from .vector_plans import VECTORS, is_geojson, read_dxf, read_geojson
+from .vector_plans import VECTORS, is_geojson, once, read_dxf, read_geojson
 
 PLANS = (".toml", ".json")
 DRAWN = (*PLANS, *VECTORS)
@@ -64,7 +64,7 @@ def read_plan(path: Path, **options: Any) -> RectangularRoom | FloorPlan:
         return read_geojson(path, **options)
     try:
         text = read_text(path)
-        content = tomllib.loads(text) if suffix == ".toml" else json.loads(text)
+        content = tomllib.loads(text) if suffix == ".toml" else json.loads(text, object_pairs_hook=once)
         if is_geojson(content) and "layers" not in options:
             return read_geojson(path, content, **options)
         if options:
@@ -78,19 +78,25 @@ def read_plan(path: Path, **options: Any) -> RectangularRoom | FloorPlan:
         raise MapError(f"{path}: not a {path.suffix[1:].upper()} file ({one_line(error)})") from error
 
 
+def is_plan(content: Any) -> bool:
+    """Whether the content of a file has the keys of a room or of a floor plan, and no others."""
+    keys = set(content) if isinstance(content, dict) else set()
+    return keys == ROOM or ("outer" in keys and keys <= PLAN)
+
+
 def plan_of(content: Any) -> RectangularRoom | FloorPlan:
     """The room or floor plan of the keys of a file.
 
     Raises:
         MapError: If keys are missing or unknown, or the map cannot be.
     """
-    keys = set(content) if isinstance(content, dict) else set()
     try:
-        if keys == ROOM:
-            return RectangularRoom(**content)
-        if "outer" in keys and keys <= PLAN:
-            return FloorPlan(**content)
+        if is_plan(content):
+            return RectangularRoom(**content) if "width" in content else FloorPlan(**content)
     except TypeError as error:
         raise MapError(one_line(error)) from error
+    keys = set(content) if isinstance(content, dict) else set()
+    if "map" in keys:
+        raise MapError("it is a study and no map: name the map that its [map] names")
     expected = "a floor plan has `outer` with optional `holes` and `walls`, a room has `width` and `length`"
     raise MapError(f"{expected}; found {', '.join(sorted(keys)) or 'none of them'}")

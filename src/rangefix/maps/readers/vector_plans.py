@@ -18,7 +18,7 @@ from ...text_files import read_text
 from ..base import MapError, check_point
 from ..floor_plan import FloorPlan
 from ..mesh_formats.read_mesh import UNITS, refuse_encoding
-from .dxf_parts import CURVES, entity_kind, hidden_layers, left_out, parts, stated_metres
+from .dxf_parts import CURVES, entity_kind, hidden_layers, layer_of, left_out, parts, stated_metres
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -26,6 +26,18 @@ if TYPE_CHECKING:
 VECTORS = (".geojson", ".dxf")
 GEOJSON = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon", "MultiPolygon", "LineString",
            "MultiLineString")  # fmt: skip
+ONCE = (
+    "width",
+    "length",
+    "outer",
+    "holes",
+    "walls",
+    "type",
+    "features",
+    "geometry",
+    "geometries",
+    "coordinates",
+)
 BROKEN = (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError)
 STRETCHED = re.compile(r"\b(3857|900913|102100|102113|3785)$")  # names of Web Mercator
 POINTS = ("Point", "MultiPoint")  # passed over
@@ -39,6 +51,18 @@ NEAR = 1e-6  # m; ends as near as this are one
 def is_geojson(content: Any) -> bool:
     """Whether the content of a JSON file is GeoJSON."""
     return isinstance(content, dict) and content.get("type") in GEOJSON
+
+
+def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A table of JSON in which no key that is read stands twice, of which Python would take the last.
+
+    Raises:
+        ValueError: If one does.
+    """
+    keys = [key for key, _ in pairs if key in ONCE]
+    if twice := sorted({key for key in keys if keys.count(key) > 1}):
+        raise ValueError(f"{', '.join(twice)} stands twice")
+    return dict(pairs)
 
 
 def read_geojson(
@@ -63,7 +87,7 @@ def read_geojson(
     if content is None:
         _check_bytes(path)
         try:
-            content = json.loads(read_text(path))
+            content = json.loads(read_text(path), object_pairs_hook=once)
         except (ValueError, RecursionError) as error:
             raise MapError(f"{path}: not a GeoJSON file ({one_line(error)})") from None
     if not is_geojson(content):
@@ -118,7 +142,7 @@ def read_dxf(
         raise MapError(f"{path}: not a DXF file that can be read ({one_line(error)})") from None
     stated = None if unit else stated_metres(drawing, path)
     scale = _metres(unit, path) if unit else stated or 1.0
-    known = {layer.dxf.name for layer in drawing.layers} | {each.dxf.layer for each in drawing.modelspace()}
+    known = {layer.dxf.name for layer in drawing.layers} | set(map(layer_of, drawing.modelspace()))
     wanted = None if layers is None else {layer.casefold() for layer in layers}  # of any case, as in CAD
     lines, others, drawn = [], [], set()
     try:
