@@ -368,7 +368,7 @@ j = 1
     lines = key_lines(text)
     assert lines[("a",)] == 1
     assert lines[("b c", "d")] == 2
-    assert lines[("t", "u")] == 5
+    assert lines[("t",)] == lines[("t", "u")] == 5
     assert lines[("t", "u", "e")] == 6
     assert ("t", "u", "f") not in lines
     assert lines[("t", "u", "g")] == 9
