@@ -102,10 +102,12 @@ class SensorFile:
             ValueError: If there are so many, or so few.
         """
         for table, section in ((("sensor",), self.true), (("assumed", "sensor"), self.section)):
-            for name, value in () if section is None else _noise_values(section):
+            if section is None:
+                continue
+            around = table if section.noise is None else (*table, "noise")
+            for name, value in _noise_values(section):
                 if isinstance(value, list) and len(value) not in (used, total):
-                    key = (*table, name) if section.noise is None else (*table, "noise", name)
-                    line = self.mistakes.line(key, f"has {len(value)} values for {used} beams")
+                    line = self.mistakes.line((*around, name), f"has {len(value)} values for {used} beams")
                     raise ValueError(line.replace(f"{name}: has", f"{name} has"))
 
 
