@@ -24,7 +24,7 @@ def test_readings_without_noise_are_all_hits(std: float) -> None:
 
 @pytest.mark.parametrize("from_truth", [True, False])
 def test_rounding_is_no_error_that_readings_share(from_truth: bool) -> None:
-    """Exact ranges differ from the law's bias by 1e-10 m, all alike: a weight of 0.02 for one was made of it."""
+    """Exact ranges differ from the law's bias by 1e-10 m, all alike, which made a weight of 0.02."""
     turns = np.arange(60) / 30
     poses = np.column_stack([3 + 1.5 * np.sin(turns), 4.5 + 1.5 * np.cos(turns), turns + 0.5 * np.pi])
     bearings = np.deg2rad(np.arange(0.0, 360.0, 30.0))
