@@ -743,6 +743,14 @@ def test_a_start_that_is_not_yet_forgotten_is_no_offset(
         ("[map]\n", "s.toml has no table [sensor]"),
         ("[sensor\n", "s.toml:1: not TOML"),
         (
+            "[sensor]\nstd_m = [0.1, 0.2, 0.1]\n[assumed.sensor]\nstd_m = 0.1\n",
+            "s.toml:2: sensor.std_m has 3 values for 24 beams",
+        ),
+        (
+            "[sensor]\nstd_m = 0.1\n[assumed.sensor.noise]\nkind = 'gaussian'\nstd_m = [0.1, 0.2]\n",
+            "s.toml:5: assumed.sensor.noise.std_m has 2 values for 24 beams",
+        ),
+        (
             "[sensor]\nstd_m = 0.1\n[assumed.sensor.noise]\nkind = 'gaussian'\nstd_m = 0.1\nweigth = 0.1\n",
             "s.toml:6: assumed.sensor.noise.weigth: unknown key; did you mean weight?",
         ),

@@ -97,6 +97,7 @@ def test_a_good_study_is_what_it_says():
         ("cell_m", "cel_m", 23, r"options\.cel_m: point-mass has no such option; did you mean cell_m\?"),
         ("cell_m = 0.1", "cell_m = -0.1", 23, r"estimators\[1\]\.options: point-mass: the cell size must be"),
         ('label = "second"', 'label = "point-mass"', 27, "two estimators are called 'point-mass'"),
+        ('label = "second"', 'label = " point-mass"', 27, "must not begin or end with a space, got ' po"),
         ('"ekf"', '"missing.module:thing"', 26, "missing.module"),
         ('"ekf"', '"nowhere.py:thing"', 26, "no file nowhere.py"),
     ],
@@ -107,6 +108,20 @@ def test_one_mistake(old, new, line, words):
     assert re.search(words, found)
     assert found.startswith(f"s.toml:{line}: ")
     assert "\n" not in found
+
+
+def test_labels_that_look_alike() -> None:
+    """Tables, pages and `--gate` cannot tell them apart."""
+    text = (
+        GOOD.replace('label = "second"', 'label = "the  first"')
+        + """
+[[estimators]]
+name = "ekf"
+label = "the first"
+"""
+    )
+    (found,) = mistakes(text)
+    assert found.endswith("estimators[3].label: 'the first' differs from 'the  first' by spaces only")
 
 
 def test_all_mistakes_at_once():
@@ -368,7 +383,7 @@ j = 1
     lines = key_lines(text)
     assert lines[("a",)] == 1
     assert lines[("b c", "d")] == 2
-    assert lines[("t", "u")] == 5
+    assert lines[("t",)] == lines[("t", "u")] == 5
     assert lines[("t", "u", "e")] == 6
     assert ("t", "u", "f") not in lines
     assert lines[("t", "u", "g")] == 9

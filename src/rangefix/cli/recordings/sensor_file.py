@@ -50,6 +50,7 @@ class SensorFile:
         options: How the recording is read, with the place of the laser.
         noise: How readings scatter, as filters are told; None = the file does not say.
         law: How they scatter together: with the errors that readings share.
+        true: The table [sensor], which `law` is of; None where there is no file.
         section: What filters are told; None where there is no file.
         given: The keys of it that stand in the file.
         others: Tables and keys of a study that a replay does not use.
@@ -59,6 +60,7 @@ class SensorFile:
     options: ReadingOptions
     noise: Noise | None = None
     law: Noise | None = None
+    true: SensorSection | None = None
     section: SensorSection | None = None
     given: frozenset[str] = frozenset()
     others: tuple[str, ...] = ()
@@ -99,13 +101,14 @@ class SensorFile:
         Raises:
             ValueError: If there are so many, or so few.
         """
-        if self.section is None:
-            return
-        for name, value in _noise_values(self.section):
-            if isinstance(value, list) and len(value) not in (used, total):
-                key = ("sensor", name) if self.section.noise is None else ("sensor", "noise", name)
-                line = self.mistakes.line(key, f"has {len(value)} values for {used} beams")
-                raise ValueError(line.replace(f"{name}: has", f"{name} has"))
+        for table, section in ((("sensor",), self.true), (("assumed", "sensor"), self.section)):
+            if section is None:
+                continue
+            around = table if section.noise is None else (*table, "noise")
+            for name, value in _noise_values(section):
+                if isinstance(value, list) and len(value) not in (used, total):
+                    line = self.mistakes.line((*around, name), f"has {len(value)} values for {used} beams")
+                    raise ValueError(line.replace(f"{name}: has", f"{name} has"))
 
 
 def read_sensor(path: Path, options: ReadingOptions) -> SensorFile:
@@ -143,7 +146,8 @@ def read_sensor(path: Path, options: ReadingOptions) -> SensorFile:
     noise, law = section.build_noise(), tables.sensor.build_noise()
     if "max_incidence_deg" in given:
         others = (*others, "sensor.max_incidence_deg")
-    return SensorFile(replace(options, **placed), noise, law, section, given, others, mistakes)
+    options = replace(options, **placed)
+    return SensorFile(options, noise, law, tables.sensor, section, given, others, mistakes)
 
 
 def _others(document: dict[str, Any], mistakes: Mistakes) -> Iterator[str]:

@@ -23,6 +23,7 @@ from .fit_noise import (
     fit_correlation,
     fit_law,
     hits_of,
+    no_correlation,
     scores_of,
 )
 from .frame_offset import frame_offset, is_chance
@@ -33,6 +34,7 @@ LEAST_SCANS = 20
 ODD_STD_M = 0.5  # beyond it readings and map do not belong together
 ROUNDS = 2  # in which scans are moved to their best poses: from a law that is too wide, then from theirs
 LEAST_WEIGHT = 1e-3
+NO_NOISE = 0.01  # standard deviation of normal scores, below which readings scatter less than any law
 LAGS_BETWEEN = 30  # at which errors of scans that are not kept are looked at
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
 STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with BLOCKS - 1 degrees of freedom
@@ -259,6 +261,8 @@ def fit_noise(arrays: Arrays, from_truth: bool) -> Fitted:
         assert isinstance(correlated.noise, LostBeams)
         law = correlated.noise
         scores = scores_of(law, arrays.readings, arrays.expected)
+    if float(np.nanmean(np.square(scores))) < NO_NOISE**2:  # what is left is rounding, which is no news
+        return Fitted(law, Correlated(law), no_correlation(curve), 1.0, 1.0, 0)
     scans = _memory(arrays.poses, correlated)
     weigh = _weight_of_scores if from_truth else _weight_of_model
     return Fitted(

@@ -58,6 +58,12 @@ class CorrelationCurve:
     pairs: Array
 
 
+def no_correlation(curve: CorrelationCurve) -> CorrelationCurve:
+    """The curve of readings that share no error, of as many pairs."""
+    none = np.zeros(len(curve.distance_m))
+    return CorrelationCurve(curve.distance_m, none, none, curve.pairs)
+
+
 def fit_law(readings: Array, expected: Array, max_range: float) -> LostBeams:
     """The law of each reading by itself, by maximum likelihood.
 
@@ -255,8 +261,7 @@ def fit_at_best_poses(law: LostBeams, fits: ScanFits, ends: Array) -> tuple[Corr
     variances, taken = _fit_two_lengths(means, columns, pairs[used])
     total, left = float(variances.sum()), float(np.square(fits.left[fits.used]).mean())
     if not (total > 0 and left > 0):  # readings without any noise
-        none = np.zeros(len(MIDDLES_M))
-        return Correlated(law), CorrelationCurve(MIDDLES_M, none, none, pairs[:, 1:])
+        return Correlated(law), no_correlation(CorrelationCurve(MIDDLES_M, seen[0], seen[1], pairs[:, 1:]))
     shares, lengths = variances[:3] / total, (LENGTHS_M[taken[0]], LENGTHS_M[taken[1]])
     model = shares[:2] @ np.exp(-MIDDLES_M / np.array(lengths)[:, None]) + np.outer([shares[2], 0.0], 1)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -124,6 +124,8 @@ class Scan:
         odometry_at_end: The same when its last beam was taken; None where that is not known.
         beyond_m: The finite readings that are longer than the laser measures, which `ranges_m` has as no
             return, (K,), m.
+        clock_went_back: Whether the clock was set back before, or is behind a time that it showed: other
+            files have no pose at this time.
     """
 
     time_s: float
@@ -131,6 +133,7 @@ class Scan:
     odometry: Array | None = None
     odometry_at_end: Array | None = None
     beyond_m: Array = field(default_factory=lambda: np.empty(0))
+    clock_went_back: bool = False
 
 
 class Log(Protocol):

@@ -74,7 +74,7 @@ def truth_by_time(track: Track) -> Truth:
 
     def at(step: Step) -> Array | None:
         nonlocal latest
-        if step.time_s <= latest:
+        if step.clock_went_back or step.time_s <= latest:
             return None
         latest = step.time_s
         return track.at(step.time_s)
@@ -231,7 +231,7 @@ def recorded(
     """
     lookout = None if lost is None else Lookout(problem, Watch(lost), random_stream(seed, LOOKOUT, 0))
     for step in steps:
-        found = claimed.at(step.time_s)
+        found = None if step.clock_went_back else claimed.at(step.time_s)
         true = truth(step if found is None else replace(step, time_s=found[0]))
         if found is None:
             if lookout is not None:

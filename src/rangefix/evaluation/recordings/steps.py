@@ -79,6 +79,7 @@ class Step:
         measurement: Ranges of the chosen beams, (B,), m.
         odometry: The pose by odometry, (3,).
         lengths: Finite readings of all beams, also those that are longer than the laser measures, (K,), m.
+        clock_went_back: As of `Scan`.
     """
 
     scan: int
@@ -87,6 +88,7 @@ class Step:
     measurement: Array
     odometry: Array
     lengths: Array
+    clock_went_back: bool = False
 
 
 def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterator[Step]:
@@ -124,7 +126,7 @@ def steps(log: Log, choice: Choice, tally: Counter[str] | None = None) -> Iterat
         before, some = scan.odometry, True
         read = scan.ranges_m[np.isfinite(scan.ranges_m)]
         lengths = np.concatenate([read, scan.beyond_m])
-        yield Step(number, scan.time_s, control, ranges, scan.odometry, lengths)
+        yield Step(number, scan.time_s, control, ranges, scan.odometry, lengths, scan.clock_went_back)
     if not some:
         raise RecordingError(
             "no scan of the recording can be used: it has no odometry at their times, by which estimators "

@@ -93,7 +93,7 @@ def check_estimators(
         mistakes: Where what is wrong is noted.
         space: The state space; None where it cannot be built either.
     """
-    labels: set[str] = set()
+    labels: dict[str, str] = {}  # by what is seen of them: spaces in a row are one
     for place, entry in enumerate(entries):
         at = ("estimators", place)
         if not mistakes.sound(*at):
@@ -105,9 +105,14 @@ def check_estimators(
             mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
             break
         for label in (variant.label for variant in variants):
-            if label in labels:
+            other = labels.get(seen := " ".join(label.split()))
+            if label != label.strip():
+                mistakes.add((*at, "label"), f"must not begin or end with a space, got {label!r}")
+            elif other == label:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
-            labels.add(label)
+            elif other is not None:
+                mistakes.add((*at, "label"), f"{label!r} differs from {other!r} by spaces only")
+            labels[seen] = label
         if not mistakes.sound(*at):
             continue
         if entry.name in BUILT_IN:

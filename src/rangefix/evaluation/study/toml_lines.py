@@ -63,6 +63,8 @@ def key_lines(text: str) -> dict[Path, int]:
                 continue
             if match := _TABLE.match(line):
                 table = _nested(_names(match[1]), counts)
+                for end in range(1, len(table)):  # [a.b] makes [a], too, unless that stands somewhere itself
+                    lines.setdefault(table[:end], number)
                 lines[table] = number
                 continue
             if match := _KEY.match(line):

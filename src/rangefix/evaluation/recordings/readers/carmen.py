@@ -25,7 +25,7 @@ from ..log import (
     motion_between,
     pose_from_ros,
 )
-from .file_log import FileLog
+from .file_log import EMPTY, FileLog
 
 LASERS = ("FLASER", "ROBOTLASER1")
 OFFSET = ("robot_frontlaser_offset", "robot_front_laser_offset")
@@ -74,10 +74,16 @@ class CarmenLog(FileLog):
         """The first scans, and the parameters that stand before them."""
         parameters: dict[str, float] = {}
         lines = []
+        empty = None
         for line in self._lines(None, parameters):
+            if not len(line.ranges):
+                empty = line.number if empty is None else empty
+                continue
             lines.append(line)
             if len(lines) == LOOKED_AT:
                 break
+        if not lines and empty is not None:
+            raise RecordingError(f"{self.path}, line {empty}: a scan of 0 ranges")
         if not lines:
             raise RecordingError(f"{self.path}: no scans: no line begins with FLASER or ROBOTLASER1")
         return lines, parameters
@@ -152,6 +158,9 @@ class CarmenLog(FileLog):
         for line in self._lines(tally, {}):
             if (line.step is None) != (self._kind == "FLASER"):
                 tally["scans of another kind of line (left out)"] += 1
+                continue
+            if not len(line.ranges):
+                tally[EMPTY] += 1
                 continue
             if len(line.ranges) != beams:
                 raise RecordingError(
@@ -273,7 +282,7 @@ def _read_laser(name: str, words: list[bytes], number: int) -> Line:
     else:
         first, step, longest = (_number(words[place]) for place in (1, 3, 4))
         count, start = int(words[7]), 8
-    if not 0 < count <= MOST_BEAMS:
+    if not 0 <= count <= MOST_BEAMS:
         raise RecordingError(f"a scan of {count} ranges")
     if step == 0:
         raise RecordingError("the increment between beams is zero")

@@ -11,6 +11,7 @@ import numpy as np
 from ....arrays import Array, wrap
 from ....filters import RangeMap
 from ..log import Log, RecordingError
+from .clock import Clock
 from .odd_units import odd_headings
 from .rosbag import RosbagLog
 from .text_lines import column_names, refuse_other_width, table_lines
@@ -25,11 +26,15 @@ NEAR_S = 0.05  # from a pose to the scan beside which it is judged: 1 cm at 0.2 
 
 
 class ClaimedPoses(NamedTuple):
-    """Times (N,), s, ascending; x1, x2 (m), heading (rad), (N, 3); and their covariances, (N, 3, 3)."""
+    """Times (N,), s, ascending; x1, x2 (m), heading (rad), (N, 3); and their covariances, (N, 3, 3).
+
+    And how many more were left out, since their clock was set back.
+    """
 
     times: Array
     means: Array
     covariances: Array
+    left_out: int = 0
 
     def at(self, time_s: float) -> tuple[float, Array, Array] | None:
         """The pose nearest to a time: its own time, s, itself (3,) and its covariance (3, 3).
@@ -58,6 +63,8 @@ class ClaimedPoses(NamedTuple):
         far = ((self.means[:, :2] < low) | (self.means[:, :2] > high)).any(axis=1)
         again = (np.diff(self.times) == 0) & (np.diff(self.means, axis=0) != 0).any(axis=1)
         told = []
+        if self.left_out:
+            told.append(f"{self.left_out} poses of {name} are left out: the clock was set back before them")
         if 2 * late.sum() > count:
             told.append(
                 f"{late.sum()} of the {count} poses of {name} are before the first scan or after the last: "
@@ -91,10 +98,13 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
     Raises:
         RecordingError: If there are none, one is not finite, or none has a covariance.
     """
+    left_out = 0
     if name.startswith(TOPIC):
         if not isinstance(log, RosbagLog):
             raise RecordingError(f"{name}: only bags have topics; write the poses into a .csv")
-        rows = list(log.claimed_poses(name.removeprefix(TOPIC)))
+        clock, everything = Clock(), list(log.claimed_poses(name.removeprefix(TOPIC)))
+        rows = [row for row in everything if not clock.went_back(row[0])]
+        left_out = len(everything) - len(rows)
     else:
         rows = list(_poses_of_table(Path(name)))
     if not rows:
@@ -103,7 +113,7 @@ def read_claimed(name: str, log: Log) -> ClaimedPoses:
     if not covariances.any():
         raise RecordingError(f"{name}: all covariances are zero: it does not say how sure it is")
     order = np.argsort(times, kind="stable")
-    return ClaimedPoses(times[order], means[order], covariances[order])
+    return ClaimedPoses(times[order], means[order], covariances[order], left_out)
 
 
 def _poses_of_table(path: Path) -> Iterator[tuple[float, Array, Array]]:

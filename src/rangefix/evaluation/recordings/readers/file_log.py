@@ -12,6 +12,8 @@ from ..log import Scan
 from ..options import SAYS_ALL, ReadingOptions
 from .clock import checked_times
 
+EMPTY = "scans without beams, or whose angles are not those of beams (left out)"
+
 
 @dataclass(frozen=True)
 class FileLog(ABC):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ....arrays import Array, wrap
 from ..log import UNPLACED, LaserDescription, RecordingError, Scan, beyond, pose_from_ros
-from .file_log import FileLog
+from .file_log import EMPTY, FileLog
 from .rosbag_file import Messages, Topic, time_of
 from .sweeps import onto_beams
 from .track import Track
@@ -77,10 +77,24 @@ class RosbagLog(FileLog):
 
     @cached_property
     def _first(self) -> Any:
-        """The first scan, as a message."""
-        for _, message in self.messages.of([self._scan_topic]):
-            return message
-        raise RecordingError(f"{self.path}: no scans in {self._scan_topic.name}")
+        """The first scan that has beams, as a message."""
+        why = f"{self.path}: no scans in {self._scan_topic.name}"
+        for place, (_, message) in enumerate(self.messages.of([self._scan_topic])):
+            if not (no_beams := self._no_beams(message)):
+                return message
+            why = no_beams if place == 0 else why
+        raise RecordingError(why)
+
+    def _no_beams(self, message: Any) -> str:
+        """Why the beams of a scan are none; "" where they are."""
+        topic, count = self._scan_topic.name, len(message.ranges)
+        if not count:
+            return f"{self.path}: a scan without beams in {topic}"
+        first, step = float(message.angle_min), float(message.angle_increment)
+        if not (np.isfinite(first) and np.isfinite(step)) or (step == 0 and count > 1):
+            told = f"angle_min {first:g}, angle_increment {step:g}"
+            return f"{self.path}: angles of a scan in {topic} are not those of beams: {told}"
+        return ""
 
     @cached_property
     def _tree(self) -> Tree:
@@ -153,21 +167,9 @@ class RosbagLog(FileLog):
         return self._place is not None and bool(self._place.rotation[2, 2] < 0)
 
     def _bearings(self, message: Any) -> Array:
-        """Directions of the beams of a scan, clockwise from the laser's forward axis, rad, (B,).
-
-        Raises:
-            RecordingError: If the angles of the message are not those of a scan.
-        """
-        count = len(message.ranges)
-        if not count:
-            raise RecordingError(f"{self.path}: a scan without beams in {self._scan_topic.name}")
+        """Directions of the beams of a scan, clockwise from the laser's forward axis, rad, (B,)."""
         first, step = float(message.angle_min), float(message.angle_increment)
-        if not (np.isfinite(first) and np.isfinite(step)) or (step == 0 and count > 1):
-            raise RecordingError(
-                f"{self.path}: angles of a scan in {self._scan_topic.name} are not those of beams: "
-                f"angle_min {first:g}, angle_increment {step:g}"
-            )
-        angles = first + step * np.arange(count)
+        angles = first + step * np.arange(len(message.ranges))
         return np.asarray(angles if self._is_upside_down else -angles)
 
     def _other_end(self) -> Iterator[str]:
@@ -230,6 +232,9 @@ class RosbagLog(FileLog):
         first = self._first
         shape = (len(first.ranges), float(first.angle_min), float(first.angle_increment))
         for recorded, message in self.messages.of([self._scan_topic]):
+            if self._no_beams(message):
+                tally[EMPTY] += 1
+                continue
             stamp = time_of(message.header)
             if stamp == 0:
                 tally[NO_STAMP] += 1

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ....arrays import Array, wrap
+from .clock import RESET_S
 
 KEPT_S = 5.0  # of poses before the last time that was asked for
-RESET_S = 1.0  # a clock that goes back by more has begun anew
 SOON_S = 60.0  # of poses in which the stream's clock goes back, too, if it has
 HELD_S = 0.2  # that the first and the last pose stand for more than themselves
 
