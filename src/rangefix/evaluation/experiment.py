@@ -16,6 +16,7 @@ from ..arrays import Array, keep_whole
 from ..errors import counted, printable
 from ..filters import Estimator, Problem
 from ..filters.registry import BUILT_IN, build_with, resolve
+from .seeds import natural
 
 Builder = Callable[[Problem], Estimator[Any]]
 MAX_BEAMS_LISTED = 8  # sets of more are labelled by ranges
@@ -120,8 +121,9 @@ class Experiment:
                 raise ValueError(f"estimator {label!r} is to be {wanted}, got {builder!r}")
         if not isinstance(self.name, str):
             raise ValueError(f"the name must be a text, got {self.name!r}")
-        for name, least in (("runs", 1), ("block", 1), ("seed", 0)):
-            keep_whole(self, name, least)
+        keep_whole(self, "runs", 1)
+        keep_whole(self, "block", 1)
+        object.__setattr__(self, "seed", natural("seed", self.seed))
         if not (isinstance(self.truth, Problem) and isinstance(self.assumed_problem, Problem)):
             raise ValueError(f"truth and assumed are each a Problem, got {self.truth!r} and {self.assumed!r}")
         if not all(isinstance(beam_set, Iterable) for beam_set in self.beam_sets):

@@ -17,6 +17,15 @@ WORD = 1 << 32
 POOL = 4  # words that numpy's SeedSequence mixes its entropy into
 
 
+def natural(name: str, value: int) -> int:
+    """A seed, or a run, as an int of any size.
+
+    Raises:
+        ValueError: If it is no whole number, or negative.
+    """
+    return value if type(value) is int and value >= 0 else whole_number(name, value, 0)
+
+
 def stream(seed: int, purpose: str, run: int) -> Generator:
     """The stream of one run for one purpose: `default_rng([seed, crc32(purpose), run])`.
 
@@ -30,7 +39,7 @@ def stream(seed: int, purpose: str, run: int) -> Generator:
     Raises:
         ValueError: If seed or run is no whole number, or negative.
     """
-    words = whole_number("seed", seed, 0), crc32(purpose.encode()), whole_number("run", run, 0)
+    words = natural("seed", seed), crc32(purpose.encode()), natural("run", run)
     if max(seed, run) < WORD:  # the same stream, sooner: numpy need not cut the numbers into words
         return Generator(PCG64(SeedSequence(np.array(words, dtype=np.uint32))))
     return np.random.default_rng(words)
@@ -42,7 +51,7 @@ def streams(seed: int, purpose: str, runs: Iterable[int]) -> list[Generator]:
     Raises:
         ValueError: If seed or a run is no whole number, or negative.
     """
-    seed, runs = whole_number("seed", seed, 0), [whole_number("run", run, 0) for run in runs]
+    seed, runs = natural("seed", seed), [natural("run", run) for run in runs]
     if not runs or max(seed, max(runs)) >= WORD:
         return [stream(seed, purpose, run) for run in runs]
     entropy = np.empty((len(runs), 3), dtype=np.uint32)
