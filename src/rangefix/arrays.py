@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from functools import reduce
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 Scalar = TypeVar("Scalar", bound=np.generic)
+Kind = TypeVar("Kind")
 TWO_PI = 2.0 * math.pi
 TEN_TURNS_DEG = 3600  # angles beyond have lost their digits
 TEN_TURNS = 20.0 * math.pi * (1.0 + 1e-12)  # rad: what is beyond may be in degrees, too
@@ -73,9 +74,14 @@ def keep_copies(record: Any) -> None:
 
     For its `__post_init__`, where others gave them and may write into theirs. Arrays become read-only arrays,
     lists tuples.
+
+    Raises:
+        ValueError: If an array is masked: what is under the mask would count.
     """
     for field in fields(record):
         value = getattr(record, field.name)
+        if isinstance(value, np.ma.MaskedArray):
+            raise ValueError(f"{field.name} is a masked array: give one without a mask")
         if isinstance(value, list):
             object.__setattr__(record, field.name, tuple(value))
         elif hasattr(value, "__array__") and not isinstance(value, np.generic):
@@ -105,6 +111,63 @@ def keep_whole(record: Any, name: str, least: int) -> None:
     object.__setattr__(record, name, whole_number(name, getattr(record, name), least))
 
 
+def real_number(name: str, value: Any) -> float:
+    """A number that a user gives, as a float: Python's, numpy's, or an array without axes.
+
+    Raises:
+        ValueError: If it is no real number; the message begins with the name.
+    """
+    fits = isinstance(value, float | int) or (np.ndim(value) == 0 and hasattr(value, "dtype"))
+    array = np.asarray(value) if fits else np.empty(0)
+    if array.ndim or array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(array)
+
+
+def keep_numbers(record: Any, *names: str) -> None:
+    """Put floats in place of a frozen dataclass's fields: see `real_number`.
+
+    Raises:
+        ValueError: If one is no real number.
+    """
+    for name in names:
+        object.__setattr__(record, name, real_number(name, getattr(record, name)))
+
+
+def check_turns(name: str, angle: float) -> None:
+    """Refuse an angle of more than ten turns, rad.
+
+    Raises:
+        ValueError: If it is: it may be in degrees.
+    """
+    if abs(angle) > TEN_TURNS:
+        raise ValueError(f"{name} is in radians, within ten turns, got {angle:g}: is it in degrees?")
+
+
+def real_array(name: str, value: Any) -> Array:
+    """Numbers that a user gives, as float64: arrays of any layout, lists, tables of pandas.
+
+    Raises:
+        ValueError: If they are no real numbers, masked or rows of different lengths; the message begins with
+            the name.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value
+    try:
+        array = np.asanyarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must be real numbers, got rows of different lengths") from None
+    if isinstance(array, np.ma.MaskedArray):
+        raise ValueError(f"{name} must be real numbers, got a masked array: write NaN for what is not known")
+    try:
+        if value is None or array.dtype.kind not in "biufO":
+            raise TypeError
+        return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        got = "None" if value is None else array.dtype.name
+        raise ValueError(f"{name} must be real numbers, got {got}") from None
+
+
 def real_floats(name: str, value: Any) -> Array:
     """What an estimator gives, as float64.
 
@@ -117,6 +180,37 @@ def real_floats(name: str, value: Any) -> Array:
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} is of type {array.dtype}, not of real floats")
     return np.asarray(array, dtype=float)
+
+
+def compared_by(*names: str) -> Callable[[type[Kind]], type[Kind]]:
+    """Make a class equal, and hash, by attributes of which some may be arrays, as Python alone cannot.
+
+    Args:
+        names: The attributes; those of a dataclass that it compares unless given.
+    """
+
+    def key(record: Any) -> tuple[Any, ...]:
+        these = names or [field.name for field in fields(record) if field.compare]
+        return tuple(_nested(getattr(record, name)) for name in these)
+
+    def equal(self: Any, other: object) -> Any:
+        return key(self) == key(other) if type(self) is type(other) else NotImplemented
+
+    def hashed(self: Any) -> int:
+        return hash(key(self))
+
+    def decorate(kind: type[Kind]) -> type[Kind]:
+        setattr(kind, "__eq__", equal)  # noqa: B010
+        setattr(kind, "__hash__", hashed)  # noqa: B010
+        return kind
+
+    return decorate
+
+
+def _nested(value: Any) -> Any:
+    """Arrays as tuples of tuples, which Python compares and hashes."""
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    return tuple(map(_nested, value)) if isinstance(value, list | tuple) else value
 
 
 def short_repr(record: Any, separator: str = ", ") -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import Array, keep_whole
 from ..errors import counted, printable
 from ..filters import Estimator, Problem
 from ..filters.registry import BUILT_IN, build_with, resolve
+from .seeds import natural
 
 Builder = Callable[[Problem], Estimator[Any]]
 MAX_BEAMS_LISTED = 8  # sets of more are labelled by ranges
@@ -110,10 +111,23 @@ class Experiment:
     def __post_init__(self) -> None:
         if not self.estimators:
             raise ValueError("an experiment needs at least one estimator")
-        if self.runs < 1 or self.block < 1 or self.seed < 0:
-            raise ValueError(
-                f"need runs and block > 0, seed >= 0: got {self.runs}, {self.block}, {self.seed}"
-            )
+        if not isinstance(self.estimators, Mapping) or not all(
+            isinstance(label, str) for label in self.estimators
+        ):
+            raise ValueError(f"estimators are a dict, label -> what builds one, got {self.estimators!r}")
+        for label, builder in self.estimators.items():
+            if not callable(builder):
+                wanted = "what builds it of a problem, such as NamedEstimator('ekf')"
+                raise ValueError(f"estimator {label!r} is to be {wanted}, got {builder!r}")
+        if not isinstance(self.name, str):
+            raise ValueError(f"the name must be a text, got {self.name!r}")
+        keep_whole(self, "runs", 1)
+        keep_whole(self, "block", 1)
+        object.__setattr__(self, "seed", natural("seed", self.seed))
+        if not (isinstance(self.truth, Problem) and isinstance(self.assumed_problem, Problem)):
+            raise ValueError(f"truth and assumed are each a Problem, got {self.truth!r} and {self.assumed!r}")
+        if not all(isinstance(beam_set, Iterable) for beam_set in self.beam_sets):
+            raise ValueError(f"beam_sets are lists of numbers, such as [[1], [1, 2]], got {self.beam_sets!r}")
         if self.timeout is not None and not 0 <= self.timeout < np.inf:
             raise ValueError(f"the timeout must be some seconds, or 0 for no limit, got {self.timeout}")
         if self.plugin_memory_gb is not None and not self.plugin_memory_gb > 0:

@@ -11,8 +11,19 @@ from numpy.random import PCG64, Generator, SeedSequence
 from numpy.random.bit_generator import ISpawnableSeedSequence
 from numpy.typing import NDArray
 
+from ..arrays import whole_number
+
 WORD = 1 << 32
 POOL = 4  # words that numpy's SeedSequence mixes its entropy into
+
+
+def natural(name: str, value: int) -> int:
+    """A seed, or a run, as an int of any size.
+
+    Raises:
+        ValueError: If it is no whole number, or negative.
+    """
+    return value if type(value) is int and value >= 0 else whole_number(name, value, 0)
 
 
 def stream(seed: int, purpose: str, run: int) -> Generator:
@@ -24,16 +35,23 @@ def stream(seed: int, purpose: str, run: int) -> Generator:
         seed: Seed of the study, not negative.
         purpose: "truth", "measurement", "motion", "estimator" or another word.
         run: Number of the run, from 0.
+
+    Raises:
+        ValueError: If seed or run is no whole number, or negative.
     """
-    words = (seed, crc32(purpose.encode()), run)
+    words = natural("seed", seed), crc32(purpose.encode()), natural("run", run)
     if max(seed, run) < WORD:  # the same stream, sooner: numpy need not cut the numbers into words
         return Generator(PCG64(SeedSequence(np.array(words, dtype=np.uint32))))
     return np.random.default_rng(words)
 
 
 def streams(seed: int, purpose: str, runs: Iterable[int]) -> list[Generator]:
-    """One stream for each run, the same as by `stream`; their seeds are worked out together."""
-    runs = list(runs)
+    """One stream for each run, the same as by `stream`; their seeds are worked out together.
+
+    Raises:
+        ValueError: If seed or a run is no whole number, or negative.
+    """
+    seed, runs = natural("seed", seed), [natural("run", run) for run in runs]
     if not runs or max(seed, max(runs)) >= WORD:
         return [stream(seed, purpose, run) for run in runs]
     entropy = np.empty((len(runs), 3), dtype=np.uint32)

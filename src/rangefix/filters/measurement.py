@@ -18,10 +18,16 @@ def count_runs(rngs: Sequence[Generator]) -> int:
     """The number of runs M that an estimator is to begin.
 
     Raises:
-        ValueError: If there is none, or one generator is given instead of a list.
+        ValueError: If there is none, or one generator is given instead of a list, or numbers.
     """
-    if isinstance(rngs, Generator) or not len(rngs):
-        got = "a single generator" if isinstance(rngs, Generator) else "none"
+    got = ""
+    if isinstance(rngs, Generator | int):
+        got = "a single generator" if isinstance(rngs, Generator) else "a number"
+    elif not len(rngs):
+        got = "none"
+    elif isinstance(rngs, list | tuple) and isinstance(rngs[0], int | np.integer):
+        got = "numbers: make them by np.random.default_rng(seed)"
+    if got:
         raise ValueError(f"init takes a list of generators, one for each run, got {got}")
     return len(rngs)
 

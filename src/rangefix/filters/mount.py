@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, check_turns, keep_numbers
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Mount:
         yaw: How far it is turned to the left, rad.
 
     Raises:
-        ValueError: If one is not finite.
+        ValueError: If one is not finite, or the yaw is beyond ten turns.
     """
 
     forward: float = 0.0
@@ -31,11 +31,13 @@ class Mount:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
+        keep_numbers(self, "forward", "left", "yaw")
         if not np.isfinite([self.forward, self.left, self.yaw]).all():
             raise ValueError(
                 "the laser's place on the robot must be finite, got "
                 f"forward {self.forward}, left {self.left}, yaw {self.yaw}"
             )
+        check_turns("the laser's yaw", self.yaw)
 
     @property
     def is_off_centre(self) -> bool:

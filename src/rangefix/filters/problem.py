@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ..arrays import Array, BoolArray, short_repr
+from ..errors import cut
 from .mount import Mount
 from .space import StateSpace
 
@@ -246,12 +247,30 @@ class Prior(Protocol):
         """Normalised log density: (..., n) -> (...); -inf outside."""
 
 
+def check_part(name: str, part: object, *needed: str) -> None:
+    """Refuse what cannot be a part of a problem, such as a number for a noise.
+
+    Args:
+        name: What it is to be.
+        part: What was given.
+        needed: Some of what all parts of this name have.
+
+    Raises:
+        ValueError: If it lacks one of them.
+    """
+    if missing := [each for each in needed if not hasattr(part, each)]:
+        raise ValueError(
+            f"{name} is to be one that has {', '.join(needed)}: {cut(repr(part), 80)} has no {missing[0]}"
+        )
+
+
 @dataclass(frozen=True)
 class Problem:
     """All that an estimator may know: the space, the motion, the sensor with its map, and the prior.
 
     Raises:
-        ValueError: If the heading is known to the sensor alone, or to all but it, or another to it.
+        ValueError: If a part is something else, or of other components, or the heading is known to the sensor
+            alone, or to all but it, or another to it.
     """
 
     space: StateSpace
@@ -260,6 +279,10 @@ class Problem:
     prior: Prior
 
     def __post_init__(self) -> None:
+        check_part("space", self.space, "names", "heading")
+        check_part("motion", self.motion, "mean", "noise_covariance", "sample")
+        check_part("sensor", self.sensor, "space", "bearings", "expected", "log_density")
+        check_part("prior", self.prior, "sample", "log_density")
         told = self.sensor.space
         if (told.heading is None) != (self.space.heading is None):
             knows, does_not = ("sensor", "problem") if self.space.heading is None else ("problem", "sensor")
@@ -272,6 +295,14 @@ class Problem:
                 f"the known heading is {self.space.heading:g} rad in the problem's space and "
                 f"{told.heading:g} rad in the sensor's: which one counts?"
             )
+        for part in ("motion", "sensor", "prior"):
+            space = getattr(getattr(self, part), "space", None)  # those of others need not tell theirs
+            mine, theirs = self.space.names, getattr(space, "names", self.space.names)
+            if theirs != mine[: len(theirs)]:  # which may be the first alone
+                raise ValueError(
+                    f"the {part} is of {', '.join(theirs)}, the problem of {', '.join(mine)}: "
+                    "give both the same space"
+                )
 
     def __repr__(self) -> str:
         return short_repr(self, ",\n    ")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -10,7 +10,7 @@ from math import isfinite
 
 import numpy as np
 
-from ..arrays import TEN_TURNS, Array, BoolArray, read_only, wrap
+from ..arrays import Array, BoolArray, check_turns, read_only, real_number, wrap
 
 LEAST_RESULTANT = 0.01  # length of a mean resultant vector below which angles have no mean direction
 EVEN_STD = 9.0  # rad; on the circle the density of a wider normal varies by 5e-18, 2 exp(-EVEN_STD^2 / 2)
@@ -37,16 +37,20 @@ class StateSpace:
     heading: float | None = None
 
     def __post_init__(self) -> None:
+        texts = isinstance(self.names, Sequence) and all(isinstance(name, str) for name in self.names)
+        if isinstance(self.names, str) or not texts:
+            raise ValueError(f"state names are a list of texts, got {self.names!r}")
+        object.__setattr__(self, "names", tuple(self.names))
+        if self.heading is not None:
+            object.__setattr__(self, "heading", real_number("the known heading", self.heading))
         if len(set(self.names)) != len(self.names) or not {"x1", "x2"} <= set(self.names):
             raise ValueError(f"state names must be distinct and hold x1 and x2, got {self.names}")
         if ("heading" in self.names) == (self.heading is not None):
             raise ValueError("the heading is either a component or known: give exactly one of the two")
         if self.heading is not None and not np.isfinite(self.heading):
             raise ValueError(f"the known heading must be finite, got {self.heading}")
-        if self.heading is not None and abs(self.heading) > TEN_TURNS:
-            raise ValueError(
-                f"the known heading is in radians, within ten turns, got {self.heading:g}: is it in degrees?"
-            )
+        if self.heading is not None:
+            check_turns("the known heading", self.heading)
 
     @property
     def size(self) -> int:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import Array, real_array
 from ..errors import printable
 
 PARALLEL = 1e-15  # below this a sine or cosine is rounding: right angles are exact
@@ -41,9 +41,9 @@ def check_poses(poses: ArrayLike) -> Array:
     """The poses as float64 (..., 3).
 
     Raises:
-        ValueError: If the last axis is not x1, x2, heading, or a pose is not finite.
+        ValueError: If they are no real numbers, the last axis is not x1, x2, heading, or one is not finite.
     """
-    array = np.asarray(poses, dtype=np.float64)
+    array = real_array("poses", poses)
     if not array.ndim or array.shape[-1] != 3:
         raise ValueError(f"poses hold x1, x2 and heading: shape (..., 3), got {array.shape}")
     if not np.isfinite(array).all():
@@ -58,7 +58,7 @@ def check_bearings(bearings: ArrayLike) -> Array:
     Raises:
         ValueError: If they are not a list of finite angles.
     """
-    array = np.asarray(bearings, dtype=np.float64)
+    array = real_array("bearings", bearings)
     if array.ndim != 1:
         raise ValueError(f"bearings are a list of angles: shape (B,), got {array.shape}")
     if not np.isfinite(array).all():
@@ -72,15 +72,22 @@ def check_point(point: ArrayLike, name: str) -> Array:
     Raises:
         MapError: If it is no finite point; the message begins with the name of the map.
     """
-    place = np.array(point, dtype=np.float64)
+    try:
+        place = np.array(real_array("reachable_from", point))
+    except ValueError:
+        place = np.empty(0)
     if place.shape != (2,) or not np.isfinite(place).all():
         raise MapError(f"{name}: reachable_from is a point (x1, x2) in metres, got {point!r}")
     return place
 
 
 def check_points(points: ArrayLike) -> Array:
-    """The points as float64 (..., 2); a point that is not finite is no error, it is just never free."""
-    array = np.asarray(points, dtype=np.float64)
+    """The points as float64 (..., 2); a point that is not finite is no error, it is just never free.
+
+    Raises:
+        ValueError: If they are no real numbers, or the last axis is not x1, x2.
+    """
+    array = real_array("points", points)
     if not array.ndim or array.shape[-1] != 2:
         raise ValueError(f"points hold x1 and x2: shape (..., 2), got {array.shape}")
     return array

@@ -110,10 +110,10 @@ class FloorPlan(InWalls):
             free &= whereabouts(columns, hole) <= 0
         return free.reshape(points.shape[:-1])
 
-    def free_moments(self, lower: Array, upper: Array) -> tuple[float, Array, Array]:
+    def free_moments(self, lower: ArrayLike, upper: ArrayLike) -> tuple[float, Array, Array]:
         """Area (m^2), mean (2,) and covariance (2, 2) of a place in a box's free space, in closed form."""
         outer, *holes = self._polygons
-        return free_moments(outer, holes, lower, upper)
+        return free_moments(outer, holes, check_points(lower), check_points(upper))
 
     def in_sight(self, starts: ArrayLike, ends: ArrayLike) -> BoolArray:
         """Whether no wall stands between starts and ends: (..., 2), (..., 2) -> (...)."""

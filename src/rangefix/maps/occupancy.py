@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, BoolArray
+from ..arrays import Array, BoolArray, check_turns, real_array, real_number
 from .base import MapError, check_point, check_points
 from .casting.caster import InWalls
 from .casting.grid_walls import GridWalls
@@ -61,8 +61,15 @@ class OccupancyMap(InWalls):
     ) -> None:
         from scipy import ndimage  # a tenth of a second
 
-        cells, corner = np.asarray(states), np.array(origin, dtype=np.float64)
-        if cells.ndim != 2 or not cells.size or not np.isin(cells, (FREE, WALL, UNKNOWN)).all():
+        try:
+            corner = np.array(real_array("origin", origin))
+            resolution, yaw = real_number("resolution", resolution), real_number("yaw", yaw)
+            check_turns("yaw", yaw)
+        except ValueError as error:
+            raise MapError(f"{name}: {error}") from None
+        cells = np.asanyarray(states)
+        masked = isinstance(cells, np.ma.MaskedArray)  # what is under a mask would count
+        if masked or cells.ndim != 2 or not cells.size or not np.isin(cells, (FREE, WALL, UNKNOWN)).all():
             raise MapError(f"{name}: cells are 0 (free), 1 (wall) or 2 (unknown), shape (n1, n2)")
         if not 0 < resolution < np.inf:
             raise MapError(f"{name}: the resolution must be positive, got {resolution} m")
@@ -144,7 +151,8 @@ class OccupancyMap(InWalls):
     def is_free(self, points: ArrayLike) -> BoolArray:
         """Whether points are in cells of the free area: (..., 2) -> (...)."""
         points = check_points(points)
-        place = np.nan_to_num(self._grid.to_cells(points), nan=-1.0)
+        known = np.where(np.isfinite(points).all(-1, keepdims=True), points, np.nan)
+        place = np.nan_to_num(self._grid.to_cells(known), nan=-1.0)
         index = np.floor(np.clip(place, -1.0, np.array(self._free.shape, dtype=np.float64))).astype(np.int64)
         inside = ((index >= 0) & (index < self._free.shape)).all(-1)
         index[~inside] = 0

@@ -45,11 +45,9 @@ class RectangularRoom:
     def __post_init__(self) -> None:
         wrong = []
         for name, side in (("width", self.width), ("length", self.length)):
-            if (
-                isinstance(side, bool)
-                or not isinstance(side, (int, float, np.integer, np.floating))
-                or not 0 < side <= sys.float_info.max
-            ):
+            number = isinstance(side, int | float | np.integer | np.floating) and not isinstance(side, bool)
+            too_large = isinstance(side, int) and side > sys.float_info.max
+            if not (number and 0 < side < np.inf) or too_large:
                 wrong.append(f"{name} must be positive and finite, got {side!r}")
         if wrong:
             raise MapError("rectangular room: " + "; ".join(wrong))
@@ -73,9 +71,9 @@ class RectangularRoom:
         """Whether points are in the room; the walls' own lines count as in: (..., 2) -> (...)."""
         return within(check_points(points), *self.bounds)
 
-    def free_moments(self, lower: Array, upper: Array) -> tuple[float, Array, Array]:
+    def free_moments(self, lower: ArrayLike, upper: ArrayLike) -> tuple[float, Array, Array]:
         """Area (m^2), mean (2,) and covariance (2, 2) of a place in the room within a box, in closed form."""
-        low, high = np.maximum(lower, 0.0), np.minimum(upper, self.bounds[1])
+        low, high = np.maximum(check_points(lower), 0.0), np.minimum(check_points(upper), self.bounds[1])
         if not (low < high).all():
             return 0.0, np.zeros(2), np.zeros((2, 2))
         return float((high - low).prod()), 0.5 * (low + high), np.diag((high - low) ** 2 / 12)

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, real_number
 from ...filters.models.noise import check_spread
 from ..consistency.scores import is_positive
 from ..consistency.summarise import summarise
@@ -57,6 +57,7 @@ def fuse_estimates(results: Results, second_std: float) -> list[Fusion]:
     Raises:
         ValueError: If it is not positive or of no use as a spread, or the state has no position.
     """
+    second_std = real_number("the second position's standard deviation", second_std)
     if not 0 < second_std < np.inf:
         raise ValueError(f"the second position needs a positive standard deviation in m, got {second_std:g}")
     check_spread("the second position's standard deviation", second_std)

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, whole_number
 from ..consistency.row import csv_cell
 from ..consistency.scores import nees
 from ..results import Results
@@ -64,7 +64,11 @@ def worst_runs(results: Results, most: int = MOST_RUNS_KEPT) -> list[WorstRun]:
     Args:
         results: Of a study. Large ones are gone through block by block.
         most: How many of each estimator on each set of beams.
+
+    Raises:
+        ValueError: If that is no whole number.
     """
+    most = whole_number("most", most, 0)
     return [
         found
         for estimator, beams in product(results.estimators, results.beam_sets)

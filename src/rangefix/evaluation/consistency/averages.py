@@ -6,9 +6,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...arrays import Array
-from .intervals import HUGE, LEVEL, UNKNOWN, Interval, Moments, share_interval
+from .intervals import HUGE, LEVEL, UNKNOWN, Interval, Moments, check_level, check_samples, share_interval
 from .scores import is_positive
 
 
@@ -128,9 +129,19 @@ class OverMean(Mean):
         return self.moments.p_value_of_mean(self.number / honest)
 
 
-def ratio_interval(numerators: Array, denominators: Array, level: float = LEVEL) -> Interval:
-    """The ratio of the means of paired samples (M,), of which the second is positive, and its interval."""
-    ratio, pairs = Ratio(), (np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float))
+def ratio_interval(numerators: ArrayLike, denominators: ArrayLike, level: float = LEVEL) -> Interval:
+    """The ratio of the means of paired samples (M,), of which the second is positive, and its interval.
+
+    Raises:
+        ValueError: If the samples are not real numbers of shape (M,), as many of both, or the level is not
+            between 0 and 1.
+    """
+    ratio, level = Ratio(), check_level(level)
+    pairs = check_samples("numerators", numerators), check_samples("denominators", denominators)
+    if len(pairs[0]) != len(pairs[1]):
+        raise ValueError(
+            f"samples must be paired, got {len(pairs[0])} numerators and {len(pairs[1])} denominators"
+        )
     for number in range(Ratio.passes):
         ratio.add(number, pairs, np.empty(0))
     return ratio.interval(level)

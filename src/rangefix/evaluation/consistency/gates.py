@@ -68,8 +68,8 @@ class GateLine:
     text: str
 
 
-def parse_gates(texts: Iterable[str]) -> list[Gate]:
-    """Gates as they are written on the command line.
+def parse_gates(texts: Iterable[str] | str) -> list[Gate]:
+    """Gates as they are written on the command line, one or several.
 
     `FIGURE=LOW:HIGH` holds for the rows of all estimators, `ESTIMATOR:FIGURE=LOW:HIGH` for those of one; an
     end may be left out (`anees=:1.25`). `ESTIMATOR` alone asks that it be not overconfident. Labels may hold
@@ -78,7 +78,7 @@ def parse_gates(texts: Iterable[str]) -> list[Gate]:
     Raises:
         ValueError: If a band is empty or upside down, or its figure is not named.
     """
-    return [_parse(text) for text in texts]
+    return [_parse(text) for text in ([texts] if isinstance(texts, str) else texts)]
 
 
 def _parse(text: str) -> Gate:

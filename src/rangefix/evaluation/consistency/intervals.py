@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...arrays import Array
+from ...arrays import Array, real_array, real_number, whole_number
 
 LEVEL = 0.95  # of every interval in the tables and figures
 HUGE = 1e100  # counts as infinite: its square would overflow
@@ -146,7 +147,31 @@ class Moments:
         return p
 
 
-def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
+def check_level(level: float) -> float:
+    """The confidence level as a float.
+
+    Raises:
+        ValueError: If it is not between 0 and 1.
+    """
+    share = real_number("the level", level)
+    if not 0 < share < 1:
+        raise ValueError(f"the level must be between 0 and 1, such as 0.95, got {level!r}")
+    return share
+
+
+def check_samples(name: str, samples: ArrayLike) -> Array:
+    """Samples as float64 (M,).
+
+    Raises:
+        ValueError: If they are of another shape, or no real numbers.
+    """
+    array = real_array(name, samples)
+    if array.ndim != 1:
+        raise ValueError(f"{name} must have shape (M,), got {array.shape}")
+    return array
+
+
+def mean_interval(samples: ArrayLike, level: float = LEVEL) -> Interval:
     """The mean of independent samples and its interval, corrected for skewness.
 
     Squared errors and NEES of a diverging filter have long tails, for which the symmetric interval is too
@@ -163,10 +188,13 @@ def mean_interval(samples: Array, level: float = LEVEL) -> Interval:
         The interval of samples that are nowhere negative is cut at 0. With a single sample the ends are NaN;
         with infinite samples of one sign the value is infinite, and the end on the other side that of the
         finite samples; with such of both signs there is no mean: all is NaN.
+
+    Raises:
+        ValueError: If the samples are not real numbers of shape (M,), or the level is not between 0 and 1.
     """
     moments = Moments()
-    moments.add(np.asarray(samples, dtype=float))
-    return moments.interval(level)
+    moments.add(check_samples("samples", samples))
+    return moments.interval(check_level(level))
 
 
 def _unskew(t: float, c: float) -> float:
@@ -177,9 +205,17 @@ def _unskew(t: float, c: float) -> float:
 
 
 def share_interval(hits: int, total: int, level: float = LEVEL) -> Interval:
-    """A share of independent trials and its Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
+    """A share of independent trials and its Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927).
+
+    Raises:
+        ValueError: If hits and total are not whole numbers with hits <= total, or the level is not between 0
+            and 1.
+    """
     from scipy.special import stdtrit
 
+    hits, total, level = whole_number("hits", hits, 0), whole_number("total", total, 0), check_level(level)
+    if hits > total:
+        raise ValueError(f"hits must be no more than total, got {hits} of {total}")
     if not total:
         return UNKNOWN
     share, z = hits / total, float(stdtrit(np.inf, 0.5 + level / 2))

@@ -11,9 +11,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...arrays import Array, BoolArray, IntArray, sum_terms
-from .intervals import LEVEL
+from ...arrays import Array, BoolArray, IntArray, real_array, sum_terms, whole_number
+from ..results import is_symmetric
+from .intervals import LEVEL, check_level
 
 DIRECTIONS = 60  # over which the energy score averages: off by less than 3e-4 of itself, and less than usual
 SLAB = 500  # runs at once, which stay in the cache
@@ -65,21 +67,69 @@ class CorrelationAxes(NamedTuple):
         return squares if several is errors else squares[..., 0]
 
 
-def is_positive(covariance: Array) -> BoolArray:
+def _square(covariance: ArrayLike) -> Array:
+    array = real_array("covariance", covariance)
+    if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
+        raise ValueError(f"covariance must be (M, n, n), or (n, n) for all runs, got {array.shape}")
+    return array
+
+
+def check_covariance(covariance: ArrayLike) -> Array:
+    """Covariances (..., n, n) as float64.
+
+    Raises:
+        ValueError: If they are not real numbers in that shape, or one differs from its transpose beyond
+            rounding; what is not finite does not count.
+    """
+    array = _square(covariance)
+    known = np.isfinite(array).all((-2, -1))
+    off: BoolArray = ~is_symmetric(np.where(np.expand_dims(known, (-2, -1)), array, 0.0))
+    if off.any():
+        raise ValueError(
+            f"{np.count_nonzero(off)} of {off.size} covariances are not symmetric: half of one, or its "
+            "Cholesky factor, is none"
+        )
+    return array
+
+
+def check_errors(errors: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
+    """Errors (M, n) or (M, S, n), and covariances (M, n, n), or (n, n) for all, as float64.
+
+    Raises:
+        ValueError: If they are not real numbers, their shapes do not fit, or a covariance is not symmetric.
+    """
+    errors, covariance = real_array("errors", errors), check_covariance(covariance)
+    lead = covariance.shape[:-2]
+    fits = errors.shape[-1:] == covariance.shape[-1:] and lead in ((), (1,), errors.shape[: len(lead)])
+    if not fits:
+        raise ValueError(
+            f"errors must be (M, n) and covariance (M, n, n), got {errors.shape} and {covariance.shape}"
+        )
+    return errors, covariance
+
+
+def is_positive(covariance: ArrayLike) -> BoolArray:
     """Whether each covariance is positive definite beyond rounding: (..., n, n) -> (...).
 
     Judged on the correlation matrix, so that the units of the components do not matter: its smallest
     eigenvalue must exceed n 1e-14.
+
+    Raises:
+        ValueError: If they are not real numbers in that shape.
     """
-    return CorrelationAxes.of(covariance).positive
+    return CorrelationAxes.of(_square(covariance)).positive
 
 
-def nees(errors: Array, covariance: Array) -> Array:
+def nees(errors: ArrayLike, covariance: ArrayLike) -> Array:
     """Normalised estimation errors squared e' P^-1 e: (M, n), (M, n, n) -> (M,), or (M, S, n) -> (M, S).
 
     Its mean is n where P is the true covariance of each run's error (Bar-Shalom et al., 5.4.2-9). Where P is
     not positive definite it claims certainty in some direction: the value is inf, or 0 for no error at all.
+
+    Raises:
+        ValueError: If they are not real numbers, their shapes do not fit, or a covariance is not symmetric.
     """
+    errors, covariance = check_errors(errors, covariance)
     return CorrelationAxes.of(covariance).nees(errors)
 
 
@@ -99,10 +149,13 @@ def anees_band(runs: int, size: int, level: float = LEVEL) -> tuple[float, float
     """Where ANEES / n would lie for Gaussian posteriors: a REFERENCE only, theirs are not Gaussian here.
 
     M n times ANEES / n is chi-square with M n degrees of freedom (Bar-Shalom et al., 5.4.2-12).
+
+    Raises:
+        ValueError: If runs M or size n is no whole number, or the level is not between 0 and 1.
     """
     from scipy.special import chdtri
 
-    degrees = runs * size
+    degrees, level = whole_number("runs", runs, 0) * whole_number("size", size, 0), check_level(level)
     if not degrees:
         return np.nan, np.nan
     tail = (1 - level) / 2

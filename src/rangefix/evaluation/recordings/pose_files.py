@@ -89,12 +89,12 @@ class PoseFiles:
 
     def _errors(self, believed: Believed) -> list[float]:
         """Truth (m, m, deg), error x - x^ (m, m, deg) and NEES, (7,); NaN where the truth is not known."""
-        from ..consistency.scores import nees
+        from ..consistency.scores import CorrelationAxes
 
         if believed.truth is None:
             return [np.nan] * 7
         error = self._space.difference(believed.truth, believed.mean)
-        ratio = float(nees(error[None], believed.covariance[None])[0])
+        ratio = float(CorrelationAxes.of(believed.covariance).nees(error))
         truth = believed.truth
         return [
             truth[0], truth[1], np.rad2deg(truth[2]), error[0], error[1], np.rad2deg(error[2]), ratio

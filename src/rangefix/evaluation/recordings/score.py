@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...filters import StateSpace
-from ..consistency.scores import is_positive, nees
+from ..consistency.scores import CorrelationAxes, is_positive
 from .frame_offset import LastingError
 from .replay import Believed
 
@@ -110,7 +110,7 @@ class Score:
         if believed.truth is None:
             return believed
         error = self.space.difference(believed.truth, believed.mean)
-        ratio = float(nees(error[None], believed.covariance[None])[0])
+        ratio = float(CorrelationAxes.of(believed.covariance).nees(error))
         self.judged += 1
         self.certain += not is_positive(believed.covariance)
         self.nees += ratio

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array
+from ...arrays import LOG_TWO_PI, Array, keep_numbers
+from ..problem import check_part
 from .noise import CumulativeNoise, check_spread, deviate, log_normal_below
 
 SURELY_POSITIVE = 9.0  # deviations: a normal number is below -9 once in 10^19
@@ -51,6 +52,7 @@ class BeamMixture:
     max_range: float
 
     def __post_init__(self) -> None:
+        keep_numbers(self, *(field.name for field in fields(self)))
         weights = np.array([self.hit, self.short, self.max, self.random], dtype=float)
         if not (weights >= 0).all() or abs(weights.sum() - 1) > 1e-9:
             raise ValueError(
@@ -202,6 +204,8 @@ class Quantised:
     step: float
 
     def __post_init__(self) -> None:
+        check_part("noise", self.noise, "log_density", "log_above", "log_below", "sample")
+        keep_numbers(self, "step")
         if not 0 < self.step < np.inf:
             raise ValueError(f"the quantisation step must be positive and finite, got {self.step!r}")
 

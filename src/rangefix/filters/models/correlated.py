@@ -16,8 +16,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array, IntArray, keep_copies
-from ..problem import Noise, Sensor
+from ...arrays import Array, IntArray, keep_copies, keep_numbers
+from ..problem import Noise, Sensor, check_part
 from .noise import CumulativeNoise
 from .noise_of_beams import noise_of_beams
 from .normal_scores import normal_scores, readings_at, spread_of_rounded
@@ -38,6 +38,9 @@ class PlaceError:
 
     share: float
     length: float
+
+    def __post_init__(self) -> None:
+        keep_numbers(self, "share", "length")
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ class Correlated:
 
     def __post_init__(self) -> None:
         keep_copies(self)
+        check_part("noise", self.noise, "log_density", "sample")
+        keep_numbers(self, "beams", "along", "over_time", "scan")
         shares = [self.beams, self.scan, *(place.share for place in self.places)]
         if not all(share >= 0 for share in shares) or not sum(shares) <= 1 + NUGGET:
             raise ValueError(f"shares of a variance must be at least 0 and sum to at most 1, got {shares}")

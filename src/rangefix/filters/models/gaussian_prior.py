@@ -8,10 +8,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
+from ...arrays import LOG_TWO_PI, TWO_PI, Array, check_turns, compared_by, read_only, real_array, wrap
 from ...raster import Raster
 from ...thread_pools import with_blas_on_one_thread
-from ..problem import RangeMap
+from ..problem import RangeMap, check_part
 from ..space import StateSpace
 from .uniform_prior import LATTICE, draw_free
 
@@ -24,6 +24,7 @@ NEGLIGIBLE = 1e-7  # of the best free cell's probability: where a wall is not lo
 CIRCLE = 20_001  # points where the moments of a wide heading are summed
 
 
+@compared_by("space", "room", "peak", "root")
 class GaussianPrior:
     """N(mean, covariance) over the components; a heading is wrapped onto the circle, walls cut it off.
 
@@ -48,7 +49,8 @@ class GaussianPrior:
     def __init__(
         self, mean: ArrayLike, covariance: ArrayLike, space: StateSpace, room: RangeMap | None = None
     ) -> None:
-        peak, spread = np.array(mean, dtype=float), np.array(covariance, dtype=float)
+        check_part("space", space, "names", "size")
+        peak, spread = np.array(real_array("mean", mean)), np.array(real_array("covariance", covariance))
         size = space.size
         if peak.shape != (size,) or spread.shape != (size, size) or not np.isfinite(peak).all():
             raise ValueError(
@@ -62,6 +64,8 @@ class GaussianPrior:
         except np.linalg.LinAlgError:
             wanted = "finite, symmetric and positive definite"
             raise ValueError(f"the prior's covariance must be {wanted}") from None
+        for angle in peak[space.is_angle].tolist():
+            check_turns("the mean heading", angle)
         self.space, self.room, self.root, self.log_free = space, room, root, 0.0
         self.peak = peak = space.wrap(peak)
         reach = REACH * np.sqrt(np.diagonal(spread))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, keep_copies, read_only
+from ...arrays import TWO_PI, Array, compared_by, keep_copies, read_only
 from ...thread_pools import with_blas_on_one_thread
 from ..problem import SpacedPrior
 from ..space import StateSpace
@@ -20,6 +20,7 @@ SHARE_DRAWS = 1 << 16  # for the moments of mixtures with a heading
 LEAST_SHARE = 1e-12  # of variances along which a heading is said to follow: what is less is rounding
 
 
+@compared_by()
 @dataclass(frozen=True)
 class Mixture:
     """One of several priors, by chance: a room or the next, one way round or the other.

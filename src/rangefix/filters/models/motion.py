@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import Array, keep_copies
+from ...arrays import Array, compared_by, keep_copies, keep_numbers, real_array
 from ..problem import Motion
 from ..sampling import GeneratorPerRun
 from ..space import StateSpace
@@ -56,6 +56,7 @@ def refuse_moving(motion: Motion, who: str, instead: str = "") -> None:
         raise ValueError(f"{who} is for an object that stays where it is{instead and f': take {instead}'}")
 
 
+@compared_by()
 @dataclass(frozen=True)
 class RandomWalk:
     """Every component takes an independent Gaussian step; the control is ignored.
@@ -133,6 +134,7 @@ class ConstantVelocity:
     is_gaussian = True
 
     def __post_init__(self) -> None:
+        keep_numbers(self, "step", "intensity")
         if not {"v1", "v2"} <= set(self.space.names):
             raise ValueError(
                 f"constant velocity needs v1 and v2 among the state names, got {self.space.names}"
@@ -199,7 +201,7 @@ def step_stds(what: str, std: ArrayLike, names: tuple[str, ...]) -> Array:
     Raises:
         ValueError: If one is negative or not finite, or there is neither one nor one for each name.
     """
-    stds = np.array(std, dtype=float)
+    stds = real_array(f"the std of {what}", std)
     if stds.shape not in ((), (len(names),)) or not (np.isfinite(stds).all() and (stds >= 0).all()):
         raise ValueError(
             f"the std of {what} must be at least zero and finite, one or one for each of "

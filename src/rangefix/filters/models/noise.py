@@ -18,7 +18,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, Array, keep_copies, short_repr
+from ...arrays import LOG_TWO_PI, Array, compared_by, keep_copies, keep_numbers, short_repr
 from ..problem import Noise
 
 UNDERFLOW = 1e-290  # below this a probability is worked out by its logarithm
@@ -147,6 +147,7 @@ class ScaledNoise(ABC):
         return np.broadcast_to(self._scale(expected) ** 2, np.shape(expected))
 
 
+@compared_by()
 @dataclass(frozen=True, repr=False)
 class Gaussian(ScaledNoise):
     """Reading = expected range + N(0, std^2).
@@ -173,6 +174,7 @@ class Gaussian(ScaledNoise):
         return self.stds
 
 
+@compared_by()
 @dataclass(frozen=True, repr=False)
 class RangeProportional(ScaledNoise):
     """Reading = expected range + N(0, (a + b |range|)^2): most data sheets of laser scanners.
@@ -203,6 +205,7 @@ class RangeProportional(ScaledNoise):
         return at_zero + growth * np.where(np.isfinite(expected), np.abs(expected), 0.0)
 
 
+@compared_by()
 @dataclass(frozen=True, repr=False)
 class StudentT(ScaledNoise):
     """Reading = expected range + scale t, with t of Student's distribution: outliers without a second model.
@@ -221,6 +224,7 @@ class StudentT(ScaledNoise):
 
     def __post_init__(self) -> None:
         keep_copies(self)
+        keep_numbers(self, "dof")
         _ = self.scales  # refuses what does not fit
         if not 0 < self.dof < np.inf:
             raise ValueError(f"degrees of freedom must be positive and finite, got {self.dof!r}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import Array, for_loops, keep_copies, wrap
+from ...arrays import Array, compared_by, for_loops, keep_copies, real_array, wrap
 from ..space import StateSpace
 from .motion import step_stds
 
@@ -20,6 +20,7 @@ AT_ONCE = 1024  # states that one pass takes: what is worked out in between stay
 MANY_VALUES = 64  # components of states: with fewer, one pass in compiled code is not worth it
 
 
+@compared_by()
 @dataclass(frozen=True)
 class Odometry:
     """Motion by a control in the body frame: forward (m), right (m), turn (rad, clockwise).
@@ -61,7 +62,7 @@ class Odometry:
         keep_copies(self)
         if "heading" not in self.space.names:
             raise ValueError("odometry needs the heading among the state's components: take pose_space()")
-        alphas = np.array(self.alphas, dtype=float)
+        alphas = real_array("alphas", self.alphas)
         if alphas.shape != (4,) or not (np.isfinite(alphas).all() and (alphas >= 0).all()):
             raise ValueError(f"odometry needs four alphas, at least zero and finite, got {self.alphas!r}")
         _ = self.floors  # refuses what does not fit

@@ -8,12 +8,22 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import LOG_TWO_PI, TWO_PI, Array, read_only, wrap
+from ...arrays import (
+    LOG_TWO_PI,
+    TWO_PI,
+    Array,
+    check_turns,
+    compared_by,
+    read_only,
+    real_array,
+    real_number,
+    wrap,
+)
 from ...thread_pools import blas_on_one_thread
 from ..problem import SpacedPrior
 from ..space import EVEN_STD, StateSpace
 from .gaussian_prior import REACH, law_in_words
-from .uniform_prior import check_arc
+from .uniform_prior import arc_ends, check_arc
 
 CIRCLE = 20_000  # points where the variance of a wrapped heading is summed
 
@@ -82,6 +92,7 @@ class Product(ABC):
         """Log density of the other components: (..., k) -> (...)."""
 
 
+@compared_by("space", "prior", "mean_heading", "std", "low", "width")
 class WithHeading(Product):
     """A prior over x1 and x2, and independently of it a heading: Gaussian on the circle, or uniform.
 
@@ -106,12 +117,14 @@ class WithHeading(Product):
         std: float | None = None,
         arc: tuple[float, float] | None = None,
     ) -> None:
+        mean, std = real_number("mean", mean), None if std is None else real_number("std", std)
+        check_turns("the mean heading", mean)
         if std is not None and (arc is not None or not (0 < std < np.inf and np.isfinite(mean))):
             raise ValueError("a heading is Gaussian with a finite mean and std > 0, or lies in an arc")
         if std is None and mean != 0.0:
             raise ValueError(f"a mean heading needs a std: without one {mean:g} rad has no effect")
         if std is None:
-            low, high = (0.0, TWO_PI) if arc is None else (float(end) for end in arc)
+            low, high = (0.0, TWO_PI) if arc is None else arc_ends("arc", arc)
             check_arc(low, high, "an arc of headings needs")
             width = min(high - low, TWO_PI)
             mean, variance = low + width / 2 if width < TWO_PI else 0.0, width**2 / 12
@@ -138,6 +151,7 @@ class WithHeading(Product):
         return np.where(inside | (self.width >= TWO_PI), -np.log(self.width), -np.inf)
 
 
+@compared_by("space", "prior", "velocity", "stds")
 class WithVelocity(Product):
     """A prior over the place (and heading), and independently of it a Gaussian velocity.
 
@@ -154,7 +168,7 @@ class WithVelocity(Product):
     def __init__(
         self, prior: SpacedPrior, space: StateSpace, std: ArrayLike, velocity: ArrayLike = (0.0, 0.0)
     ) -> None:
-        stds, self.velocity = np.array(std, dtype=float), np.array(velocity, dtype=float)
+        stds, self.velocity = np.array(real_array("std", std)), np.array(real_array("velocity", velocity))
         if stds.shape not in ((), (2,)) or not (np.isfinite(stds).all() and (stds > 0).all()):
             raise ValueError(f"velocities need a positive std, one or two, got {std!r}")
         if self.velocity.shape != (2,) or not np.isfinite(self.velocity).all():

@@ -11,9 +11,21 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TEN_TURNS, TWO_PI, Array, BoolArray, IntArray, short_repr, wrap
+from ...arrays import (
+    TEN_TURNS,
+    TWO_PI,
+    Array,
+    BoolArray,
+    IntArray,
+    compared_by,
+    keep_numbers,
+    real_array,
+    real_number,
+    short_repr,
+    wrap,
+)
 from ..mount import CENTRED, Mount
-from ..problem import Caster, IsConvex, Noise, RangeMap, caster_for
+from ..problem import Caster, IsConvex, Noise, RangeMap, caster_for, check_part
 from ..space import StateSpace
 from .correlated import Correlated, check_shared_errors, shared_errors
 from .noise import Gaussian, RangeProportional, ScaledNoise, StudentT, log_below
@@ -37,6 +49,10 @@ def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
     Raises:
         ValueError: If the resolution is not positive or the sector is not in [0, 2 pi).
     """
+    resolution, blind_sector = (
+        real_number("resolution", resolution),
+        real_number("blind_sector", blind_sector),
+    )
     if not (0 < resolution <= TWO_PI and 0 <= blind_sector < TWO_PI):
         raise ValueError(f"need resolution > 0, 0 <= blind sector < 2 pi: {resolution}, {blind_sector}")
     half = int(np.floor((TWO_PI - blind_sector) / 2 / resolution * (1 + 1e-12)))
@@ -44,6 +60,7 @@ def sweep(resolution: float, blind_sector: float = 0.0) -> Array:
     return bearings[1:] if bearings[-1] - bearings[0] >= TWO_PI * (1 - 1e-12) else bearings
 
 
+@compared_by()
 @dataclass(frozen=True)
 class Rangefinder:
     """Beams cast into a map, read with noise.
@@ -82,13 +99,18 @@ class Rangefinder:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        bearings = np.array(self.bearings, dtype=float)
+        bearings = np.array(real_array("bearings", self.bearings))
         if bearings.ndim != 1 or not bearings.size:
             raise ValueError("a rangefinder needs at least one beam: bearings of shape (B,), B >= 1")
         if not np.isfinite(bearings).all():
             raise ValueError(f"bearings must be finite, got {self.bearings}")
         if abs(far := bearings[np.abs(bearings).argmax()]) > TEN_TURNS:
             raise ValueError(f"bearings are in radians, within ten turns, got {far:g}: are they in degrees?")
+        check_part("room", self.room, "bounds", "is_free", "ranges")
+        check_part("noise", self.noise, "log_density", "log_above", "sample")
+        check_part("space", self.space, "names", "heading", "poses")
+        check_part("mount", self.mount, "laser_poses", "gradients")
+        keep_numbers(self, "blind_sector", "max_range", "max_incidence", "min_range")
         if not 0 <= self.blind_sector < TWO_PI:
             raise ValueError(f"the blind sector must be in [0, 2 pi) rad, got {self.blind_sector}")
         if not self.max_range > 0:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, read_only
+from ...arrays import TWO_PI, Array, compared_by, read_only
 from ...raster import Raster
 from ..problem import RangeMap
 from ..space import StateSpace
 from .uniform_prior import LATTICE, box_of
 
 
+@compared_by("space", "room", "support")
 class SquaredCosine:
     """The density (2 / L) cos^2(pi (x - c) / L) along x1 and along x2, of a box of lengths L about c.
 

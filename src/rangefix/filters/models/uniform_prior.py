@@ -10,9 +10,19 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ...arrays import TWO_PI, Array, keep_copies, read_only, within, wrap
+from ...arrays import (
+    TWO_PI,
+    Array,
+    check_turns,
+    compared_by,
+    keep_copies,
+    read_only,
+    real_array,
+    within,
+    wrap,
+)
 from ...raster import Raster
-from ..problem import CanIntegrateFreeSpace, IsConvex, RangeMap
+from ..problem import CanIntegrateFreeSpace, IsConvex, RangeMap, check_part
 from ..space import StateSpace
 
 LATTICE = 512  # cells along the longer side when areas and moments of free space are summed
@@ -21,6 +31,7 @@ BATCHES = 30_000  # of candidates before sampling gives up: of LEAST_FREE three 
 DRAWN_AT_LEAST = 16  # candidates in a batch
 
 
+@compared_by()
 @dataclass(frozen=True)
 class Uniform:
     """Uniform over the free space of a map, or over its part in a box; the heading on the circle or an arc.
@@ -45,6 +56,8 @@ class Uniform:
 
     def __post_init__(self) -> None:
         keep_copies(self)
+        check_part("room", self.room, "bounds", "is_free")
+        check_part("space", self.space, "names", "size")
         if extra := set(self.space.names) - {"x1", "x2", "heading"}:
             raise ValueError(f"a uniform prior covers x1, x2 and heading, not {', '.join(sorted(extra))}")
         lower, upper = self._box
@@ -59,7 +72,7 @@ class Uniform:
                 raise ValueError(
                     "the heading is known: an arc of headings needs a space with one, pose_space()"
                 )
-            check_arc(*self.headings, "headings need")
+            check_arc(*arc_ends("headings", self.headings), "headings need")
 
     @cached_property
     def _box(self) -> tuple[Array, Array]:
@@ -178,7 +191,9 @@ def box_of(room: RangeMap, lower: ArrayLike | None, upper: ArrayLike | None) -> 
         ValueError: If they are no corners x1, x2 with lower < upper.
     """
     given = zip((lower, upper), room.bounds, strict=True)
-    low, high = (np.array(bound if corner is None else corner, dtype=float) for corner, bound in given)
+    low, high = (
+        np.array(real_array("a corner", bound if corner is None else corner)) for corner, bound in given
+    )
     if low.shape != (2,) or high.shape != (2,) or not (high > low).all():
         raise ValueError(f"the prior's box must have lower < upper in x1 and x2, got {low} and {high}")
     return low, high
@@ -210,6 +225,18 @@ def draw_free(
     raise ValueError(f"found {len(states)} of {size} points in free space: {advice}")
 
 
+def arc_ends(name: str, arc: Sequence[float]) -> tuple[float, float]:
+    """Both ends of an arc as floats.
+
+    Raises:
+        ValueError: If they are not two numbers.
+    """
+    ends = real_array(name, arc)
+    if ends.shape != (2,):
+        raise ValueError(f"{name} must be the two ends of an arc, low and high, in rad, got {arc!r}")
+    return float(ends[0]), float(ends[1])
+
+
 def check_arc(low: float, high: float, who: str) -> None:
     """Refuse an arc of headings that is empty, more than a turn or not finite.
 
@@ -218,3 +245,4 @@ def check_arc(low: float, high: float, who: str) -> None:
     """
     if not (np.isfinite(low) and low < high <= low + TWO_PI * (1 + 1e-12)):
         raise ValueError(f"{who} low < high <= low + 2 pi, got {float(low)} and {float(high)} rad")
+    check_turns("an end of an arc", low)

@@ -12,8 +12,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.random import Generator
 
-from ...arrays import Array
-from ..problem import Noise, Sensor
+from ...arrays import Array, keep_numbers
+from ..problem import Noise, Sensor, check_part
 from .beam_noise import Quantised
 from .noise import CumulativeNoise, Gaussian, StudentT
 
@@ -49,6 +49,8 @@ class Biased:
     bias: float
 
     def __post_init__(self) -> None:
+        check_part("noise", self.noise, "log_density", "sample")
+        keep_numbers(self, "bias")
         if not abs(self.bias) <= LARGEST_BIAS_M:
             raise ValueError(f"the bias must be at most {LARGEST_BIAS_M:g} m, got {self.bias!r}")
 
@@ -95,6 +97,8 @@ class LostBeams:
     probability: float
 
     def __post_init__(self) -> None:
+        check_part("noise", self.noise, "log_density", "sample")
+        keep_numbers(self, "probability")
         if not 0 <= self.probability < 1:
             raise ValueError(f"the share of lost beams must be in [0, 1), got {self.probability!r}")
 
@@ -148,6 +152,8 @@ class Tempered:
     weight: float
 
     def __post_init__(self) -> None:
+        check_part("noise", self.noise, "log_density", "sample")
+        keep_numbers(self, "weight")
         if not 0 < self.weight <= 1:
             raise ValueError(f"the weight of a reading must be in (0, 1], got {self.weight!r}")
 
