@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array, BoolArray
-from ...errors import one_line
+from ...errors import one_line, printable
 from ...filters import (
     Gaussian,
     GaussianPrior,
@@ -105,8 +105,9 @@ def check_estimators(
             mistakes.add((*at, "options"), f"the study has more than {MOST_ESTIMATORS} estimators")
             break
         for label in (variant.label for variant in variants):
-            other = labels.get(seen := " ".join(label.split()))
-            if label != label.strip():
+            shown = printable(label)  # a carriage return is no space there
+            other = labels.get(seen := " ".join(shown.split()))
+            if shown != shown.strip():
                 mistakes.add((*at, "label"), f"must not begin or end with a space, got {label!r}")
             elif other == label:
                 mistakes.add((*at, "label"), f"two estimators are called {label!r}: give each its own label")
