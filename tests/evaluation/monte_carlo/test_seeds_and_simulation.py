@@ -8,17 +8,19 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 
 from rangefix.evaluation import Experiment, parse_study, stream, streams
 from rangefix.evaluation.monte_carlo.simulate import simulate
 from rangefix.evaluation.seeds import Streams
-from rangefix.evaluation.trials.evidence_floor import ALLOWANCE, evidence_floor
+from rangefix.evaluation.trials.evidence_floor import ALLOWANCE, evidence_floor, noise_of_moves
 from rangefix.filters import (
     BeamMixture,
     Gaussian,
+    GaussianPrior,
     Problem,
     Quantised,
+    RandomWalk,
     Rangefinder,
     RangeProportional,
     Stationary,
@@ -26,7 +28,7 @@ from rangefix.filters import (
     Uniform,
     position_space,
 )
-from rangefix.maps import FloorPlan
+from rangefix.maps import FloorPlan, RectangularRoom
 
 from ..conftest import PriorOnly, make_problem
 
@@ -212,6 +214,41 @@ def test_honest_readings_stay_above_the_floor(problem, noise):
     wrong = np.where(np.isinf(readings), 1.0, expected + 1.0)
     evidence = np.cumsum(sensor.log_density(wrong, expected), axis=1)
     assert (evidence < evidence_floor(sensor, wrong))[:, -1].all()
+
+
+@pytest.mark.parametrize("step", [0.2, 2.0])
+def test_honest_evidence_of_steps_far_wider_than_readings_is_above_the_floor(step):
+    """A Kalman filter of a random walk in a hall, readings of 1 cm: no run of 2000 is below, 20 steps long.
+
+    Without the noise of the moves half of them and more were. A beam that is 1 m too long is below.
+    """
+    space, hall, noise = position_space(), RectangularRoom(1000.0, 1000.0), 0.01
+    sensor = Rangefinder(hall, np.deg2rad([0.0, 90.0, 180.0]), Gaussian(noise), space)
+    prior = GaussianPrior([500.0, 500.0], 0.01 * np.eye(2), space, hall)
+    problem = Problem(space, RandomWalk(space, step), sensor, prior)
+    walk = Experiment(problem, {"prior": PriorOnly}, runs=2000, seed=4, controls=np.zeros((20, 1)))
+    readings = simulate(walk, 0, 2000).measurement
+    moves = noise_of_moves(problem, walk.control_sequence)
+    assert moves == pytest.approx(np.full((20, 2), step * np.sqrt(2)))
+    slopes, known = np.array([[0.0, -1.0], [-1.0, 0.0], [0.0, 1.0]]), np.array([1000.0, 1000.0, 0.0])
+
+    def evidence(readings):
+        mean, covariance, total = np.tile([500.0, 500.0], (2000, 1)), 0.01 * np.eye(2), np.zeros(2000)
+        steps = []
+        for reading in readings.swapaxes(0, 1):
+            law = slopes @ covariance @ slopes.T + noise**2 * np.eye(3)
+            off = reading - known - mean @ slopes.T
+            total = total + multivariate_normal.logpdf(off, cov=law)
+            gain = covariance @ slopes.T @ np.linalg.inv(law)
+            mean, covariance = mean + off @ gain.T, covariance - gain @ slopes @ covariance
+            covariance = covariance + step**2 * np.eye(2)
+            steps.append(total)
+        return np.stack(steps, axis=1)
+
+    assert (evidence(readings) > evidence_floor(sensor, readings, moves)).all()
+    assert (evidence(readings) < evidence_floor(sensor, readings))[:, -1].mean() > 0.5
+    wrong = readings + np.array([0.0, 0.0, 1.0])
+    assert (evidence(wrong) < evidence_floor(sensor, wrong, moves)).all()
 
 
 @pytest.mark.parametrize(

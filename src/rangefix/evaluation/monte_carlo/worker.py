@@ -14,7 +14,7 @@ from ..isolation import Lost, Raised, Watch, counted_from, undisturbed
 from ..results import Outcome, Part, concatenate, failed_outcome, outcome_of, part_arrays
 from ..trials.batch_size import batch_size
 from ..trials.built_estimator import BuiltEstimator
-from ..trials.evidence_floor import evidence_floor
+from ..trials.evidence_floor import evidence_floor, noise_of_moves
 from ..trials.guard import GuardedEstimator
 from ..trials.saving import Pace, Saving
 from ..trials.timing import TimedPass
@@ -200,4 +200,6 @@ def part_of(experiment: Experiment, beams: int, measurement: Array, outcomes: li
     """
     whole = concatenate(outcomes) if len(outcomes) > 1 else outcomes[0]
     readings = experiment.masked(measurement, beams)
-    return part_arrays(whole, evidence_floor(experiment.assumed_problem.sensor, readings))
+    assumed = experiment.assumed_problem
+    moves = noise_of_moves(assumed, experiment.control_sequence)
+    return part_arrays(whole, evidence_floor(assumed.sensor, readings, moves))

@@ -31,6 +31,8 @@ MISSED_SHARE = 0.25  # of the accuracy: how much boxes may count that are not fo
 BOX_COMPONENTS = ("x1", "x2", "heading")
 DRAWS_ASKED, AT_ERROR = 20_000, 0.02  # that show what the modes found hold nothing of; of larger errors fewer
 DRAWS_FOLLOWED = 48  # of those, at once
+FEW_HELD = 10  # draws in the modes found: a mode as wide could be between draws
+DRAWS_SCORED, DRAWS_CLIMBED = 2000, 200
 DRAW_STEPS = (STEPS, 0, 0)  # of the climb from them, round by round
 MAX_GUESSES_PER_PART = 24  # points of a predicted mode that are followed
 HOPELESS_NATS = 1e7  # short of a perfect fit by the best middles of boxes: no other box will do
@@ -148,7 +150,24 @@ class ModeSearch:
         survey = Survey(draws, likely, rough, *prior.means_and_precisions())
         if prior.is_blurred:
             survey.blur = prior.blur(draws.parts, survey.log_mass(np.arange(len(draws.parts))))
+        if found.holds(draws.states).sum() < FEW_HELD:
+            found = self._between_draws(target, found, survey)
         return self.completed(target, found, survey), survey
+
+    def _between_draws(self, target: Target, found: Quadrature, survey: Survey) -> Quadrature:
+        """The modes found, and those between draws that lie too far apart to be in any."""
+        some = np.arange(0, len(survey.draws.states), -(-len(survey.draws.states) // DRAWS_SCORED))
+        some = some[~found.holds(survey.draws.states[some])]
+        if not len(some):
+            return found
+        states, of = survey.draws.states[some], survey.draws.parts[some]
+        boxes = survey.precisions[of] * len(some) ** (2 / states.shape[1])
+        few = replace(target, log_prior=no_prior, log_prior_cost=0.0).few(GUESS_BEAMS)
+        best = np.argsort(-box_scores(few, states, boxes), kind="stable")[:DRAWS_CLIMBED]
+        of = of[best]
+        peaks = climb(survey.rough, states[best], survey.means[of], survey.precisions[of])
+        peaks = peaks._replace(log_density=target.log_density(peaks.states))
+        return with_lattices(target, peaks, self.accuracy, found)
 
     def completed(self, target: Target, found: Quadrature, survey: Survey) -> Quadrature:
         """The modes found, and those that draws show where these hold nothing; and what is still not held."""

@@ -276,8 +276,15 @@ def _open(step1: float, step2: float, closeness: Array) -> bool:
     place = aside if step2 >= 0.0 else 2.0 - aside
     place = WAYS_PER_SIDE * (place + 4.0 if place < 0.0 else place)
     before = int(place)
-    share = place - before
-    return bool(length * ((1.0 - share) * closeness[before] + share * closeness[before + 1]) <= 1.0)
+    share, one, two = place - before, closeness[before], closeness[before + 1]
+    if length * ((1.0 - share) * one + share * two) <= 1.0:
+        return True
+    last = closeness[before - 1 if before else closeness.size - 2]
+    following = closeness[before + 2 if before + 2 < closeness.size else 1]
+    left, right, least = one + share * (one - last), two + (1.0 - share) * (two - following), min(one, two)
+    if one >= 2.0 * two - following and two >= 2.0 * one - last:  # a corner of the room lies between
+        return bool(length * max(left, right, 0.5 * least) <= 1.0)
+    return bool(length * max(min(left, right), least) <= 1.0)  # an edge may, before what is farther away
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED | {"reassoc"})
