@@ -20,7 +20,7 @@ from rangefix.filters import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.particle.kernel_noise import best_width, separate_copies
-from rangefix.filters.particle.last_step import LEAST_OF_MOST, LastStep, _partly
+from rangefix.filters.particle.last_step import LastStep, _partly, _roots
 from rangefix.filters.particle.metropolis import metropolis_steps
 from rangefix.maps import FloorPlan
 
@@ -35,8 +35,8 @@ BEARINGS = np.deg2rad([0.0, 90.0, 180.0, 270.0])
 STILL = np.zeros(0)
 
 
-@pytest.mark.parametrize(("tries", "most"), [(1, 1.0), (10, 1.0), (10, 0.3)])
-def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, most):
+@pytest.mark.parametrize(("tries", "left"), [(1, None), (10, None), (10, (0.08, 0.02, 0.05))])
+def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, left):
     """Exact draws by rejection stay exact after 5 moves, also those that stayed at a wall; most have moved.
 
     Odometry towards a wall, one try: a third stays. Changes of means, of squares and of the share that
@@ -52,7 +52,8 @@ def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, most):
     fresh = sensor.sample(np.array([1.05, 1.45, 1.5]), rng)
     logs = sensor.log_density(fresh, sensor.expected(states))
     kept = np.log(rng.random(len(logs))) < 0.7 * (logs - logs.max())
-    target = LastStep(problem, starts[kept], control, [], fresh, most)
+    narrow = None if left is None else np.diag(left) ** 2 + 1e-4
+    target = LastStep(problem, starts[kept], control, [], fresh, narrow)
     exact = states[kept]
     assert len(exact) > 3000
     propose, logs = partial(target.propose, rng=rng), target.log_densities(exact)
@@ -69,25 +70,34 @@ def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, most):
         assert (np.abs(value.mean(0)) <= 5 * value.std(0) / np.sqrt(len(exact)) + 1e-12).all()
 
 
-@pytest.mark.parametrize(
-    ("motion", "most"),
-    [(Odometry(POSE, (0.05, 0.05, 0.05, 0.02), floor=0.1), 1.0), (RandomWalk(SPACE, 0.2), 0.1)],
-)
-def test_noise_drawn_in_part_is_mixed_by_the_formula(motion, most):
-    """States x become m + sqrt(1 - b^2) (x - m) + b (y - m), angles the short way round, by numpy: the bits.
+def test_noise_drawn_in_part_keeps_its_law_whatever_the_ways():
+    """300 000 steps of four covariances, two of them singular, along directions of none of them.
 
-    Headings lie on both sides of half a turn.
+    Noise before and after: the same covariance, and that of one with the other is symmetric, as it is of what
+    can be undone. All within 5 standard errors: fails for fewer than 1 seed in 10 000.
     """
-    space, control, rng = motion.space, np.array([0.2, 0.0, 0.2]), np.random.default_rng(2)
-    starts = rng.normal(0.0, 1.0, (500, space.size))
-    starts[:, space.is_angle] = np.linspace(-np.pi, np.pi, 500, endpoint=False)[:, None]
-    states = motion.sample(starts, control, rng)
-    found = _partly(motion, starts, states, control, space, most, np.random.default_rng(3))
-    rng, mean = np.random.default_rng(3), motion.mean(starts, control)
-    share = most * LEAST_OF_MOST ** rng.random((500, 1))
-    noise = space.difference(motion.sample(starts, control, rng), mean)
-    mixed = mean + np.sqrt(1.0 - share**2) * space.difference(states, mean) + share * noise
-    np.testing.assert_array_equal(found, space.wrap(mixed))
+    rng, size = np.random.default_rng(2), 75_000
+    axes = rng.standard_normal((2, 3, 3))
+    ahead = np.array([[0.6, 0.0], [0.8, 0.0], [0.0, 0.1]])  # forward and turn: no noise to the side
+    factors = [axes[0], axes[1] * [[1.0], [1e-3], [30.0]], ahead, np.diag([0.3, 0.0, 0.2])]
+    ways = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    for factor in factors:
+        covariance = factor @ factor.T
+        root = _roots(covariance[None])
+        np.testing.assert_allclose(root[..., 0] @ root[..., 0].T, covariance, atol=1e-12 * covariance.max())
+    each = np.repeat(np.arange(4), size)
+    steps = np.concatenate([rng.standard_normal((size, each.shape[1])) @ each.T for each in factors])
+    roots = _roots(np.stack([factor @ factor.T for factor in factors])[each])
+    most = np.array([0.02, 0.4, 1.0])
+    found = _partly(steps, roots, ways, most, rng)
+    for number, factor in enumerate(factors):
+        before, after = steps[each == number], found[each == number]
+        variances = np.diagonal(factor @ factor.T)
+        band = 5 * np.sqrt(2 * np.outer(variances, variances) / size) + 1e-12
+        assert (np.abs(after.T @ after / size - factor @ factor.T) < band).all()
+        crossed = before.T @ after / size
+        assert (np.abs(crossed - crossed.T) < band).all()
+        assert (after != before).any(axis=1).all()
 
 
 def test_points_that_are_alike_are_spread_and_others_are_not():
@@ -161,31 +171,49 @@ def test_steps_far_larger_than_what_readings_leave_keep_many_particles(unread_mo
     particle was left. Bands are about twice what was found: 25 effective particles of 500 in the worst run,
     variances within 20 %, means 0.25 deviations off (rms), log evidences 4 nats after 5 readings.
     """
+    _held_against_kalman(0.002, 500, unread_moves, least=25, off=0.25, nats=4.0)
+
+
+def test_what_readings_leave_may_be_long_and_narrow():
+    """Beams of 2 mm along x2, of 10 cm along x1: the long side is changed as far as it is long. 10 runs.
+
+    Proposals as narrow as the short side moved nothing along the other: means were 0.15 deviations off along
+    it (rms, 1000 particles), and are 0.06 at most; of independent draws, 0.03.
+    """
+    _held_against_kalman([0.002, 0.1, 0.002, 0.1], 1000, 0, least=100, off=0.1, nats=2.0)
+
+
+def _held_against_kalman(noise, particles, unread_moves, least, off, nats):
     room = FloorPlan([[0, 0], [8, 0], [8, 8], [0, 8]])
-    sensor = Rangefinder(room, BEARINGS, Gaussian(0.002), SPACE)
+    sensor = Rangefinder(room, BEARINGS, Gaussian(noise), SPACE)
     prior = GaussianPrior([4.0, 4.0], np.eye(2) * 0.01, SPACE)
-    estimator = ParticleFilter(Problem(SPACE, RandomWalk(SPACE, 0.5), sensor, prior), particles=500)
+    estimator = ParticleFilter(Problem(SPACE, RandomWalk(SPACE, 0.5), sensor, prior), particles=particles)
     rngs, rng = [np.random.default_rng(run) for run in range(10)], np.random.default_rng(5)
     belief = estimator.init(prior, rngs)
-    place, mean, variance, evidence = np.array([4.02, 3.95]), np.array([4.0, 4.0]), 0.01, 0.0
+    slopes, known = (
+        np.array([[0.0, -1.0], [-1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]),
+        np.array([8.0, 8.0, 0.0, 0.0]),
+    )
+    place, mean, covariance, evidence = np.array([4.02, 3.95]), np.array([4.0, 4.0]), 0.01 * np.eye(2), 0.0
     for step in range(5):
         if step or unread_moves:
-            place, variance = place + rng.normal(0, 0.5, 2), variance + 0.25
+            place, covariance = place + rng.normal(0, 0.5, 2), covariance + 0.25 * np.eye(2)
             belief = estimator.predict(belief, STILL, rngs)
         reading = sensor.sample(place[None], rng)[0]
-        away = np.array([[8 - reading[1], reading[3]], [8 - reading[0], reading[2]]]) - mean[:, None]
-        spread = np.full((2, 2), variance) + np.eye(2) * 0.002**2
-        squares = (away * np.linalg.solve(spread, away.T).T).sum()
-        evidence -= squares / 2 + np.log(np.linalg.det(2 * np.pi * spread))
-        gain = np.linalg.solve(spread, [variance, variance])
-        mean, variance = mean + away @ gain, variance * (1 - gain.sum())
+        away, law = reading - known - slopes @ mean, slopes @ covariance @ slopes.T
+        law += np.diag(np.broadcast_to(np.square(noise), 4))
+        evidence -= (away @ np.linalg.solve(law, away) + np.linalg.slogdet(2 * np.pi * law)[1]) / 2
+        gain = covariance @ slopes.T @ np.linalg.inv(law)
+        mean, covariance = mean + gain @ away, covariance - gain @ slopes @ covariance
         belief = estimator.update(belief, np.tile(reading, (10, 1)), rngs)
         means, covariances, logs = estimator.estimate(belief)
-        assert estimator.effective_particles(belief).min() > 25
-        claimed = np.diagonal(covariances, axis1=1, axis2=2).mean(axis=0)
-        np.testing.assert_allclose(claimed, variance, rtol=0.2)
-        assert ((means - mean) ** 2).mean() < 0.25**2 * variance
-        assert np.abs(logs - evidence).max() < 4
+        variances = np.diagonal(covariance)
+        assert estimator.effective_particles(belief).min() > least
+        np.testing.assert_allclose(
+            np.diagonal(covariances, axis1=1, axis2=2).mean(axis=0), variances, rtol=0.2
+        )
+        assert (((means - mean) ** 2).mean(axis=0) < off**2 * variances).all()
+        assert np.abs(logs - evidence).max() < nats
 
 
 def test_without_moves_a_surprise_makes_the_filter_sure_of_itself():

@@ -21,6 +21,7 @@ from ..problem import Prior, Problem
 from .last_step import LastStep
 
 MOST_MOVES = 50  # before the first reading: each step draws all of them anew
+REDRAWN = 0.5  # share of the last moves that is drawn anew, where their start is kept
 
 
 def one_more(moves: tuple[Array, ...] | None, control: Array) -> tuple[Array, ...] | None:
@@ -40,7 +41,7 @@ class FirstMoves:
         controls: Of its moves, (k,) each, at least one.
         fresh: The reading, (B,).
         readings: Those before it: none.
-        most: The greatest part of the last move's noise that is drawn anew, if not all of it.
+        left: Covariance of what the reading leaves, (n, n); None = as wide as the last move's noise.
     """
 
     problem: Problem
@@ -48,12 +49,12 @@ class FirstMoves:
     controls: tuple[Array, ...]
     fresh: Array
     readings: Sequence[Array] = ()
-    most: float = 1.0
+    left: Array | None = None
 
     def as_wide_as(self, paths: Array, weights: Array) -> FirstMoves:
         """The same with last moves that change by little more than the reading leaves: of paths (N, 3 n)."""
         _, before, end = self.parts(paths)
-        return replace(self, most=self._last(before).as_wide_as(end, weights).most)
+        return replace(self, left=self._last(before).as_wide_as(end, weights).left)
 
     def paths(self, count: int, rng: Generator) -> Array:
         """Draws from the prior and the law of the moves, (N, 3 n)."""
@@ -93,12 +94,12 @@ class FirstMoves:
         allowed = self.prior.log_density(there) > -np.inf
         proposal[begun, :size] = there
         proposal[begun[allowed]] = self._from(there[allowed], rng)
-        proposal[others, 2 * size :] = self._last(before[others]).propose(end[others], rng)
+        proposal[others, 2 * size :] = self._last(before[others]).propose(end[others], rng, REDRAWN)
         return proposal
 
     def _last(self, before: Array) -> LastStep:
         """The last moves, of objects that were there before them, (N, n)."""
-        return LastStep(self.problem, before, self.controls[-1], self.readings, self.fresh, self.most)
+        return LastStep(self.problem, before, self.controls[-1], self.readings, self.fresh, self.left)
 
     def _from(self, starts: Array, rng: Generator) -> Array:
         """Paths from starts, (N, n) -> (N, 3 n)."""

@@ -3,11 +3,12 @@
 A particle that came from a start a by the law p(x | a) of the motion, and met readings of likelihood L(x)
 since, has the target p(x | a) L(x): resample-move (Gilks and Berzuini, 2001) on the last step alone. The
 motion needs only to be sampled, walls and all: a draw of x' from p(. | a) is accepted with probability
-min(1, L(x') / L(x)). Where the noise is Gaussian, half of the proposals change only a part of it
-(preconditioned Crank-Nicolson: Neal, 1999; Cotter, Roberts, Stuart and White, 2013):
-x' = m + sqrt(1 - b^2) (x - m) + b e, with m the mean of the step and e fresh noise. That leaves N as it is,
-so the same ratio is right, or zero where a wall is in the way. The part b is drawn log-uniformly, up to all
-of the noise, or up to less where readings leave far less than that: no large part would be taken there.
+min(1, L(x') / L(x)). Where the noise is Gaussian, three of four proposals change only a part of it
+(preconditioned Crank-Nicolson: Neal, 1999; Cotter, Roberts, Stuart and White, 2013; with a part of its own
+along each direction: Cui, Law and Marzouk, 2016). With m the mean of the step and L L' its covariance, even
+noise z = V' L^-1 (x - m) becomes sqrt(1 - b^2) z + b e, way by way, e fresh. That leaves N as it is, so the
+same ratio is right, or zero where a wall is in the way. The ways V, and how much may be changed along each,
+are those of what readings leave: no larger change would be taken there. The parts b are drawn log-uniformly.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ...arrays import Array, for_loops
+from ...arrays import Array
 from ..models.confined import Confined
 from ..problem import Motion, Problem
-from ..space import StateSpace
 
 LEAST_OF_MOST = 0.05  # the least part of the noise that a proposal draws anew, as a share of the most
-MOST_IN_WIDTHS = 6.0  # of what readings leave: no proposal changes more, but those that draw all anew
+MOST_IN_WIDTHS = 2.5  # of what readings leave: no proposal changes more, but those that draw all anew
+REDRAWN = 0.25  # share of the steps that is drawn anew: another mode may be as far as a step goes
+NO_NOISE = 1e-12  # of a variance
 THINNEST = 1e-4  # of the noise: what readings leave is not taken for less
 SMALL_TURN_STD = 0.5  # rad; noise of a heading that is not felt to be on a circle
 
@@ -41,7 +43,8 @@ class LastStep:
         control: Of the step, (k,).
         readings: Measurements taken in since, (B,) each.
         fresh: The one that is to be taken in, (B,).
-        most: The greatest part of the noise that a proposal draws anew, if not all of it.
+        left: Covariance of what readings leave, (n, n); None = as wide as the noise.
+        roots: Of the noise from each start, as `_roots` has them; None = not known yet.
     """
 
     problem: Problem
@@ -49,21 +52,25 @@ class LastStep:
     control: Array
     readings: Sequence[Array]
     fresh: Array
-    most: float = 1.0
+    left: Array | None = None
+    roots: Array | None = None
 
     def of(self, ancestors: NDArray[np.intp]) -> LastStep:
         """The same for copies of these particles."""
-        return replace(self, starts=self.starts.take(ancestors, axis=0))
+        roots = self._noise if self.is_gaussian else None
+        if roots is not None and roots.shape[2] > 1:
+            roots = roots.take(ancestors, axis=2)
+        return replace(self, starts=self.starts.take(ancestors, axis=0), roots=roots)
+
+    def from_starts(self, starts: Array) -> LastStep:
+        """The same for other starts, (N, n)."""
+        return replace(self, starts=starts, roots=None)
 
     def as_wide_as(self, states: Array, weights: Array) -> LastStep:
         """The same with proposals little wider than what readings leave: states (N, n) and their weights."""
         if not self.is_gaussian:
             return self
-        noise = np.diagonal(self._free.noise_covariance(self.starts[0], self.control))
-        _, covariance = self.problem.space.moments(states, weights / weights.sum())
-        noisy = noise > 0.0
-        left = np.sqrt((np.diagonal(covariance)[noisy] / noise[noisy]).min(initial=1.0))
-        return replace(self, most=float(min(1.0, MOST_IN_WIDTHS * max(left, THINNEST))))
+        return replace(self, left=self.problem.space.moments(states, weights / weights.sum())[1])
 
     def log_prior(self, states: Array) -> Array:
         """Zero for each state, (N, n) -> (N,): all steps are proposed by their law."""
@@ -78,21 +85,24 @@ class LastStep:
             known += sensor.log_density(reading, expected)
         return known, sensor.log_density(self.fresh, expected)
 
-    def propose(self, states: Array, rng: Generator) -> Array:
-        """Half of the steps drawn anew, half changed in part; the state as it is where a wall is met."""
+    def propose(self, states: Array, rng: Generator, redrawn: float = REDRAWN) -> Array:
+        """A share of the steps drawn anew, others changed in part; the state as it is where a wall is met."""
         if not len(states):
             return states.copy()
         motion, space = self.problem.motion, self.problem.space
-        redrawn = rng.random(len(states)) < (0.5 if self.is_gaussian else 1.0)
-        anew = np.flatnonzero(redrawn)
+        all_anew = rng.random(len(states)) < (redrawn if self.is_gaussian else 1.0)
+        anew = np.flatnonzero(all_anew)
         proposal = states.copy()
         proposal[anew] = motion.sample(self.starts.take(anew, axis=0), self.control, rng)
         apart = np.zeros(len(states), dtype=np.bool_)
         for column in range(space.size):
             apart |= states[:, column] != self.starts[:, column]
-        changed = np.flatnonzero(~redrawn & apart)  # what stayed at a wall has no noise to change
+        changed = np.flatnonzero(~all_anew & apart)  # what stayed at a wall has no noise to change
         starts, ends = self.starts.take(changed, axis=0), states.take(changed, axis=0)
-        part = _partly(self._free, starts, ends, self.control, space, self.most, rng)
+        mean = self._free.mean(starts, self.control)
+        roots, (ways, most) = self._noise, self._ways
+        roots = roots if roots.shape[2] == 1 else roots.take(changed, axis=2)
+        part = space.wrap(mean + _partly(space.difference(ends, mean), roots, ways, most, rng))
         if isinstance(motion, Confined):
             clear = motion.allows(starts, part)
             changed, part = changed[clear], part[clear]
@@ -102,10 +112,34 @@ class LastStep:
     @cached_property
     def is_gaussian(self) -> bool:
         """Whether the noise is Gaussian, and that of a heading far from going round."""
+        if self.roots is not None:
+            return True
         if not self._free.is_gaussian:
             return False
         variances = np.diagonal(self._free.noise_covariance(self.starts[0], self.control))
         return bool((variances[self.problem.space.is_angle] <= SMALL_TURN_STD**2).all())
+
+    @cached_property
+    def _noise(self) -> Array:
+        """Roots of the noise from each start, or of the noise from all: (n, n, N), (n, n, 1)."""
+        if self.roots is not None:
+            return self.roots
+        noise = self._free.noise_covariance(self.starts, self.control)
+        return _roots(noise[:1] if noise.strides[0] == 0 else noise)
+
+    @cached_property
+    def _ways(self) -> tuple[Array, Array]:
+        """Along what even noise is changed, (n, n), and the greatest part along each, (n,)."""
+        size = self.problem.space.size
+        if self.left is None:
+            return np.eye(size), np.ones(size)
+        root = self._noise.mean(axis=2)
+        noisy = np.flatnonzero(np.diagonal(root))
+        within = np.ix_(noisy, noisy)
+        inverse, even = np.linalg.inv(root[within]), np.zeros((size, size))
+        even[within] = inverse @ self.left[within] @ inverse.T
+        squares, ways = np.linalg.eigh(even)
+        return ways, np.minimum(1.0, MOST_IN_WIDTHS * np.sqrt(np.maximum(squares, THINNEST**2)))
 
     @property
     def _free(self) -> Motion:
@@ -114,16 +148,40 @@ class LastStep:
         return motion.motion if isinstance(motion, Confined) else motion
 
 
-def _partly(
-    free: Motion, starts: Array, states: Array, control: Array, space: StateSpace, most: float, rng: Generator
-) -> Array:
-    """Steps from starts to states with a part of their Gaussian noise drawn anew, (N, n)."""
-    from ..models.kernels.moves import mix_noise  # numba takes a quarter of a second
+def _partly(steps: Array, roots: Array, ways: Array, most: Array, rng: Generator) -> Array:
+    """Gaussian noise of steps (N, n) of which a part is drawn anew, way by way.
 
-    mean = free.mean(starts, control)
-    share = most * LEAST_OF_MOST ** rng.random(len(starts))
-    fresh = free.sample(starts, control, rng)
-    kept, mixed = np.sqrt(1.0 - share**2), np.empty(np.shape(states))
-    heading = -1 if space.heading is not None else space.names.index("heading")
-    mix_noise(for_loops(states), for_loops(mean), for_loops(fresh), kept, share, heading, mixed)
-    return mixed
+    Args:
+        steps: The noise, (N, n).
+        roots: Of its covariances, (n, n, N) or (n, n, 1), see `_roots`.
+        ways: Orthogonal directions of even noise, as columns, (n, n).
+        most: The greatest part along each, (n,).
+        rng: For all draws.
+    """
+    share = LEAST_OF_MOST ** rng.random((len(steps), 1)) * most
+    fresh, even = rng.standard_normal(steps.T.shape), np.empty(steps.T.shape)
+    for row, (root, step) in enumerate(zip(roots, steps.T, strict=True)):
+        for column in range(row):
+            step = step - root[column] * even[column]
+        noisy = root[row] > 0.0
+        if not noisy.all():
+            even[row] = rng.standard_normal(len(step))  # any will do where there is no noise
+        np.divide(step, root[row], out=even[row], where=noisy)
+    mixed = ways @ (np.sqrt(1.0 - share**2).T * (ways.T @ even) + share.T * fresh)
+    changed = np.empty_like(steps)
+    for row, root in enumerate(roots):
+        changed[:, row] = (root[: row + 1] * mixed[: row + 1]).sum(axis=0)
+    return changed
+
+
+def _roots(covariances: Array) -> Array:
+    """Lower triangular roots L of covariances L L' (N, n, n), singular ones too: (n, n, N)."""
+    covariances = np.ascontiguousarray(np.moveaxis(covariances, 0, -1))
+    roots = np.zeros(covariances.shape)
+    for column in range(len(roots)):
+        done = roots[:, :column]
+        rest = covariances[column:, column] - (done[column:] * done[column]).sum(axis=1)
+        noisy = rest[0] > NO_NOISE * covariances[column, column]
+        root = np.sqrt(np.where(noisy, rest[0], 1.0))
+        roots[column:, column] = np.where(noisy, rest / root, 0.0)
+    return roots

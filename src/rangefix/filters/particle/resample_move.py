@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -165,7 +165,7 @@ class ResampleMove:
         spread, starts = separate_copies(moved, target.starts, even, self.problem, rng)
         if spread is moved:
             return moved, known, log_density, target
-        return spread, None, density(spread), replace(target, starts=starts)
+        return spread, None, density(spread), target.from_starts(starts)
 
     def _by_paths(
         self, paths: Array, weights: Array, copies: Array, ancestors: Indices, target: FirstMoves,

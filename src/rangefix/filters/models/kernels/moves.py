@@ -1,6 +1,6 @@
-"""Compiled loops over states that move: odometry with noise, and noise of which a part is drawn anew.
+"""A compiled loop over states that move by odometry with noise.
 
-They round as numpy does step by step, so that one state moves as it does among many.
+It rounds as numpy does step by step, so that one state moves as it does among many.
 """
 
 from __future__ import annotations
@@ -59,25 +59,3 @@ def move_by_control(
             moved[state, one] += forward * sine + right * cosine
             moved[state, two] += forward * cosine - right * sine
             moved[state, heading] = wrapped(moved[state, heading] + parts[2, place])
-
-
-@njit(**LOOP)
-def mix_noise(
-    states: Array, means: Array, fresh: Array, kept: Array, share: Array, heading: int, mixed: Array
-) -> None:
-    """States whose distance from their means is, in part, that of others: m + kept (x - m) + share (y - m).
-
-    Args:
-        states, means, fresh: x, m and y, (N, n).
-        kept, share: (N,).
-        heading: Which component is an angle; -1 = none.
-        mixed: Gets the states, angles in [-pi, pi), (N, n).
-    """
-    for place in range(len(states)):
-        for column in range(states.shape[1]):
-            mean = means[place, column]
-            old, new = states[place, column] - mean, fresh[place, column] - mean
-            if column == heading:
-                old, new = wrapped(old), wrapped(new)
-            value = mean + kept[place] * old + share[place] * new
-            mixed[place, column] = wrapped(value) if column == heading else value
