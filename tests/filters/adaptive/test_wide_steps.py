@@ -94,3 +94,54 @@ def test_what_can_be_seen_is_hardly_ever_taken_to_be_behind_a_wall() -> None:
     stopped, free = judged(ell, (6.0, 6.0))
     assert stopped < 0.0001
     assert free < 0.004
+
+
+UNEQUAL_BEAMS = """
+runs = 30
+seed = 1
+
+[map]
+kind = "floor-plan"
+outer_m = [[0, 0], [6, 0], [6, 3], [3, 3], [3, 6], [0, 6]]
+
+[sensor]
+bearings_deg = [0, 45, 90, 135, 180, 225, 270, 315]
+std_m = [0.014, 0.32, 0.15, 0.0005, 0.012, 0.18, 0.0003, 0.007]
+
+[state]
+heading = "unknown"
+
+[motion]
+kind = "random-walk"
+steps = 1
+std_m = 0.5
+heading_std_deg = 40.0
+
+[prior]
+kind = "gaussian"
+mean_m = [2.0, 2.0]
+std_m = 0.05
+heading_std_deg = 5.0
+
+[truth]
+from = "prior"
+
+[[estimators]]
+name = "adaptive-point-mass"
+"""
+
+
+def test_a_mode_that_fits_beams_of_very_unequal_noise_is_found() -> None:
+    """Most beams may be left out of a step, those of least noise among them: 4 of 30 runs ended elsewhere.
+
+    This one 13600 deviations off, with an error of 0.01 stated.
+    """
+    made = parse_study(UNEQUAL_BEAMS).experiment()
+    drive, problem = simulate(made, 0, 30), made.assumed_problem
+    estimator, rng = AdaptivePointMassFilter(problem), np.random.default_rng(0)
+    first, second = drive.measurement[25]
+    belief = estimator.update(estimator.init(problem.prior, rng), first, rng)
+    belief = estimator.update(estimator.predict(belief, np.asarray(made.controls)[0], rng), second, rng)
+    mean, covariance, _ = estimator.estimate(belief)
+    error = problem.space.difference(drive.truth[25, 1], mean)
+    assert error @ np.linalg.solve(covariance, error) < 26  # chi-square of 3: 1 in 10^5

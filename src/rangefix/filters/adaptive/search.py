@@ -140,11 +140,7 @@ class ModeSearch:
             peaks = climb(rough, guesses, means, precisions)
             peaks = peaks._replace(log_density=target.log_density(peaks.states))
             if target.perfect() - peaks.log_density.max() > UNEXPLAINED_NATS:
-                # what fits most beams may be far from what fits all: noise may be much wider than readings
-                # tell, along a line that few beams look
-                all_ = climb(rough, guesses, means, precisions, trimmed=False)
-                all_ = all_._replace(log_density=target.log_density(all_.states))
-                peaks = Peaks(*map(np.concatenate, zip(peaks, all_, strict=True)))
+                peaks = with_all_beams(peaks, target, rough, guesses, means, precisions)
             found = with_lattices(target, peaks, self.accuracy, found)
         draws = prior.draws(self.draws_asked)
         survey = Survey(draws, likely, rough, *prior.means_and_precisions())
@@ -165,8 +161,10 @@ class ModeSearch:
         few = replace(target, log_prior=no_prior, log_prior_cost=0.0).few(GUESS_BEAMS)
         best = np.argsort(-box_scores(few, states, boxes), kind="stable")[:DRAWS_CLIMBED]
         of = of[best]
-        peaks = climb(survey.rough, states[best], survey.means[of], survey.precisions[of])
+        near = states[best], survey.means[of], survey.precisions[of]
+        peaks = climb(survey.rough, *near)
         peaks = peaks._replace(log_density=target.log_density(peaks.states))
+        peaks = with_all_beams(peaks, target, survey.rough, *near)
         return with_lattices(target, peaks, self.accuracy, found)
 
     def completed(self, target: Target, found: Quadrature, survey: Survey) -> Quadrature:
@@ -328,6 +326,19 @@ class ModeSearch:
         quarters = np.where(table.whole[possible // len(table.headings)], 4, 1).sum()
         volume *= np.prod(table.size[:2] / 2) * (table.size[2] or 1.0)
         return states, float(volume * quarters / max(len(states), 1))
+
+
+def with_all_beams(
+    peaks: Peaks, target: Target, rough: Target, states: Array, means: Array, precisions: Array
+) -> Peaks:
+    """Peaks of a climb, and those of one from the same guesses whose steps fit all beams.
+
+    What fits most beams may be far from what fits all: noise may be much wider than readings tell, along a
+    line that few beams look.
+    """
+    all_ = climb(rough, states, means, precisions, trimmed=False)
+    all_ = all_._replace(log_density=target.log_density(all_.states))
+    return Peaks(*map(np.concatenate, zip(peaks, all_, strict=True)))
 
 
 def _summed(worth: Array) -> float:
