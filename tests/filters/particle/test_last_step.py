@@ -35,19 +35,28 @@ BEARINGS = np.deg2rad([0.0, 90.0, 180.0, 270.0])
 STILL = np.zeros(0)
 
 
-@pytest.mark.parametrize(("tries", "left"), [(1, None), (10, None), (10, (0.08, 0.02, 0.05))])
-def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, left):
+@pytest.mark.parametrize(
+    ("tries", "left", "turn_std", "least_moved"),
+    [
+        (1, None, 0.12, 0.4),
+        (10, None, 0.12, 0.4),
+        (10, (0.08, 0.02, 0.05), 0.12, 0.4),
+        (10, None, 2.5, 0.2),
+        (1, (0.1, 0.05, 0.3), 1.0, 0.2),
+    ],
+)
+def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, left, turn_std, least_moved):
     """Exact draws by rejection stay exact after 5 moves, also those that stayed at a wall; most have moved.
 
     Odometry towards a wall, one try: a third stays. Changes of means, of squares and of the share that
     stays, 7 numbers, are within 5 standard errors: fails for fewer than 1 seed in 100 000.
     """
-    odometry = Odometry(POSE, (0.05, 0.05, 0.05, 0.02), floor=[0.08, 0.08, 0.12])
+    odometry = Odometry(POSE, (0.05, 0.05, 0.05, 0.02), floor=[0.08, 0.08, turn_std])
     motion = Confined(odometry, PLAN, POSE, tries=tries)
     sensor = Rangefinder(PLAN, BEARINGS, Gaussian(0.15), POSE)
     prior = GaussianPrior([1.0, 1.4, 1.2], np.diag([0.1, 0.1, 0.3]) ** 2, POSE, PLAN)
     problem, rng = Problem(POSE, motion, sensor, prior), np.random.default_rng(1)
-    starts, control = prior.sample(60_000, rng), np.array([0.2, 0.0, 0.2])
+    starts, control = prior.sample(60_000 if turn_std < 1 else 150_000, rng), np.array([0.2, 0.0, 0.2])
     states = motion.sample(starts, control, rng)
     fresh = sensor.sample(np.array([1.05, 1.45, 1.5]), rng)
     logs = sensor.log_density(fresh, sensor.expected(states))
@@ -59,7 +68,7 @@ def test_moves_of_the_last_step_leave_its_law_as_it_is(tries, left):
     propose, logs = partial(target.propose, rng=rng), target.log_densities(exact)
     moved, _, log_density = metropolis_steps(exact, logs, target, propose, 0.7, 5, rng)
     np.testing.assert_array_equal(log_density, target.log_densities(moved)[1])
-    assert (moved != exact).any(axis=1).mean() > 0.4
+    assert (moved != exact).any(axis=1).mean() > least_moved
     middle = exact.mean(0)
     stays = [(each == target.starts).all(axis=1)[:, None] for each in (moved, exact)]
     if tries == 1:
@@ -214,6 +223,29 @@ def _held_against_kalman(noise, particles, unread_moves, least, off, nats):
         )
         assert (((means - mean) ** 2).mean(axis=0) < off**2 * variances).all()
         assert np.abs(logs - evidence).max() < nats
+
+
+def test_headings_that_turn_anyhow_are_changed_in_part_too():
+    """Steps of 0.5 m and 40 degrees, eight beams of 5 mm, an L-shaped room: 10 runs of five measurements.
+
+    Steps were drawn anew as a whole, of which hardly one was taken: squared errors of up to 3 million, 3
+    effective particles. Squared normalised errors are chi-square of 3: above 30 in 1 of 700 000.
+    """
+    ell = FloorPlan([[0, 0], [6, 0], [6, 3], [3, 3], [3, 6], [0, 6]])
+    sensor = Rangefinder(ell, np.arange(8) * np.pi / 4, Gaussian(0.005), POSE)
+    prior = GaussianPrior([1.5, 1.5, 0.3], np.diag([0.1, 0.1, 0.1]) ** 2, POSE, ell)
+    motion = Confined(RandomWalk(POSE, [0.5, 0.5, 0.7]), ell, POSE)
+    problem, rng = Problem(POSE, motion, sensor, prior), np.random.default_rng(8)
+    estimator, rngs = ParticleFilter(problem), [np.random.default_rng(run) for run in range(10)]
+    truth, belief = prior.sample(10, rng), estimator.init(prior, rngs)
+    for step in range(5):
+        if step:
+            truth = motion.sample(truth, STILL, rng)
+            belief = estimator.predict(belief, STILL, rngs)
+        belief = estimator.update(belief, sensor.sample(truth, rng), rngs)
+        mean, covariance, _ = estimator.estimate(belief)
+        error = POSE.difference(truth, mean)
+        assert np.einsum("mi,mij,mj->m", error, np.linalg.inv(covariance), error).max() < 30
 
 
 def test_without_moves_a_surprise_makes_the_filter_sure_of_itself():

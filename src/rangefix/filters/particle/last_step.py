@@ -9,6 +9,7 @@ along each direction: Cui, Law and Marzouk, 2016). With m the mean of the step a
 noise z = V' L^-1 (x - m) becomes sqrt(1 - b^2) z + b e, way by way, e fresh. That leaves N as it is, so the
 same ratio is right, or zero where a wall is in the way. The ways V, and how much may be changed along each,
 are those of what readings leave: no larger change would be taken there. The parts b are drawn log-uniformly.
+By how many whole turns a heading may have gone farther is drawn first, by N: it is right on the circle.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import TWO_PI, Array, BoolArray
 from ..models.confined import Confined
 from ..problem import Motion, Problem
 
@@ -31,6 +32,7 @@ REDRAWN = 0.25  # share of the steps that is drawn anew: another mode may be as 
 NO_NOISE = 1e-12  # of a variance
 THINNEST = 1e-4  # of the noise: what readings leave is not taken for less
 SMALL_TURN_STD = 0.5  # rad; noise of a heading that is not felt to be on a circle
+MOST_TURN_STD = 4.0  # rad; of more any heading is as likely
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,8 @@ class LastStep:
         mean = self._free.mean(starts, self.control)
         roots, (ways, most) = self._noise, self._ways
         roots = roots if roots.shape[2] == 1 else roots.take(changed, axis=2)
-        part = space.wrap(mean + _partly(space.difference(ends, mean), roots, ways, most, rng))
+        noise = _unwrapped(space.difference(ends, mean), roots, space.is_angle, rng)
+        part = space.wrap(mean + _partly(noise, roots, ways, most, rng))
         if isinstance(motion, Confined):
             clear = motion.allows(starts, part)
             changed, part = changed[clear], part[clear]
@@ -111,13 +114,13 @@ class LastStep:
 
     @cached_property
     def is_gaussian(self) -> bool:
-        """Whether the noise is Gaussian, and that of a heading far from going round."""
+        """Whether the noise is Gaussian, and that of a heading does not go round and round."""
         if self.roots is not None:
             return True
         if not self._free.is_gaussian:
             return False
         variances = np.diagonal(self._free.noise_covariance(self.starts[0], self.control))
-        return bool((variances[self.problem.space.is_angle] <= SMALL_TURN_STD**2).all())
+        return bool((variances[self.problem.space.is_angle] <= MOST_TURN_STD**2).all())
 
     @cached_property
     def _noise(self) -> Array:
@@ -159,19 +162,45 @@ def _partly(steps: Array, roots: Array, ways: Array, most: Array, rng: Generator
         rng: For all draws.
     """
     share = LEAST_OF_MOST ** rng.random((len(steps), 1)) * most
-    fresh, even = rng.standard_normal(steps.T.shape), np.empty(steps.T.shape)
-    for row, (root, step) in enumerate(zip(roots, steps.T, strict=True)):
-        for column in range(row):
-            step = step - root[column] * even[column]
-        noisy = root[row] > 0.0
-        if not noisy.all():
-            even[row] = rng.standard_normal(len(step))  # any will do where there is no noise
-        np.divide(step, root[row], out=even[row], where=noisy)
+    fresh, even = rng.standard_normal(steps.T.shape), _even(steps, roots)
+    still = roots.diagonal().T == 0.0
+    if still.any():
+        even = np.where(still, rng.standard_normal(even.shape), even)  # any will do where there is no noise
     mixed = ways @ (np.sqrt(1.0 - share**2).T * (ways.T @ even) + share.T * fresh)
     changed = np.empty_like(steps)
     for row, root in enumerate(roots):
         changed[:, row] = (root[: row + 1] * mixed[: row + 1]).sum(axis=0)
     return changed
+
+
+def _even(steps: Array, roots: Array) -> Array:
+    """Noise of steps (N, n) as independent normal numbers, zero where there is no noise: (n, N)."""
+    even = np.zeros(steps.T.shape)
+    for row, (root, step) in enumerate(zip(roots, steps.T, strict=True)):
+        for column in range(row):
+            step = step - root[column] * even[column]
+        np.divide(step, root[row], out=even[row], where=root[row] > 0.0)
+    return even
+
+
+def _unwrapped(steps: Array, roots: Array, is_angle: BoolArray, rng: Generator) -> Array:
+    """Noise of steps (N, n), an angle's the short way round, as it may have been: by whole turns farther."""
+    for angle in np.flatnonzero(is_angle):
+        std = float(np.sqrt((roots[angle] ** 2).sum(axis=0).max(initial=0.0)))
+        if std <= SMALL_TURN_STD:
+            continue
+        most = int(np.ceil(std)) + 1
+        turns, farther = np.arange(-most, most + 1) * TWO_PI, steps.copy()
+        logs = np.empty((len(turns), len(steps)))
+        for log, turn in zip(logs, turns, strict=True):
+            farther[:, angle] = steps[:, angle] + turn
+            log[:] = -0.5 * (_even(farther, roots) ** 2).sum(axis=0)
+        shares = np.cumsum(np.exp(logs - logs.max(axis=0)), axis=0)
+        farther[:, angle] = (
+            steps[:, angle] + turns[(shares < rng.random(len(steps)) * shares[-1]).sum(axis=0)]
+        )
+        steps = farther
+    return steps
 
 
 def _roots(covariances: Array) -> Array:
