@@ -100,6 +100,8 @@ class LastStep:
         for column in range(space.size):
             apart |= states[:, column] != self.starts[:, column]
         changed = np.flatnonzero(~all_anew & apart)  # what stayed at a wall has no noise to change
+        if not len(changed):
+            return proposal
         starts, ends = self.starts.take(changed, axis=0), states.take(changed, axis=0)
         mean = self._free.mean(starts, self.control)
         roots, (ways, most) = self._noise, self._ways
