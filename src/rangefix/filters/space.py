@@ -238,6 +238,25 @@ def is_definite(covariance: Array, rounding: float = 1e-14, least: float = LEAST
     return fine
 
 
+def lower_roots(covariances: Array, least: float = 0.0) -> Array:
+    """Lower triangular roots L of covariances L L', (n, n, M) -> (n, n, M).
+
+    Term by term, so that one has the same bits alone as among others. Where the variance given the components
+    before is no more than a share `least` of the whole, it is taken for zero, and so is its column.
+    """
+    roots = np.zeros_like(covariances)
+    for j in range(len(covariances)):
+        column = covariances[j:, j].copy()
+        for before in range(j):
+            column -= roots[j, before] * roots[j:, before]
+        fine = column[0] > least * covariances[j, j]
+        if fine.all():
+            roots[j:, j] = column / np.sqrt(column[0])
+        else:
+            roots[j:, j] = np.where(fine, column / np.sqrt(np.where(fine, column[0], 1.0)), 0.0)
+    return roots
+
+
 def _is_definite(rows: list[list[float]], rounding: float, least: float) -> bool:
     """The same for one covariance (n, n), step by step as for many; it is changed."""
     if not all(map(isfinite, chain.from_iterable(rows))):

@@ -53,17 +53,25 @@ def test_a_mode_between_draws_is_found() -> None:
     The latter alone was found, 4900 deviations off, with an error of 0.02 stated. The log evidence of
     `particle` scatters by a nat.
     """
-    made = parse_study(FOUR_ROOMS).experiment()
-    drive, problem = simulate(made, 2, 3), made.assumed_problem
+    squares, log_evidence = followed(FOUR_ROOMS, 2)
+    assert max(squares[1:]) < 23  # chi-square of 2: 1 in 10^5
+    assert abs(log_evidence - 141.2) < 3
+
+
+def followed(study: str, run: int) -> tuple[list[float], float]:
+    """Squared normalised errors after each measurement of a run, and the log evidence of all."""
+    made = parse_study(study).experiment()
+    drive, problem = simulate(made, run, run + 1), made.assumed_problem
     estimator, rng = AdaptivePointMassFilter(problem), np.random.default_rng(0)
-    belief = estimator.update(estimator.init(problem.prior, rng), drive.measurement[0, 0], rng)
-    steps = zip(np.asarray(made.controls), drive.measurement[0, 1:], drive.truth[0, 1:], strict=True)
-    for control, reading, truth in steps:
-        belief = estimator.update(estimator.predict(belief, control, rng), reading, rng)
+    belief, squares = estimator.init(problem.prior, rng), []
+    for step, (reading, truth) in enumerate(zip(drive.measurement[0], drive.truth[0], strict=True)):
+        if step:
+            belief = estimator.predict(belief, made.control_sequence[step - 1], rng)
+        belief = estimator.update(belief, reading, rng)
         mean, covariance, _ = estimator.estimate(belief)
         error = problem.space.difference(truth, mean)
-        assert error @ np.linalg.solve(covariance, error) < 23  # chi-square of 2: 1 in 10^5
-    assert abs(estimator.estimate(belief).log_evidence - 141.2) < 3
+        squares.append(float(error @ np.linalg.solve(covariance, error)))
+    return squares, float(estimator.estimate(belief).log_evidence)
 
 
 def judged(room: RangeMap, corner: tuple[float, float]) -> tuple[float, float]:
@@ -136,12 +144,5 @@ def test_a_mode_that_fits_beams_of_very_unequal_noise_is_found() -> None:
 
     This one 13600 deviations off, with an error of 0.01 stated.
     """
-    made = parse_study(UNEQUAL_BEAMS).experiment()
-    drive, problem = simulate(made, 0, 30), made.assumed_problem
-    estimator, rng = AdaptivePointMassFilter(problem), np.random.default_rng(0)
-    first, second = drive.measurement[25]
-    belief = estimator.update(estimator.init(problem.prior, rng), first, rng)
-    belief = estimator.update(estimator.predict(belief, np.asarray(made.controls)[0], rng), second, rng)
-    mean, covariance, _ = estimator.estimate(belief)
-    error = problem.space.difference(drive.truth[25, 1], mean)
-    assert error @ np.linalg.solve(covariance, error) < 26  # chi-square of 3: 1 in 10^5
+    squares, _ = followed(UNEQUAL_BEAMS, 25)
+    assert squares[1] < 26  # chi-square of 3: 1 in 10^5

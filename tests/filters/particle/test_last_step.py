@@ -20,8 +20,9 @@ from rangefix.filters import (
 )
 from rangefix.filters.particle import ParticleFilter
 from rangefix.filters.particle.kernel_noise import best_width, separate_copies
-from rangefix.filters.particle.last_step import LastStep, _partly, _roots
+from rangefix.filters.particle.last_step import NO_NOISE, LastStep, _partly
 from rangefix.filters.particle.metropolis import metropolis_steps
+from rangefix.filters.space import lower_roots
 from rangefix.maps import FloorPlan
 
 from ..adaptive.brute_motion import recursion
@@ -92,11 +93,12 @@ def test_noise_drawn_in_part_keeps_its_law_whatever_the_ways():
     ways = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     for factor in factors:
         covariance = factor @ factor.T
-        root = _roots(covariance[None])
+        root = lower_roots(covariance[..., None], NO_NOISE)
         np.testing.assert_allclose(root[..., 0] @ root[..., 0].T, covariance, atol=1e-12 * covariance.max())
     each = np.repeat(np.arange(4), size)
     steps = np.concatenate([rng.standard_normal((size, each.shape[1])) @ each.T for each in factors])
-    roots = _roots(np.stack([factor @ factor.T for factor in factors])[each])
+    covariances = np.stack([factor @ factor.T for factor in factors], axis=-1)
+    roots = lower_roots(covariances, NO_NOISE)[..., each]
     most = np.array([0.02, 0.4, 1.0])
     found = _partly(steps, roots, ways, most, rng)
     for number, factor in enumerate(factors):

@@ -137,10 +137,10 @@ class ModeSearch:
             guesses, means, precisions = prior.guesses(scores, MAX_GUESSES_PER_PART, found.holds)
             if not len(guesses):
                 break
-            peaks = climb(rough, guesses, means, precisions)
-            peaks = peaks._replace(log_density=target.log_density(peaks.states))
+            way = target, rough, guesses, means, precisions
+            peaks = climbed(*way)
             if target.perfect() - peaks.log_density.max() > UNEXPLAINED_NATS:
-                peaks = with_all_beams(peaks, target, rough, guesses, means, precisions)
+                peaks = both(peaks, climbed(*way, trimmed=False))
             found = with_lattices(target, peaks, self.accuracy, found)
         draws = prior.draws(self.draws_asked)
         survey = Survey(draws, likely, rough, *prior.means_and_precisions())
@@ -158,13 +158,11 @@ class ModeSearch:
             return found
         states, of = survey.draws.states[some], survey.draws.parts[some]
         boxes = survey.precisions[of] * len(some) ** (2 / states.shape[1])
-        few = replace(target, log_prior=no_prior, log_prior_cost=0.0).few(GUESS_BEAMS)
+        few = survey.target.few(GUESS_BEAMS)
         best = np.argsort(-box_scores(few, states, boxes), kind="stable")[:DRAWS_CLIMBED]
         of = of[best]
-        near = states[best], survey.means[of], survey.precisions[of]
-        peaks = climb(survey.rough, *near)
-        peaks = peaks._replace(log_density=target.log_density(peaks.states))
-        peaks = with_all_beams(peaks, target, survey.rough, *near)
+        way = target, survey.rough, states[best], survey.means[of], survey.precisions[of]
+        peaks = both(climbed(*way), climbed(*way, trimmed=False))
         return with_lattices(target, peaks, self.accuracy, found)
 
     def completed(self, target: Target, found: Quadrature, survey: Survey) -> Quadrature:
@@ -328,17 +326,21 @@ class ModeSearch:
         return states, float(volume * quarters / max(len(states), 1))
 
 
-def with_all_beams(
-    peaks: Peaks, target: Target, rough: Target, states: Array, means: Array, precisions: Array
+def climbed(
+    target: Target, rough: Target, states: Array, means: Array, precisions: Array, trimmed: bool = True
 ) -> Peaks:
-    """Peaks of a climb, and those of one from the same guesses whose steps fit all beams.
+    """Peaks of a climb by a rough target, with densities of the target itself.
 
-    What fits most beams may be far from what fits all: noise may be much wider than readings tell, along a
-    line that few beams look.
+    Steps that are not trimmed fit all beams. What fits most of them may be far from what fits all: noise may
+    be much wider than readings tell, along a line that few beams look.
     """
-    all_ = climb(rough, states, means, precisions, trimmed=False)
-    all_ = all_._replace(log_density=target.log_density(all_.states))
-    return Peaks(*map(np.concatenate, zip(peaks, all_, strict=True)))
+    peaks = climb(rough, states, means, precisions, trimmed=trimmed)
+    return peaks._replace(log_density=target.log_density(peaks.states))
+
+
+def both(one: Peaks, other: Peaks) -> Peaks:
+    """Peaks of two climbs."""
+    return Peaks(*map(np.concatenate, zip(one, other, strict=True)))
 
 
 def _summed(worth: Array) -> float:

@@ -117,19 +117,6 @@ class GaussianFilter(ABC):
         return gaussian_draws(belief.mean, belief.covariance, size, self.problem.space, rngs)
 
 
-def cholesky(matrices: Array) -> Array:
-    """Lower roots (k, k, M) of symmetric matrices (k, k, M); without meaning where one is not definite."""
-    root = np.zeros_like(matrices)
-    for j in range(len(matrices)):
-        column = matrices[j:, j].copy()
-        for before in range(j):
-            column -= root[j, before] * root[j:, before]
-        fine = column[0] > 0
-        root[j:, j] = column / np.sqrt(column[0] if fine.all() else np.where(fine, column[0], 1.0))
-        root[j, j, ~fine] = 1.0
-    return root
-
-
 def condition(
     covariance: Array, slopes: Array, innovation: Array, noise: Array, used: BoolArray
 ) -> tuple[Array, Array, Array]:

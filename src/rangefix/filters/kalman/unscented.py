@@ -12,7 +12,8 @@ from ...arrays import LOG_TWO_PI, Array, BoolArray, sum_terms
 from ..measurement import check_control
 from ..models.wrapped_noise import reading_bias
 from ..problem import Problem, Sensor
-from .batch import GaussianFilter, accept_definite, cholesky, condition, refuse_impossible
+from ..space import lower_roots
+from .batch import GaussianFilter, accept_definite, condition, refuse_impossible
 from .belief import GaussianBelief, SigmaPointOptions
 from .no_returns import log_besides_innovation
 
@@ -145,7 +146,7 @@ class UnscentedKalmanFilter(GaussianFilter, SigmaPointOptions):
 
     def _arms(self, belief: GaussianBelief) -> Array:
         """Half of the sigma points, as seen from the mean, (n, n, M): the others are opposite."""
-        root = cholesky(np.moveaxis(belief.covariance, 0, -1))
+        root = lower_roots(np.moveaxis(belief.covariance, 0, -1))
         return np.asarray(np.sqrt(self._reach) * root.swapaxes(0, 1))
 
     def _moments(self, off: Array) -> tuple[Array, Array]:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ...arrays import TWO_PI, Array, BoolArray
 from ..models.confined import Confined
 from ..problem import Motion, Problem
+from ..space import lower_roots
 
 LEAST_OF_MOST = 0.05  # the least part of the noise that a proposal draws anew, as a share of the most
 MOST_IN_WIDTHS = 2.5  # of what readings leave: no proposal changes more, but those that draw all anew
@@ -46,7 +47,7 @@ class LastStep:
         readings: Measurements taken in since, (B,) each.
         fresh: The one that is to be taken in, (B,).
         left: Covariance of what readings leave, (n, n); None = as wide as the noise.
-        roots: Of the noise from each start, as `_roots` has them; None = not known yet.
+        roots: Of the noise from each start, (n, n, N) or (n, n, 1); None = not known yet.
     """
 
     problem: Problem
@@ -130,7 +131,8 @@ class LastStep:
         if self.roots is not None:
             return self.roots
         noise = self._free.noise_covariance(self.starts, self.control)
-        return _roots(noise[:1] if noise.strides[0] == 0 else noise)
+        noise = np.moveaxis(noise[:1] if noise.strides[0] == 0 else noise, 0, -1)
+        return lower_roots(np.ascontiguousarray(noise), NO_NOISE)
 
     @cached_property
     def _ways(self) -> tuple[Array, Array]:
@@ -158,7 +160,7 @@ def _partly(steps: Array, roots: Array, ways: Array, most: Array, rng: Generator
 
     Args:
         steps: The noise, (N, n).
-        roots: Of its covariances, (n, n, N) or (n, n, 1), see `_roots`.
+        roots: Of its covariances, (n, n, N) or (n, n, 1).
         ways: Orthogonal directions of even noise, as columns, (n, n).
         most: The greatest part along each, (n,).
         rng: For all draws.
@@ -203,16 +205,3 @@ def _unwrapped(steps: Array, roots: Array, is_angle: BoolArray, rng: Generator) 
         )
         steps = farther
     return steps
-
-
-def _roots(covariances: Array) -> Array:
-    """Lower triangular roots L of covariances L L' (N, n, n), singular ones too: (n, n, N)."""
-    covariances = np.ascontiguousarray(np.moveaxis(covariances, 0, -1))
-    roots = np.zeros(covariances.shape)
-    for column in range(len(roots)):
-        done = roots[:, :column]
-        rest = covariances[column:, column] - (done[column:] * done[column]).sum(axis=1)
-        noisy = rest[0] > NO_NOISE * covariances[column, column]
-        root = np.sqrt(np.where(noisy, rest[0], 1.0))
-        roots[column:, column] = np.where(noisy, rest / root, 0.0)
-    return roots
