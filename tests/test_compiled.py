@@ -6,6 +6,7 @@ import ast
 import gc
 import itertools
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -15,9 +16,9 @@ from typing import Any, TypeGuard
 import numba
 import numpy as np
 import pytest
-from numba.core import event, types
+from numba.core import event, ir, types
 from numba.core.codegen import CPUCodeLibrary
-from numba.core.compiler import Flags
+from numba.core.compiler import Flags, run_frontend
 from numba.core.cpu_options import FastMathOptions
 from numba.core.errors import TypingError
 from numba.core.targetconfig import ConfigStack, TargetConfig
@@ -39,6 +40,11 @@ known_options = pytest.mark.skipif(
 )
 known_calls = pytest.mark.skipif(
     not quick_compiling.CALLS_ARE_KNOWN, reason="this numba finds the types of calls otherwise, by itself"
+)
+
+known_names = pytest.mark.skipif(
+    not (quick_compiling.NAMES_ARE_KNOWN and quick_compiling.USES_ARE_KNOWN),
+    reason="this numba keeps the names in a loop otherwise",
 )
 
 PREDICTED = """
@@ -273,12 +279,15 @@ def test_numba_is_spared_only_while_loops_are_compiled(module: str) -> None:
     numbas = [
         (TargetConfig, "__eq__"),
         (BaseFunction, "get_call_type"),
+        (ir.Scope, "__deepcopy__"),
+        (ir.Loc, "__deepcopy__"),
+        (ir.Inst, "_rec_list_vars"),
         (CPUCodeLibrary, "_optimize_functions"),
     ]
     seen = []
 
     def now() -> list[object]:
-        return [getattr(kind, name) for kind, name in numbas]
+        return [getattr(kind, name, None) for kind, name in numbas]
 
     class Looks(event.Listener):  # type: ignore[misc]
         def on_start(self, event: object) -> None:
@@ -295,6 +304,9 @@ def test_numba_is_spared_only_while_loops_are_compiled(module: str) -> None:
     known = [
         quick_compiling.OPTIONS_ARE_KNOWN,
         quick_compiling.CALLS_ARE_KNOWN,
+        quick_compiling.NAMES_ARE_KNOWN,
+        quick_compiling.NAMES_ARE_KNOWN,
+        quick_compiling.USES_ARE_KNOWN,
         quick_compiling.PASSES_ARE_KNOWN and ours,
     ]
     with event.install_listener("numba:compile", Looks()):  # type: ignore[no-untyped-call]
@@ -350,6 +362,56 @@ def test_numba_asks_once_what_a_call_with_such_arguments_is() -> None:
             quick_compiling._ask_once(sums, None, [types.float64, types.int64], {})
             quick_compiling._ask_once(sums, None, [types.float64], {"start": types.int64})
     assert len(asked) == 4
+
+
+@njit(error_model="numpy", inline="always")
+def nearest(values: Array, wanted: float) -> int:
+    """Called from two places below, which have names of their own for the same."""
+    best, off = 0, np.inf
+    for place in range(values.size):
+        away = abs(values[place] - wanted)
+        if away < off:
+            best, off = place, away
+    return best
+
+
+def between_nearest(values: Array, wanted: float) -> float:
+    best, off = nearest(values, wanted - 1.0), 0.5
+    return float(off * (values[best] + values[nearest(values, wanted + 1.0)]))
+
+
+@known_names
+def test_loops_in_the_places_of_calls_are_compiled_to_what_numba_makes_of_them() -> None:
+    """To the same code, but for the numbers by which numba tells what it has compiled."""
+    made = []
+    for quickly in (True, False):
+        with pytest.MonkeyPatch.context() as patch:
+            if not quickly:
+                patch.setattr(compiled, "compile_quickly", lambda ours: None)
+            loop: Any = njit(error_model="numpy")(between_nearest)
+            assert loop(np.array([0.0, 3.0, 5.0]), 4.0) == 4.0
+        (code,) = loop.inspect_llvm().values()
+        made.append(re.sub(r" *;.*|\d+", "", code).splitlines())
+    assert len(made[0]) > 50
+    assert made[0] == made[1]
+
+
+@known_names
+def test_names_that_instructions_hold_are_found_as_numba_finds_them() -> None:
+    def varied(values: Array) -> tuple[object, ...]:
+        values[0], values[1:] = values[1], 2.0
+        pairs = [(value, -value) for value in values if value > 0.0]
+        if not pairs:
+            raise ValueError(f"none of {values}")
+        return {"first": pairs[0]}, sum(one for one, _ in pairs), values.T[::-1], max(*pairs[0])
+
+    blocks = run_frontend(varied).blocks.values()
+    instructions = [each for block in blocks for each in block.body]
+    expected = [each.list_vars() for each in instructions]
+    assert sum(len(names) for names in expected) > 50
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ir.Inst, "_rec_list_vars", quick_compiling._names_of)
+        assert [each.list_vars() for each in instructions] == expected
 
 
 def test_loops_over_walls_are_compiled_once_for_arrays_of_any_order() -> None:

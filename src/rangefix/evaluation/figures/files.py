@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context, rcParams
+from matplotlib.artist import Artist
 from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from ...arrays import Array
 from ..results import ResultsError, write_bytes
@@ -39,6 +41,9 @@ def lay_out(figure: Figure) -> None:
     for axes in figure.axes:
         _find_ticks_once(axes.xaxis)
         _find_ticks_once(axes.yaxis)
+    for text in figure.findobj(Text):
+        if not text.get_wrap():  # else what it takes depends on where it is
+            _measure_once(text)
     FigureCanvasAgg(figure)
     engine = figure.get_layout_engine()
     if engine is None:
@@ -78,9 +83,20 @@ def _find_ticks_once(axis: Axis) -> None:
     _keep(axis, "_get_ticklabel_bboxes", place)
 
 
-def _keep(axis: Axis, name: str, state: Callable[..., tuple[object, ...]]) -> None:
-    """Have an axis keep what a method of it gave, until the state that it depends on is another."""
-    find: Callable[..., object] | None = getattr(axis, name, None)
+def _measure_once(text: Text) -> None:
+    """Have a text keep the room that it takes while its letters stay the same: matplotlib asks often."""
+
+    def letters(renderer: object) -> tuple[object, ...]:
+        aligned = text.get_horizontalalignment(), text.get_verticalalignment()
+        font = hash(text.get_fontproperties())
+        return text.get_text(), *aligned, text.get_rotation(), font, dpi_of(text), renderer
+
+    _keep(text, "_get_layout", letters)
+
+
+def _keep(artist: Artist, name: str, state: Callable[..., tuple[object, ...]]) -> None:
+    """Have an artist keep what a method of it gave, until the state that it depends on is another."""
+    find: Callable[..., object] | None = getattr(artist, name, None)
     if find is None:  # a version of matplotlib that goes about it in another way
         return
     kept: tuple[tuple[object, ...], object] = (), None
@@ -92,7 +108,7 @@ def _keep(axis: Axis, name: str, state: Callable[..., tuple[object, ...]]) -> No
             kept = asked, find(*arguments)
         return kept[1]
 
-    vars(axis)[name] = given
+    vars(artist)[name] = given
 
 
 def encoded(figure: Figure, formats: Iterable[str], dpi: float | None = None) -> dict[str, bytes]:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any, cast
 
 from matplotlib import rcParams
-from matplotlib.axes import Axes
+from matplotlib.artist import Artist
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
@@ -169,8 +169,8 @@ def wrapped(text: str, width: float, setting: str, **font: Any) -> str:
     return "\n".join(lines)
 
 
-def dpi_of(axes: Axes) -> float:
-    """Dots per inch of the figure that some axes are in."""
-    figure = axes.get_figure(root=True)
+def dpi_of(artist: Artist) -> float:
+    """Dots per inch of the figure that an artist is in."""
+    figure = artist.get_figure(root=True)
     assert figure is not None
     return float(figure.dpi)
