@@ -117,7 +117,7 @@ def calibrate(
     if found.warning:
         warn(found.warning)
     notes = [
-        *filter(None, [residuals.reach]),
+        *filter(None, [residuals.reach, found.uneven]),
         *log.notes,
         *([TAKEN.format(residuals.every)] if residuals.every > 1 else []),
         *(f"{count} {kind}" for kind, count in residuals.oddities.items()),

@@ -13,6 +13,7 @@ from ...filters.models.wrapped_noise import reading_bias
 from .fit_noise import (
     MOST_PAIRS,
     SCANS_COMPARED,
+    STANDARD_ERRORS,
     STEP_M,
     VALUES_AT_ONCE,
     CorrelationCurve,
@@ -25,6 +26,7 @@ from .fit_noise import (
     hits_of,
     no_correlation,
     scores_of,
+    uneven_width,
 )
 from .frame_offset import frame_offset, is_chance
 from .residuals import Residuals
@@ -37,7 +39,6 @@ LEAST_WEIGHT = 1e-3
 NO_NOISE = 0.01  # standard deviation of normal scores, below which readings scatter less than any law
 LAGS_BETWEEN = 30  # at which errors of scans that are not kept are looked at
 MEMORY_SHARE = 0.2  # of the scans: the most over which scores are taken to hang together
-STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with BLOCKS - 1 degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,12 @@ class Calibration:
         if std <= ODD_STD_M:
             return ""
         return f"hits scatter by {std:.2g} m about the walls: are the map and the poses right, x1 before x2?"
+
+    @cached_property
+    def uneven(self) -> str:
+        """That hits scatter unlike near and far, though one width was fitted; "" where they do not."""
+        arrays = replace(Arrays.of(self.residuals), expected=self.expected)
+        return uneven_width(arrays.readings, arrays.expected, self.fitted.law, partitions(arrays))
 
     @property
     def independent_beams(self) -> float:

@@ -12,6 +12,7 @@ enter (Rao, 1971, "Estimation of variance and covariance components").
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -38,6 +39,13 @@ VALUES_AT_ONCE = 2_000_000  # of covariances of scans
 STEP_M = 1e-4  # of numerical derivatives by a range
 FARTHEST = (0.3, 0.3, 0.2)  # m, m, rad: about so far may a scan be from where a filter has it
 FLAT = 1e-10  # of the greatest: information about a pose below which a scan tells nothing of it
+NEAR_TO_FAR = 3  # parts of the hits by expected range, with as many in each, whose widths are compared
+HITS_WITHIN = 5.0  # standard deviations of the fitted law; others are no hits
+ONE_STD_OFF = 0.158655, 0.841345  # quantiles of a Gaussian that are a standard deviation from its mean
+HITS_FOR_WIDTH = 100  # in each part and without any block: of fewer a width is not known
+ODD_RATIO = 1.5  # of the widths near and far, from where on one width for both is worth a word
+LEAST_AT_ZERO_M = 1e-3  # standard deviation at range 0 of a law that is proposed
+STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with 9 degrees of freedom
 NO_SHARE = 0.02  # of a variance, below which a part is left out
 
 
@@ -312,3 +320,55 @@ def _moments(fits: ScanFits, ends: Array) -> tuple[Array, Array, Array]:
             for kind in range(left.shape[1]):
                 parts[across, :, kind] += np.bincount(where, left[:, kind][good], bins)
     return seen, parts, pairs
+
+
+def uneven_width(
+    readings: Array, expected: Array, law: LostBeams, partitions: Sequence[Sequence[BoolArray]]
+) -> str:
+    """That hits scatter unlike near and far, and by which law; "" where they do not.
+
+    By the quantiles of what is off, in three parts of the hits by their expected range; what chance does, the
+    jackknife tells.
+
+    Args:
+        readings, expected: (T, B), m.
+        law: What was fitted.
+        partitions: Blocks of readings, (T, B) each, that make up all of them, one way and another.
+    """
+    bias, std = reading_bias(law), hits_of(law).std
+    off = readings - expected - bias
+    with np.errstate(invalid="ignore"):
+        hits = np.isfinite(readings) & np.isfinite(expected) & (np.abs(off) <= HITS_WITHIN * std)
+    if hits.sum() < NEAR_TO_FAR * HITS_FOR_WIDTH:
+        return ""
+    edges = np.quantile(expected[hits], np.linspace(0.0, 1.0, NEAR_TO_FAR + 1)[1:-1])
+    part = np.where(hits, np.searchsorted(edges, np.where(hits, expected, 0.0)), NEAR_TO_FAR)
+
+    def widths(kept: BoolArray) -> Array:
+        """Of each part without some readings, (NEAR_TO_FAR,), m; NaN where too few are left or all fit."""
+        found = []
+        for number in range(NEAR_TO_FAR):
+            left = off[(part == number) & kept]
+            low, high = np.quantile(left, ONE_STD_OFF) if len(left) >= HITS_FOR_WIDTH else (np.nan, np.nan)
+            found.append((high - low) / 2 if high > low else np.nan)
+        return np.array(found)
+
+    every = widths(np.ones(hits.shape, np.bool_))
+    ratio = float(np.log(every[-1] / every[0]))
+    errors = []
+    for blocks in partitions:
+        without = np.array([widths(~block) for block in blocks])
+        logs = np.log(without[:, -1] / without[:, 0])
+        errors.append(float(np.sqrt((len(blocks) - 1) * np.var(logs))))
+    if not abs(ratio) > max(np.log(ODD_RATIO), STANDARD_ERRORS * max(errors)):  # or not known
+        return ""
+    told = (
+        f"hits scatter by {every[0]:.3f} m at walls within {edges[0]:.1f} m and by {every[-1]:.3f} m beyond "
+        f"{edges[-1]:.1f} m, and {std:.3f} m was fitted for all"
+    )
+    middle = np.array([expected[part == number].mean() for number in range(NEAR_TO_FAR)])
+    growth, start = np.polyfit(middle, every, 1, w=1 / every)  # a width is known to a share of it
+    if growth <= 0:
+        return told
+    start = max(start, LEAST_AT_ZERO_M)
+    return f'{told}; kind = "range-proportional", std_m = {start:.3f}, growth = {growth:.3g} has both'

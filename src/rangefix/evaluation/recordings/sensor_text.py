@@ -26,12 +26,9 @@ def sensor_text(calibration: Calibration, map_name: str, log_name: str) -> str:
     fitted, sensor = calibration.fitted, calibration.residuals.sensor
     scans, beams = calibration.residuals.readings.shape
     poses = "the given true poses" if calibration.residuals.from_truth else "poses that a filter followed"
+    odd = calibration.residuals.warning, calibration.warning, calibration.residuals.reach, calibration.uneven
     lines = [
-        *(
-            f"# {text}"
-            for text in (calibration.residuals.warning, calibration.warning, calibration.residuals.reach)
-            if text
-        ),
+        *(f"# {text}" for text in odd if text),
         f"# Fitted by rangefix calibrate to {scans} scans of {_plain(log_name)}",
         f"# on the map {_plain(map_name)}, at {poses}.",
         *([] if calibration.residuals.from_truth else AT_BEST_POSES),
