@@ -108,10 +108,12 @@ $(BIN)/python:
 
 $(VENV)/.base: pyproject.toml | $(BIN)/python
 	$(PIP) --editable .
+	@$(BIN)/python -m compileall -q src  # as pip does with what it copies
 	@touch $@
 
 $(VENV)/.test: pyproject.toml | $(BIN)/python
 	$(PIP) --editable ".[test]"
+	@$(BIN)/python -m compileall -q src
 	@touch $@ $(VENV)/.base
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python

@@ -6,11 +6,15 @@ import ast
 import subprocess
 import sys
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import rangefix
+import rangefix.evaluation
+import rangefix.filters
 
 ROOT = Path(rangefix.__file__).parent
 ON_TOP = {"cli", "__main__"}
@@ -20,6 +24,7 @@ GROUND = {
     "errors",
     "extensions",
     "file_lock",
+    "lazy_names",
     "loop_cache",
     "quick_compiling",
     "raster",
@@ -213,10 +218,31 @@ def test_figures_are_drawn_without_studies_and_maps() -> None:
     assert shown.stdout.split() == ["[]", "False", "True", "True"]
 
 
-def test_an_unknown_name_of_evaluation_is_an_attribute_error() -> None:
-    """As in any module, although some of its names are loaded late."""
+@pytest.mark.parametrize("room", [rangefix.filters, rangefix.evaluation])
+def test_names_of_a_face_are_loaded_when_asked_for(room: ModuleType) -> None:
+    """Each is the one of its module, shown by completion; an unknown one is an error, as in any module."""
+    offered = [name for names in room._MODULES.values() for name in names]
+    assert {*offered, *room._OLDER} <= {*room.__all__}
+    assert {*room.__all__} <= {*dir(room)}
+    for module, names in room._MODULES.items():
+        for name in names:
+            assert getattr(room, name) is getattr(import_module(f"{room.__name__}.{module}"), name)
+    for name, newer in room._OLDER.items():
+        assert getattr(room, name) is getattr(room, newer)
+    assert all(getattr(room, name) is not None for name in room.__all__)
     with pytest.raises(AttributeError, match="no attribute 'Loud'"):
-        rangefix.evaluation.Loud  # noqa: B018
+        room.Loud  # noqa: B018
+
+
+def test_a_process_for_code_of_others_loads_no_study_and_no_report() -> None:
+    """It is started for each estimator of somebody else: what it loads, they wait for."""
+    code = (
+        "import sys, rangefix.evaluation.trials.guard\n"
+        "heavy = 'pydantic', 'scipy', 'numba', 'rangefix.evaluation.study', 'rangefix.evaluation.report'\n"
+        "print(sorted({*heavy} & sys.modules.keys()))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"
 
 
 def test_help_loads_nothing_heavy() -> None:
