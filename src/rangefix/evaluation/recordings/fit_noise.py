@@ -44,7 +44,7 @@ HITS_WITHIN = 5.0  # standard deviations of the fitted law; others are no hits
 ONE_STD_OFF = 0.158655, 0.841345  # quantiles of a Gaussian that are a standard deviation from its mean
 HITS_FOR_WIDTH = 100  # in each part and without any block: of fewer a width is not known
 ODD_RATIO = 1.5  # of the widths near and far, from where on one width for both is worth a word
-LEAST_AT_ZERO_M = 1e-3  # standard deviation at range 0 of a law that is proposed
+LEAST_AT_ZERO = 0.1  # of the least width: standard deviation at range 0 of a law that is proposed
 STANDARD_ERRORS = 2.262  # to each side of an interval of 95 %: Student's t with 9 degrees of freedom
 NO_SHARE = 0.02  # of a variance, below which a part is left out
 
@@ -363,12 +363,12 @@ def uneven_width(
     if not abs(ratio) > max(np.log(ODD_RATIO), STANDARD_ERRORS * max(errors)):  # or not known
         return ""
     told = (
-        f"hits scatter by {every[0]:.3f} m at walls within {edges[0]:.1f} m and by {every[-1]:.3f} m beyond "
-        f"{edges[-1]:.1f} m, and {std:.3f} m was fitted for all"
+        f"hits scatter by {every[0]:.2g} m at walls within {edges[0]:.1f} m and by {every[-1]:.2g} m beyond "
+        f"{edges[-1]:.1f} m, and {std:.2g} m was fitted for all"
     )
     middle = np.array([expected[part == number].mean() for number in range(NEAR_TO_FAR)])
     growth, start = np.polyfit(middle, every, 1, w=1 / every)  # a width is known to a share of it
     if growth <= 0:
         return told
-    start = max(start, LEAST_AT_ZERO_M)
-    return f'{told}; kind = "range-proportional", std_m = {start:.3f}, growth = {growth:.3g} has both'
+    start = max(start, LEAST_AT_ZERO * every.min())
+    return f'{told}; kind = "range-proportional", std_m = {start:.2g}, growth = {growth:.2g} has both'
